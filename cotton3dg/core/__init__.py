@@ -1,0 +1,1 @@
+"""Data types that every layer shares: cameras, Gaussians, masks, bolls, scale and traits."""

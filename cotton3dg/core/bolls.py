@@ -1,0 +1,47 @@
+"""Bolls on their way from pixels to instances: masks, selections, instances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class MaskSet:
+    """Boll masks of several images; ids mean nothing across images."""
+
+    ids: dict[str, NDArray[np.uint16]]
+    """Image name -> (H, W) instance ids, 0 = background, at the size of the undistorted image."""
+    scores: dict[str, dict[int, float]] = field(default_factory=dict)
+    """Image name -> instance id -> confidence in 0..1."""
+
+
+@dataclass(frozen=True)
+class BollSelection:
+    """The Gaussians that one mask of one view selects."""
+
+    view: str
+    mask_id: int
+    indices: NDArray[np.int64]
+    """(n,) ascending Gaussian indices."""
+    weights: NDArray[np.float32]
+    """(n,) blending weight of each Gaussian inside the mask, summed over its pixels, px."""
+
+
+@dataclass(frozen=True)
+class BollInstance:
+    """One boll of the plant: Gaussians that several views agree upon."""
+
+    boll_id: int
+    """1, 2, ... from the top of the plant downwards where an up axis is known, else by size."""
+    indices: NDArray[np.int64]
+    """(n,) ascending Gaussian indices."""
+    views: tuple[str, ...]
+    centre: NDArray[np.float64]
+    """(3,) su."""
+    diameter_su: float
+    confidence: float
+    """0..1, the share of the views that see the boll and agree on it."""
+    flags: tuple[str, ...] = ()

@@ -1,0 +1,1 @@
+"""Reading and writing of outside formats: video, images, COLMAP, PLY, tables."""

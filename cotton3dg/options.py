@@ -1,0 +1,214 @@
+"""Options: one frozen dataclass a stage, read from the command line and from TOML.
+
+A field's metadata (`help`, `unit`, `paper`, bounds, choices) is written once here; the command line, `cotton3dg.toml`
+and the records all derive from it. Order of precedence: command line > plant's TOML > batch's TOML > preset > default.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import Field, asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from .errors import BadUsage
+
+PRESETS = ("draft", "standard", "paper")
+
+
+def option(
+    default: Any,
+    help: str,
+    *,
+    unit: str = "",
+    paper: str = "",
+    at_least: float | None = None,
+    at_most: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with what `--help` says about it and what values it accepts."""
+    return field(
+        default=default,
+        metadata={
+            "help": help,
+            "unit": unit,
+            "paper": paper,
+            "at_least": at_least,
+            "at_most": at_most,
+            "choices": choices,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class FramesOptions:
+    """Which images are taken from the video."""
+
+    count: int = option(100, "images to take, evenly spaced in time", paper="150", at_least=8, at_most=2000)
+    max_side: int = option(1920, "longer side of the images; larger ones are scaled down", unit="px", at_least=64)
+
+
+@dataclass(frozen=True)
+class SfmOptions:
+    """Structure from motion."""
+
+    max_features: int = option(4096, "SIFT features an image", at_least=256, at_most=65536)
+    overlap: int = option(8, "neighbours in time that each image is matched with", at_least=1)
+    seed: int = option(0, "seed of RANSAC and of the mapper", at_least=0)
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Training of the Gaussian model."""
+
+    max_side: int = option(960, "longer side of the training images", unit="px", paper="960", at_least=64)
+    steps: int = option(5000, "optimisation steps, one image each", paper="30000", at_least=1)
+    max_gaussians: int = option(150_000, "hard budget of Gaussians", at_least=100, at_most=20_000_000)
+    sh_degree: int = option(1, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
+    dssim: float = option(0.2, "weight λ of D-SSIM in the loss", paper="0.2", at_least=0.0, at_most=1.0)
+    holdout: int = option(8, "every n-th image is held out for PSNR; 0 = none", paper="8", at_least=0)
+    seed: int = option(0, "seed of image order and densification", at_least=0)
+
+
+@dataclass(frozen=True)
+class MasksOptions:
+    """2D boll masks."""
+
+    backend: str = option("lint", "who finds the bolls in the images", choices=("lint", "import"))
+    source: str = option("", "folder of 16-bit PNGs or a COCO file, for the import back end")
+    views: int = option(36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2)
+
+
+@dataclass(frozen=True)
+class SegmentOptions:
+    """Lifting the masks onto the Gaussians."""
+
+    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift",))
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """From the selections of single views to bolls."""
+
+    method: str = option("consensus", "how views are reconciled", choices=("consensus", "dbscan"))
+
+
+@dataclass(frozen=True)
+class ScaleOptions:
+    """Metric scale and up axis."""
+
+    method: str = option("table", "the reference of known size", choices=("table", "none"))
+    table_length_cm: float = option(120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0)
+    table_width_cm: float = option(60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0)
+    require_scale: bool = option(False, "fail (exit 5) instead of leaving the metric cells blank")
+
+
+@dataclass(frozen=True)
+class TraitsOptions:
+    """Traits of the plant and of its bolls."""
+
+    plant_id: str = option("", "name in the tables; default: the folder's name")
+    tube_height_cm: float = option(4.0, "height of the clamp on the table, cut away", unit="cm", paper="4", at_least=0.0)
+    excel: bool = option(False, "write a byte-order mark so that Excel reads UTF-8")
+
+
+STAGE_OPTIONS: dict[str, type] = {
+    "frames": FramesOptions,
+    "sfm": SfmOptions,
+    "train": TrainOptions,
+    "masks": MasksOptions,
+    "segment": SegmentOptions,
+    "cluster": ClusterOptions,
+    "scale": ScaleOptions,
+    "traits": TraitsOptions,
+}
+
+PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
+    "draft": {"frames": {"count": 60}, "train": {"max_side": 480, "steps": 2000, "max_gaussians": 60_000}},
+    "standard": {},
+    "paper": {
+        "frames": {"count": 150},
+        "train": {"steps": 30_000, "sh_degree": 3, "max_gaussians": 1_000_000},
+    },
+}
+
+T = TypeVar("T")
+
+
+def checked(options: T) -> T:
+    """Return `options` unchanged, or raise BadUsage naming the field that is out of bounds."""
+    for item in fields(options):  # type: ignore[arg-type]
+        value, rules = getattr(options, item.name), item.metadata
+        where = f"{type(options).__name__.removesuffix('Options').lower()}.{item.name}"
+        low, high, choices = rules.get("at_least"), rules.get("at_most"), rules.get("choices")
+        # Written so that NaN is out of bounds too.
+        if low is not None and not value >= low:
+            raise BadUsage(f"{where} = {value} is too small; use at least {low}")
+        if high is not None and not value <= high:
+            raise BadUsage(f"{where} = {value} is too large; use at most {high}")
+        if choices and value not in choices:
+            raise BadUsage(f"{where} = {value!r} is unknown; use one of {', '.join(choices)}")
+    return options
+
+
+def read_toml(path: Path) -> dict[str, dict[str, Any]]:
+    """Read `cotton3dg.toml`: one table a stage. A missing file is an empty one.
+
+    Raises:
+        BadUsage: the file cannot be parsed or is not made of tables.
+    """
+    if not path.exists():
+        return {}
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
+    for name, table in tables.items():
+        if name not in STAGE_OPTIONS or not isinstance(table, dict):
+            raise BadUsage(f"{path.name}: [{name}] is not a stage; use {', '.join(STAGE_OPTIONS)}")
+    return tables
+
+
+def resolve(stage: str, *layers: dict[str, Any]) -> Any:
+    """Options of `stage` with `layers` of values applied in order, later ones winning; checked."""
+    options = STAGE_OPTIONS[stage]()
+    types = get_type_hints(type(options))
+    for layer in layers:
+        values = {}
+        for key, value in layer.items():
+            if key not in types:
+                raise BadUsage(f"{stage}.{key} is not an option; use {', '.join(types)}")
+            values[key] = _converted(f"{stage}.{key}", value, types[key])
+        options = replace(options, **values)
+    return checked(options)
+
+
+def _converted(where: str, value: Any, kind: type) -> Any:
+    """`value` as `kind`; strings (from --set) are parsed, other types must fit exactly."""
+    try:
+        if isinstance(value, str) and kind is not str:
+            if kind is bool:
+                return {"true": True, "false": False}[value.lower()]
+            return kind(value)
+        if kind is float and isinstance(value, int) and not isinstance(value, bool):
+            return float(value)
+    except (ValueError, KeyError) as error:
+        raise BadUsage(f"{where} = {value!r} is not a {kind.__name__}") from error
+    if type(value) is not kind:
+        raise BadUsage(f"{where} = {value!r} is not a {kind.__name__}")
+    return value
+
+
+def as_dict(options: Any) -> dict[str, Any]:
+    """Plain values for a record."""
+    return asdict(options)
+
+
+def help_text(item: Field[Any]) -> str:
+    """What `--help` shows for one field: purpose, unit and the paper's value."""
+    unit, paper = item.metadata.get("unit"), item.metadata.get("paper")
+    choices = item.metadata.get("choices")
+    notes = [unit] if unit else []
+    notes += [" | ".join(choices)] if choices else []
+    notes += [f"paper: {paper}"] if paper else []
+    return item.metadata["help"] + (f" ({'; '.join(notes)})" if notes else "")

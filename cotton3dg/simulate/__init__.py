@@ -1,0 +1,1 @@
+"""A procedural cotton plant filmed by a virtual smartphone, with exact truth."""

@@ -1,0 +1,277 @@
+"""The folder of one plant. Sole owner of paths, atomic saves, records and the lock.
+
+A stage writes into a private folder that replaces the stage's folder in one rename once everything is on disk; its
+record is written last. A process killed at any moment therefore leaves either the old result or the new one, and a
+result without a record is simply made again.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from .errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
+
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+OWNER_MARK = ".cotton3dg"
+"""Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
+
+
+class Workspace:
+    """Paths of one plant's folder and safe ways to write below it."""
+
+    def __init__(self, root: Path | str):
+        self.root = Path(root)
+        if not self.root.is_dir():
+            raise MissingInput(f"{self.root} is not a folder; give the folder that holds the plant's video")
+
+    @property
+    def plant_id(self) -> str:
+        return self.root.resolve().name
+
+    # ---------------------------------------------------------------- inputs
+    @property
+    def options_file(self) -> Path:
+        return self.root / "cotton3dg.toml"
+
+    @property
+    def images_input(self) -> Path:
+        return self.root / "images"
+
+    def capture(self) -> Path:
+        """The user's video, or the `images` folder.
+
+        Raises:
+            MissingInput: there is neither.
+            BadInput: there are several videos.
+        """
+        videos = sorted(
+            path
+            for path in self.root.iterdir()
+            if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file() and not path.name.startswith(".")
+        )
+        if len(videos) > 1:
+            names = ", ".join(path.name for path in videos)
+            raise BadInput(f"several videos ({names}); keep one video in each plant's folder")
+        if videos:
+            return videos[0]
+        if self.images_input.is_dir():
+            return self.images_input
+        raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here")
+
+    # --------------------------------------------------------------- outputs
+    def folder(self, stage: str) -> Path:
+        return self.root / stage
+
+    @property
+    def frames_json(self) -> Path:
+        return self.root / "frames" / "frames.json"
+
+    def frame_images(self) -> list[Path]:
+        """The images of the frames stage in order of time."""
+        return sorted((self.root / "frames").glob("*.jpg"))
+
+    @property
+    def sfm_model(self) -> Path:
+        """COLMAP model of the images as filmed."""
+        return self.root / "sfm"
+
+    @property
+    def sfm_json(self) -> Path:
+        return self.root / "sfm" / "sfm.json"
+
+    @property
+    def undistorted(self) -> Path:
+        """Folder with `images/` and the pinhole COLMAP model `sparse/` of them."""
+        return self.root / "sfm" / "undistorted"
+
+    def undistorted_image(self, name: str) -> Path:
+        return self.undistorted / "images" / name
+
+    @property
+    def gaussians_ply(self) -> Path:
+        return self.root / "train" / "gaussians.ply"
+
+    @property
+    def metrics_json(self) -> Path:
+        return self.root / "train" / "metrics.json"
+
+    @property
+    def masks_json(self) -> Path:
+        return self.root / "masks" / "masks.json"
+
+    @property
+    def selections_npz(self) -> Path:
+        return self.root / "segment" / "selections.npz"
+
+    @property
+    def bolls_json(self) -> Path:
+        return self.root / "cluster" / "bolls.json"
+
+    @property
+    def labels_npy(self) -> Path:
+        return self.root / "cluster" / "labels.npy"
+
+    @property
+    def scale_json(self) -> Path:
+        return self.root / "scale" / "scale.json"
+
+    @property
+    def traits_csv(self) -> Path:
+        return self.root / "traits" / "traits.csv"
+
+    @property
+    def bolls_csv(self) -> Path:
+        return self.root / "traits" / "bolls.csv"
+
+    @property
+    def log_file(self) -> Path:
+        return self.root / "run.log"
+
+    def require(self, path: Path, stage: str) -> Path:
+        """`path`, or MissingInput naming the stage that makes it."""
+        if not path.exists():
+            raise MissingInput(f"{path.relative_to(self.root)} is missing; run `cotton3dg {stage}` first")
+        return path
+
+    # ------------------------------------------------------------ safe saves
+    @contextmanager
+    def writing(self, stage: str) -> Iterator[Path]:
+        """A private folder for a stage's output that becomes `folder(stage)` when the block ends without an error."""
+        final = self.folder(stage)
+        self._check_ours(final)
+        partial = self.root / f".{stage}.partial"
+        with explained_disk_errors(self.root):
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir()
+        try:
+            with explained_disk_errors(self.root):
+                yield partial
+                (partial / OWNER_MARK).touch()
+                for path in sorted(partial.rglob("*")):
+                    if path.is_file():
+                        _fsync(path)
+                self.record_file(stage).unlink(missing_ok=True)
+                old = self.root / f".{stage}.old"
+                shutil.rmtree(old, ignore_errors=True)
+                if final.exists():
+                    final.rename(old)
+                partial.rename(final)
+                _fsync(self.root)
+                shutil.rmtree(old, ignore_errors=True)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+    def _check_ours(self, final: Path) -> None:
+        if final.is_symlink() or (final.exists() and not (final / OWNER_MARK).exists()):
+            raise BadInput(
+                f"{final.name} stands where cotton3dg writes its output but was not made by it; move it elsewhere"
+            )
+
+    # --------------------------------------------------------------- records
+    def record_file(self, stage: str) -> Path:
+        return self.root / "records" / f"{stage}.json"
+
+    def read_record(self, stage: str) -> dict[str, Any] | None:
+        """The record of the last run of `stage`; None when there is none that can be read."""
+        try:
+            record = json.loads(self.record_file(stage).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return record if isinstance(record, dict) else None
+
+    def write_record(self, stage: str, record: dict[str, Any]) -> None:
+        with explained_disk_errors(self.root):
+            self.record_file(stage).parent.mkdir(exist_ok=True)
+            write_text_atomically(self.record_file(stage), json_text(record))
+
+    def hashes(self, *paths: Path) -> dict[str, str]:
+        """SHA-256 of files, and of all files below folders, by path relative to the plant's folder."""
+        files: list[Path] = []
+        for path in paths:
+            if path.is_dir():
+                files += [p for p in path.rglob("*") if p.is_file() and p.name != OWNER_MARK]
+            elif path.exists():
+                files.append(path)
+        return {path.relative_to(self.root).as_posix(): file_sha256(path) for path in sorted(files)}
+
+    # ------------------------------------------------------------------ lock
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the plant's folder for this process; the lock ends with the process, however it dies."""
+        with explained_disk_errors(self.root):
+            handle = os.open(self.root / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno not in (errno.EAGAIN, errno.EACCES):
+                    raise
+                raise EnvironmentUnusable(
+                    "another cotton3dg is working in this folder; wait for it or stop it"
+                ) from error
+            yield
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def explained_disk_errors(root: Path) -> Iterator[None]:
+    """Turn the operating system's errors about full or read-only disks into ours, with a remedy."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OutOfResources(f"the disk that holds {root} is full; free some space and run again") from error
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise EnvironmentUnusable(
+                f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
+            ) from error
+        raise
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Replace `path` so that a reader or a crash sees the old text or the new one, never a part."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    _fsync(partial)
+    partial.replace(path)
+    _fsync(path.parent)
+
+
+def json_text(value: Any) -> str:
+    """JSON as this tool writes it: sorted, indented, without NaN (null instead)."""
+    return json.dumps(_finite(value), indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _finite(value.tolist())
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    return value
+
+
+def file_sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _fsync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,59 @@
+# `make` alone prints what there is.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO ?= demo
+PRESET ?= draft
+SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
+SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup system demo test lint format bench clean
+
+help: ## print this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
+
+setup: $(VENV)/.installed ## make .venv with everything in it; builds the C++ core again when it changed
+
+system:
+	@missing="$$(for name in $(SYSTEM_PACKAGES); do dpkg -s $$name >/dev/null 2>&1 || printf '%s ' $$name; done)"; \
+	if ! command -v dpkg >/dev/null; then echo "not Debian or Ubuntu; make sure you have: $(SYSTEM_PACKAGES)"; \
+	elif [ -z "$$missing" ]; then :; \
+	elif [ "$$(id -u)" = 0 ]; then apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; \
+	elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then sudo apt-get update -q && sudo DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; \
+	else echo "missing system packages; ask for: sudo apt-get install $$missing"; fi
+
+$(VENV)/.installed: pyproject.toml constraints.txt $(SOURCES)
+	@$(MAKE) --no-print-directory system
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=python3.11 setup"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install -q -c constraints.txt scikit-build-core pybind11 cmake ninja
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev]'
+	@touch $@
+
+demo: setup ## simulate a plant, run it, print its row beside the truth
+	$(BIN)/cotton3dg simulate $(DEMO)
+	$(BIN)/cotton3dg run $(DEMO) --preset $(PRESET)
+	$(BIN)/cotton3dg evaluate $(DEMO)
+
+test: setup ## all tests
+	$(BIN)/python -m pytest
+
+lint: setup ## ruff, mypy, import-linter, clang-format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/clang-format --dry-run --Werror native/src/*
+
+format: setup ## bring Python and C++ into shape
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i native/src/*
+
+bench: setup ## speed of the kernels and of training, as JSON in results/
+	mkdir -p results
+	for script in tests/benchmarks/bench_*.py; do $(BIN)/python $$script --json results/$$(basename $$script .py).json; done
+
+clean: ## remove the environment, builds and the demo
+	rm -rf $(VENV) build dist $(DEMO) results

@@ -1,0 +1,160 @@
+"""The command line: parse, call, print; no logic."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from . import __version__
+from .errors import BadUsage, Cotton3dgError
+from .options import PRESETS, STAGE_OPTIONS, help_text
+
+app = typer.Typer(
+    help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
+Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
+]
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    app()
+
+
+@contextmanager
+def _reported(plant_dir: Path) -> Iterator[None]:
+    """Print an error as one line that starts with the plant's name, and end with its exit code."""
+    try:
+        yield
+    except Cotton3dgError as error:
+        message = " ".join(str(error).split())
+        typer.echo(f"{plant_dir.resolve().name}: {message}", err=True)
+        raise typer.Exit(error.exit_code) from error
+    except KeyboardInterrupt as error:
+        typer.echo(f"{plant_dir.resolve().name}: interrupted; the same command continues", err=True)
+        raise typer.Exit(130) from error
+
+
+def _parsed_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
+    overrides: dict[str, dict[str, Any]] = {}
+    for assignment in assignments or []:
+        key, equals, value = assignment.partition("=")
+        stage, dot, name = key.partition(".")
+        if not (equals and dot and stage in STAGE_OPTIONS):
+            raise BadUsage(f"--set {assignment}: write STAGE.OPTION=VALUE, e.g. train.steps=3000")
+        overrides.setdefault(stage, {})[name] = value
+    return overrides
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+    if version:
+        typer.echo(f"cotton3dg {__version__}")
+        raise typer.Exit
+
+
+@app.command(rich_help_panel="Everything")
+def run(
+    plant_dir: PlantDir,
+    from_: Annotated[str, typer.Option("--from", metavar="STAGE", help="first stage")] = next(iter(STAGE_OPTIONS)),
+    until: Annotated[str, typer.Option(metavar="STAGE", help="last stage")] = list(STAGE_OPTIONS)[-1],
+    preset: Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")] = "standard",
+    force: Force = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
+    set_: Set = None,
+) -> None:
+    """From the video to traits.csv; only what is stale is made again."""
+    from . import display, pipeline
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        workspace = Workspace(plant_dir)
+        options = pipeline.stage_options(workspace, preset, _parsed_overrides(set_))
+        stages = pipeline.selected(from_, until)
+        if dry_run:
+            workspace.capture()
+            display.print_plan(pipeline.plan(workspace, options, stages, force=force))
+            return
+        with display.ProgressDisplay() as watcher:
+            pipeline.run(workspace, options, stages, force=force, watcher=watcher)
+        if "traits" in stages:
+            display.print_traits(workspace.traits_csv)
+
+
+@app.command(rich_help_panel="Everything")
+def status(
+    plant_dir: PlantDir,
+    preset: Annotated[str, typer.Option(help="the preset to compare with")] = "standard",
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    set_: Set = None,
+) -> None:
+    """What is done, what is stale and why, with seconds and memory of each stage."""
+    from . import display, pipeline
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        workspace = Workspace(plant_dir)
+        entries = pipeline.status(workspace, pipeline.stage_options(workspace, preset, _parsed_overrides(set_)))
+        if as_json:
+            typer.echo(json.dumps(entries, indent=1))
+        else:
+            display.print_status(entries)
+
+
+def _stage_command(stage: str) -> Callable[..., None]:
+    """A typer command whose flags are the fields of the stage's options."""
+    kinds = get_type_hints(STAGE_OPTIONS[stage])
+
+    def command(plant_dir: Path, preset: str, force: bool, **given: Any) -> None:
+        from . import display, pipeline
+        from .workspace import Workspace
+
+        with _reported(plant_dir):
+            workspace = Workspace(plant_dir)
+            overrides = {stage: {key: value for key, value in given.items() if value is not None}}
+            options = pipeline.stage_options(workspace, preset, overrides)
+            with display.ProgressDisplay() as watcher:
+                pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
+
+    positional = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    preset_option = Annotated[str, typer.Option(help=" | ".join(PRESETS))]
+    parameters = [
+        inspect.Parameter("plant_dir", positional, annotation=PlantDir),
+        inspect.Parameter("preset", positional, annotation=preset_option, default="standard"),
+        inspect.Parameter("force", positional, annotation=Force, default=False),
+    ]
+    for item in fields(STAGE_OPTIONS[stage]):
+        flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
+        parameters.append(
+            inspect.Parameter(
+                item.name, positional, annotation=Annotated[kinds[item.name] | None, flag], default=None
+            )
+        )
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__doc__ = STAGE_OPTIONS[stage].__doc__
+    return command
+
+
+for _stage in STAGE_OPTIONS:
+    app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

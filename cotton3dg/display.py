@@ -1,0 +1,119 @@
+"""What the terminal shows: progress with an ETA, plans, states and the final row."""
+
+from __future__ import annotations
+
+import csv
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from .core.progress import Progress as StageProgress
+from .pipeline import Step, Watcher
+
+PLAIN_INTERVAL_S = 30.0
+"""How often a line is printed where there is no terminal."""
+
+
+class ProgressDisplay(Watcher):
+    """Bars on a terminal; elsewhere one plain line every 30 s."""
+
+    def __init__(self) -> None:
+        self.console = Console(stderr=True)
+        self.bars = Progress(
+            TextColumn("{task.description:<8}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[remark]}"),
+            console=self.console,
+        )
+
+    def __enter__(self) -> ProgressDisplay:
+        if self.console.is_terminal:
+            self.bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.console.is_terminal:
+            self.bars.stop()
+
+    def started(self, step: Step) -> StageProgress:
+        return self._bar(step) if self.console.is_terminal else self._lines(step)
+
+    def _bar(self, step: Step) -> StageProgress:
+        task = self.bars.add_task(step.stage, total=None, remark=step.reason)
+
+        def show(done: int, total: int, remark: str = "") -> None:
+            self.bars.update(task, completed=done, total=total, remark=remark)
+
+        return show
+
+    def _lines(self, step: Step) -> StageProgress:
+        print(f"{step.stage}: starts ({step.reason})", file=sys.stderr, flush=True)
+        start = last = time.monotonic()
+
+        def show(done: int, total: int, remark: str = "") -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last < PLAIN_INTERVAL_S or not done:
+                return
+            last = now
+            left_s = (now - start) * (total - done) / done
+            print(f"{step.stage}: {done}/{total} {remark}, about {left_s:.0f} s left", file=sys.stderr, flush=True)
+
+        return show
+
+    def finished(self, step: Step, record: dict[str, Any]) -> None:
+        facts = ", ".join(f"{key} {_short(value)}" for key, value in list(record["summary"].items())[:4])
+        self._say(f"{step.stage}: done in {record['seconds']:.1f} s" + (f" ({facts})" if facts else ""))
+        for warning in record["warnings"]:
+            self._say(f"{step.stage}: warning: {warning}")
+
+    def skipped(self, step: Step) -> None:
+        self._say(f"{step.stage}: up to date")
+
+    def _say(self, line: str) -> None:
+        if self.console.is_terminal:
+            self.console.print(line, markup=False, highlight=False)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def print_plan(steps: list[Step]) -> None:
+    """One line a stage: whether it would run, and why."""
+    for step in steps:
+        print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
+
+
+def print_status(entries: list[dict[str, Any]]) -> None:
+    """A table of all stages."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("stage", "state", "seconds", "MiB", "remarks"):
+        table.add_column(heading, justify="right" if heading in ("seconds", "MiB") else "left")
+    for entry in entries:
+        remarks = "; ".join([entry["reason"], *entry["flags"]]).strip("; ")
+        figures = ["" if entry[key] is None else f"{entry[key]:.1f}" for key in ("seconds", "peak_memory_mib")]
+        table.add_row(entry["stage"], entry["state"], *figures, remarks)
+    Console().print(table, markup=False)
+
+
+def print_traits(traits_csv: Path) -> None:
+    """The plant's row, one trait a line, and where it is saved."""
+    with traits_csv.open(encoding="utf-8-sig", newline="") as file:
+        for row in csv.DictReader(file):
+            for name, value in row.items():
+                print(f"{name:<22} {value}")
+    print(f"saved as {traits_csv}")

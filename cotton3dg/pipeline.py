@@ -1,0 +1,272 @@
+"""Stages in order: which are stale and why, and running them with a record each."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import resource
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from . import __version__
+from .core.outcome import StageOutcome
+from .core.progress import Progress, silent
+from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
+from .options import PRESET_VALUES, PRESETS, STAGE_OPTIONS, as_dict, read_toml, resolve
+from .workspace import Workspace
+
+STAGES = tuple(STAGE_OPTIONS)
+log = logging.getLogger("cotton3dg")
+
+UP_TO_DATE = ""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage as `run` finds it."""
+
+    stage: str
+    options: Any
+    reason: str
+    """Why it has to run; empty when its result is up to date."""
+
+
+class Watcher:
+    """What `run` tells while it works. The command line shows it; this one is silent."""
+
+    def started(self, step: Step) -> Progress:
+        """A stage starts; returns the progress to hand to it."""
+        return silent
+
+    def finished(self, step: Step, record: dict[str, Any]) -> None:
+        """A stage ended and its record is saved."""
+
+    def skipped(self, step: Step) -> None:
+        """A stage's result is up to date."""
+
+
+def stage_module(stage: str) -> ModuleType:
+    """Module of a stage, imported when needed because some pull in large libraries."""
+    return importlib.import_module(f"cotton3dg.stages.{stage}")
+
+
+def stage_options(
+    workspace: Workspace, preset: str = "standard", overrides: dict[str, dict[str, Any]] | None = None
+) -> dict[str, Any]:
+    """Options of every stage: default < preset < the plant's TOML < `overrides` (command line)."""
+    if preset not in PRESETS:
+        raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
+    toml, overrides = read_toml(workspace.options_file), overrides or {}
+    return {
+        stage: resolve(
+            stage, PRESET_VALUES[preset].get(stage, {}), toml.get(stage, {}), overrides.get(stage, {})
+        )
+        for stage in STAGES
+    }
+
+
+def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
+    """The stages from `first` to `last`.
+
+    Raises:
+        BadUsage: an unknown stage, or none between the two.
+    """
+    for name in (first, last):
+        if name not in STAGES:
+            raise BadUsage(f"stage {name!r} is unknown; use {', '.join(STAGES)}")
+    stages = STAGES[STAGES.index(first) : STAGES.index(last) + 1]
+    if not stages:
+        raise BadUsage(f"no stage lies from {first} until {last}; the order is {', '.join(STAGES)}")
+    return stages
+
+
+def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
+    """Why `stage` has to run, or '' when its saved result is what it would make again.
+
+    Decided by content alone: options, the stage's version, and the hashes of inputs and outputs; never by time.
+    """
+    module, record = stage_module(stage), workspace.read_record(stage)
+    if record is None:
+        return "no finished result"
+    if record.get("status") != "ok":
+        return "its last run failed"
+    if record.get("stage_version") != module.VERSION:
+        return f"version {record.get('stage_version')} -> {module.VERSION}"
+    before, now = record.get("options", {}), as_dict(options)
+    for key in now:
+        if before.get(key, object()) != now[key]:
+            return f"option {key} {before.get(key)} -> {now[key]}"
+    for kind, paths in (("input", module.inputs(workspace)), ("output", [workspace.folder(stage)])):
+        recorded, found = record.get(f"{kind}s", {}), workspace.hashes(*paths)
+        for name in sorted(recorded.keys() | found.keys()):
+            if recorded.get(name) != found.get(name):
+                change = "is missing" if name not in found else "is new" if name not in recorded else "changed"
+                return f"{kind} {name} {change}"
+    return UP_TO_DATE
+
+
+def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], *, force: bool = False) -> list[Step]:
+    """What `run` would do, without doing it. Once one stage is stale, those after it depend on what it makes."""
+    steps: list[Step] = []
+    for stage in stages:
+        running = next((step.stage for step in reversed(steps) if step.reason), None)
+        if force:
+            reason = "forced"
+        elif running:
+            reason = f"after {running}"
+        else:
+            reason = stale_reason(workspace, stage, options[stage])
+        steps.append(Step(stage, options[stage], reason))
+    return steps
+
+
+def run(
+    workspace: Workspace,
+    options: dict[str, Any],
+    stages: tuple[str, ...] = STAGES,
+    *,
+    force: bool = False,
+    watcher: Watcher | None = None,
+) -> None:
+    """Run those of `stages` that are stale, in order, holding the plant's lock.
+
+    Raises:
+        Cotton3dgError: the first failure; results of earlier stages stay.
+    """
+    watcher = watcher or Watcher()
+    with workspace.locked(), _logged(workspace):
+        workspace.capture()
+        for stage in stages:
+            reason = "forced" if force else stale_reason(workspace, stage, options[stage])
+            step = Step(stage, options[stage], reason)
+            if not reason:
+                watcher.skipped(step)
+                continue
+            log.info("%s starts: %s", stage, reason)
+            record = _run_stage(workspace, step, watcher.started(step))
+            watcher.finished(step, record)
+
+
+def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str, Any]:
+    """Run one stage and save its record, also when it fails."""
+    module = stage_module(step.stage)
+    record: dict[str, Any] = {
+        "stage": step.stage,
+        "stage_version": module.VERSION,
+        "cotton3dg_version": __version__,
+        "options": as_dict(step.options),
+        "reason": step.reason,
+    }
+    _reset_peak_memory()
+    wall_s, cpu_s = time.perf_counter(), _cpu_seconds()
+    failure: Cotton3dgError | None = None
+    try:
+        record["inputs"] = workspace.hashes(*module.inputs(workspace))
+        outcome: StageOutcome = module.run(workspace, step.options, progress)
+        record |= {
+            "status": "ok",
+            "outputs": workspace.hashes(workspace.folder(step.stage)),
+            "summary": outcome.summary,
+            "flags": list(outcome.flags),
+            "warnings": list(outcome.warnings),
+        }
+    except Cotton3dgError as error:
+        failure = error
+    except MemoryError as error:
+        failure = OutOfResources(f"{step.stage} ran out of memory; use smaller options or a larger machine")
+        failure.__cause__ = error
+    except Exception as error:
+        log.error("%s", traceback.format_exc())
+        failure = StageFailed(f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}")
+        failure.__cause__ = error
+    record |= {
+        "seconds": round(time.perf_counter() - wall_s, 3),
+        "cpu_seconds": round(_cpu_seconds() - cpu_s, 3),
+        "peak_memory_mib": _peak_memory_mib(),
+    }
+    if failure:
+        record |= {"status": "failed", "error": str(failure), "exit_code": failure.exit_code}
+    _save_record(workspace, step.stage, record, failure)
+    if failure:
+        log.error("%s failed: %s", step.stage, failure)
+        raise failure
+    for warning in record["warnings"]:
+        log.warning("%s: %s", step.stage, warning)
+    log.info("%s done in %.1f s: %s", step.stage, record["seconds"], record["summary"])
+    return record
+
+
+def _save_record(workspace: Workspace, stage: str, record: dict[str, Any], failure: Cotton3dgError | None) -> None:
+    """Save the record; when the stage failed already, its failure matters more than one of saving."""
+    try:
+        workspace.write_record(stage, record)
+    except Cotton3dgError:
+        if failure is None:
+            raise
+
+
+@contextmanager
+def _logged(workspace: Workspace) -> Iterator[None]:
+    """Append everything that is logged to the plant's run.log."""
+    try:
+        handler: logging.Handler = logging.FileHandler(workspace.log_file, encoding="utf-8")
+    except OSError:
+        handler = logging.NullHandler()  # the first stage will explain why nothing can be written
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    log.propagate = False
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        handler.close()
+
+
+def _cpu_seconds() -> float:
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+
+
+def _reset_peak_memory() -> None:
+    """Let the kernel's high-water mark start anew, so that each stage gets its own figure (Linux)."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        log.debug("the peak memory of single stages is not available here")
+
+
+def _peak_memory_mib() -> float:
+    """High-water mark of resident memory since the last reset, or since the start where there is no reset."""
+    try:
+        status = Path("/proc/self/status").read_text()
+        return round(int(status.split("VmHWM:")[1].split()[0]) / 1024, 1)
+    except (OSError, IndexError, ValueError):
+        return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
+
+
+def status(workspace: Workspace, options: dict[str, Any]) -> list[dict[str, Any]]:
+    """One entry a stage: its state, why, seconds, peak memory, flags and warnings."""
+    entries = []
+    for step in plan(workspace, options, STAGES):
+        record = workspace.read_record(step.stage) or {}
+        failed = record.get("status") == "failed"
+        entries.append(
+            {
+                "stage": step.stage,
+                "state": "failed" if failed else "stale" if step.reason and record else "missing" if step.reason else "ok",
+                "reason": record.get("error", "") if failed else step.reason,
+                "seconds": record.get("seconds"),
+                "peak_memory_mib": record.get("peak_memory_mib"),
+                "flags": record.get("flags", []),
+                "warnings": record.get("warnings", []),
+                "summary": record.get("summary", {}),
+            }
+        )
+    return entries

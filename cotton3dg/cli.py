@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -142,9 +141,7 @@ def _stage_command(stage: str) -> Callable[..., None]:
     for item in fields(STAGE_OPTIONS[stage]):
         flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
         parameters.append(
-            inspect.Parameter(
-                item.name, positional, annotation=Annotated[kinds[item.name] | None, flag], default=None
-            )
+            inspect.Parameter(item.name, positional, annotation=Annotated[kinds[item.name] | None, flag], default=None)
         )
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -157,4 +154,4 @@ for _stage in STAGE_OPTIONS:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

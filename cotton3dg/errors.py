@@ -58,9 +58,3 @@ class StageFailed(Cotton3dgError):
     """A stage ended in a fault of its own; the log has the traceback."""
 
     exit_code = 1
-
-
-class BatchIncomplete(Cotton3dgError):
-    """Some plants of a batch failed."""
-
-    exit_code = 8

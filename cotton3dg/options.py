@@ -108,7 +108,7 @@ class TraitsOptions:
     """Traits of the plant and of its bolls."""
 
     plant_id: str = option("", "name in the tables; default: the folder's name")
-    tube_height_cm: float = option(4.0, "height of the clamp on the table, cut away", unit="cm", paper="4", at_least=0.0)
+    tube_height_cm: float = option(4.0, "height of the clamp on the table", unit="cm", paper="4", at_least=0.0)
     excel: bool = option(False, "write a byte-order mark so that Excel reads UTF-8")
 
 

@@ -64,9 +64,7 @@ def stage_options(
         raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
     toml, overrides = read_toml(workspace.options_file), overrides or {}
     return {
-        stage: resolve(
-            stage, PRESET_VALUES[preset].get(stage, {}), toml.get(stage, {}), overrides.get(stage, {})
-        )
+        stage: resolve(stage, PRESET_VALUES[preset].get(stage, {}), toml.get(stage, {}), overrides.get(stage, {}))
         for stage in STAGES
     }
 
@@ -183,7 +181,9 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str
         failure.__cause__ = error
     except Exception as error:
         log.error("%s", traceback.format_exc())
-        failure = StageFailed(f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}")
+        failure = StageFailed(
+            f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}"
+        )
         failure.__cause__ = error
     record |= {
         "seconds": round(time.perf_counter() - wall_s, 3),
@@ -256,12 +256,17 @@ def status(workspace: Workspace, options: dict[str, Any]) -> list[dict[str, Any]
     entries = []
     for step in plan(workspace, options, STAGES):
         record = workspace.read_record(step.stage) or {}
-        failed = record.get("status") == "failed"
+        if record.get("status") == "failed":
+            state, reason = "failed", record.get("error", "")
+        elif step.reason:
+            state, reason = "stale" if record else "missing", step.reason
+        else:
+            state, reason = "ok", ""
         entries.append(
             {
                 "stage": step.stage,
-                "state": "failed" if failed else "stale" if step.reason and record else "missing" if step.reason else "ok",
-                "reason": record.get("error", "") if failed else step.reason,
+                "state": state,
+                "reason": reason,
                 "seconds": record.get("seconds"),
                 "peak_memory_mib": record.get("peak_memory_mib"),
                 "flags": record.get("flags", []),

@@ -108,7 +108,7 @@ class Gaussians:
     @property
     def opacities(self) -> Float32:
         """(N,) in 0..1."""
-        return 1.0 / (1.0 + np.exp(-self.opacity_logits))
+        return np.exp(-np.logaddexp(np.float32(0.0), -self.opacity_logits))
 
     @property
     def scales(self) -> Float32:

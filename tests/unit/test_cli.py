@@ -1,0 +1,84 @@
+"""The command line in processes of their own: help, exit codes, one-line errors."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+
+def cotton3dg(*arguments, **keywords):
+    return subprocess.run(
+        [sys.executable, "-m", "cotton3dg.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        **keywords,
+    )
+
+
+def assert_one_line(result, code, *words):
+    assert result.returncode == code, result.stderr
+    last = result.stderr.strip().splitlines()[-1]
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in last
+
+
+@pytest.fixture
+def plant(tmp_path):
+    folder = tmp_path / "plant_007"
+    folder.mkdir()
+    return folder
+
+
+def test_help_names_units_and_the_papers_values():
+    result = cotton3dg("train", "--help", env={**os.environ, "COLUMNS": "200"})
+    assert result.returncode == 0
+    assert "--max-side" in result.stdout
+    assert "px; paper: 960" in result.stdout
+
+
+def test_help_imports_nothing_heavy():
+    script = (
+        "import sys, cotton3dg.cli; from typer.testing import CliRunner;"
+        "assert CliRunner().invoke(cotton3dg.cli.app, ['--help']).exit_code == 0;"
+        "print([m for m in ('numpy', 'torch', 'open3d', 'pycolmap', 'cv2', 'pandas', 'scipy') if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_unknown_command_and_option(plant):
+    assert cotton3dg("harvest").returncode == 2
+    assert cotton3dg("run", plant, "--fast").returncode == 2
+
+
+def test_empty_folder(plant):
+    assert_one_line(cotton3dg("run", plant), 4, "plant_007: ", "no video")
+
+
+def test_missing_folder(plant):
+    assert_one_line(cotton3dg("run", plant / "nowhere"), 4, "nowhere: ", "not a folder")
+
+
+def test_bad_options(plant):
+    assert_one_line(cotton3dg("run", plant, "--set", "train.steps"), 2, "STAGE.OPTION=VALUE")
+    assert_one_line(cotton3dg("run", plant, "--set", "train.steps=-1"), 2, "train.steps")
+    assert_one_line(cotton3dg("run", plant, "--preset", "magic"), 2, "magic")
+    assert_one_line(cotton3dg("run", plant, "--until", "harvest"), 2, "harvest")
+    (plant / "cotton3dg.toml").write_text("[trian]\n")
+    assert_one_line(cotton3dg("run", plant), 2, "cotton3dg.toml", "trian")
+
+
+def test_video_that_is_none(plant):
+    (plant / "video.mp4").write_text("no video at all")
+    assert_one_line(cotton3dg("run", plant), 4, "plant_007: ", "video.mp4")
+
+
+def test_status_of_a_new_plant(plant):
+    (plant / "video.mp4").write_text("x")
+    result = cotton3dg("status", plant, "--json")
+    assert result.returncode == 0
+    assert result.stdout.count('"missing"') == 8

@@ -1,0 +1,161 @@
+"""What runs, what is up to date and why: with small stages that stand in for the real ones."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from cotton3dg import pipeline
+from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.errors import BadUsage, CaptureFailed, EnvironmentUnusable, OutOfResources, StageFailed
+from cotton3dg.workspace import Workspace
+
+
+class Recorder(pipeline.Watcher):
+    def __init__(self):
+        self.ran, self.kept = [], []
+
+    def finished(self, step, record):
+        self.ran.append(step.stage)
+
+    def skipped(self, step):
+        self.kept.append(step.stage)
+
+
+@pytest.fixture
+def stages(monkeypatch):
+    """Stages that each copy the text of the one before, adding their name and count option."""
+
+    def make(stage):
+        position = pipeline.STAGES.index(stage)
+
+        def source(workspace):
+            return workspace.capture() if not position else workspace.folder(pipeline.STAGES[position - 1]) / "out.txt"
+
+        def run(workspace, options, progress):
+            with workspace.writing(stage) as folder:
+                text = source(workspace).read_text()
+                (folder / "out.txt").write_text(f"{text} {stage}" if stage != "scale" else "constant")
+            return StageOutcome({"letters": len(text)}, ("a_flag",), ("be careful; do this",))
+
+        return SimpleNamespace(VERSION=1, inputs=lambda workspace: [source(workspace)], run=run)
+
+    modules = {stage: make(stage) for stage in pipeline.STAGES}
+    monkeypatch.setattr(pipeline, "stage_module", modules.__getitem__)
+    return modules
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    folder = tmp_path / "plant_007"
+    folder.mkdir()
+    (folder / "video.mp4").write_text("video")
+    return Workspace(folder)
+
+
+def run(workspace, stages=pipeline.STAGES, overrides=None, **keywords):
+    watcher = Recorder()
+    pipeline.run(workspace, pipeline.stage_options(workspace, overrides=overrides), stages, watcher=watcher, **keywords)
+    return watcher
+
+
+def test_the_second_run_does_nothing(workspace, stages):
+    assert run(workspace).ran == list(pipeline.STAGES)
+    assert run(workspace).kept == list(pipeline.STAGES)
+
+
+def test_a_changed_option_runs_its_stage_and_what_its_result_changes(workspace, stages):
+    run(workspace)
+    again = run(workspace, overrides={"cluster": {"method": "dbscan"}})
+    assert again.ran == ["cluster"]  # it made the same file again, so nothing after it is stale
+
+
+def test_a_changed_input_runs_until_a_result_stays_the_same(workspace, stages):
+    run(workspace)
+    (workspace.root / "video.mp4").write_text("other video")
+    assert run(workspace).ran == list(pipeline.STAGES[: pipeline.STAGES.index("scale") + 1])
+
+
+@pytest.mark.parametrize(
+    "damage, reason",
+    [
+        (lambda w: (w.folder("sfm") / "out.txt").write_text("bit rot"), "output sfm/out.txt changed"),
+        (lambda w: (w.folder("sfm") / "out.txt").unlink(), "output sfm/out.txt is missing"),
+        (lambda w: (w.folder("sfm") / "new.txt").touch(), "output sfm/new.txt is new"),
+        (lambda w: w.record_file("sfm").unlink(), "no finished result"),
+        (lambda w: w.record_file("sfm").write_text("{"), "no finished result"),
+    ],
+)
+def test_damage_is_noticed_and_repaired(workspace, stages, damage, reason):
+    run(workspace)
+    damage(workspace)
+    assert pipeline.stale_reason(workspace, "sfm", pipeline.stage_options(workspace)["sfm"]) == reason
+    assert run(workspace).ran == ["sfm"]
+
+
+def test_a_new_version_of_a_stage_runs_it(workspace, stages):
+    run(workspace)
+    stages["train"].VERSION = 2
+    assert run(workspace).ran == ["train"]
+
+
+def test_plan_names_the_first_reason_and_its_consequences(workspace, stages):
+    run(workspace)
+    options = pipeline.stage_options(workspace, overrides={"train": {"steps": 7}})
+    reasons = {step.stage: step.reason for step in pipeline.plan(workspace, options, pipeline.STAGES)}
+    assert reasons["sfm"] == ""
+    assert reasons["train"] == "option steps 5000 -> 7" or reasons["train"].endswith("-> 7")
+    assert reasons["masks"] == "after train"
+
+
+def test_from_until_and_force(workspace, stages):
+    run(workspace)
+    assert run(workspace, pipeline.selected("train", "segment"), force=True).ran == ["train", "masks", "segment"]
+    with pytest.raises(BadUsage, match="no stage lies"):
+        pipeline.selected("traits", "frames")
+    with pytest.raises(BadUsage, match="unknown"):
+        pipeline.selected("frames", "harvest")
+
+
+@pytest.mark.parametrize(
+    "raised, error, code",
+    [
+        (CaptureFailed("too dark; film again"), CaptureFailed, 4),
+        (MemoryError(), OutOfResources, 7),
+        (ZeroDivisionError("division"), StageFailed, 1),
+    ],
+)
+def test_a_failure_is_recorded_and_costs_one_stage(workspace, stages, raised, error, code):
+    def fail(workspace, options, progress):
+        with workspace.writing("train"):
+            raise raised
+
+    working = stages["train"].run
+    stages["train"].run = fail
+    with pytest.raises(error):
+        run(workspace)
+    record = workspace.read_record("train")
+    assert record["status"] == "failed"
+    assert record["exit_code"] == code
+    assert record["error"]
+    assert "train failed" in workspace.log_file.read_text()
+    entries = {entry["stage"]: entry for entry in pipeline.status(workspace, pipeline.stage_options(workspace))}
+    assert entries["train"]["state"] == "failed"
+    assert entries["sfm"]["state"] == "ok"
+    stages["train"].run = working
+    assert run(workspace).kept == ["frames", "sfm"]
+
+
+def test_a_second_process_is_turned_away(workspace, stages):
+    with workspace.locked(), pytest.raises(EnvironmentUnusable, match="another"):
+        run(workspace)
+
+
+def test_the_record_tells_what_was_done(workspace, stages):
+    run(workspace)
+    record = workspace.read_record("frames")
+    assert record["inputs"].keys() == {"video.mp4"}
+    assert record["outputs"].keys() == {"frames/out.txt"}
+    assert record["options"]["count"] == pipeline.stage_options(workspace)["frames"].count
+    assert record["seconds"] >= 0
+    assert record["peak_memory_mib"] > 1
+    assert record["flags"] == ["a_flag"]

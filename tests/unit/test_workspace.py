@@ -1,0 +1,146 @@
+"""The plant's folder: inputs, atomic saves, foreign files, the lock."""
+
+import errno
+import json
+import multiprocessing
+import os
+
+import pytest
+
+from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
+from cotton3dg.workspace import Workspace, explained_disk_errors, json_text
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    folder = tmp_path / "plant_007"
+    folder.mkdir()
+    return Workspace(folder)
+
+
+def test_capture_finds_the_one_video(workspace):
+    with pytest.raises(MissingInput, match="no video"):
+        workspace.capture()
+    (workspace.root / "images").mkdir()
+    assert workspace.capture() == workspace.root / "images"
+    (workspace.root / "walk.MOV").touch()
+    (workspace.root / "._walk.MOV").touch()  # what macOS leaves on a memory card
+    assert workspace.capture() == workspace.root / "walk.MOV"
+    (workspace.root / "again.mp4").touch()
+    with pytest.raises(BadInput, match=r"again\.mp4, walk\.MOV"):
+        workspace.capture()
+
+
+def test_a_path_that_is_no_folder(tmp_path):
+    with pytest.raises(MissingInput, match="not a folder"):
+        Workspace(tmp_path / "nowhere")
+
+
+def write(workspace, text):
+    with workspace.writing("frames") as folder:
+        (folder / "a.txt").write_text(text)
+
+
+def test_a_save_replaces_the_whole_folder(workspace):
+    write(workspace, "one")
+    (workspace.folder("frames") / "stray.txt").touch()
+    write(workspace, "two")
+    assert (workspace.folder("frames") / "a.txt").read_text() == "two"
+    assert not (workspace.folder("frames") / "stray.txt").exists()
+
+
+def test_a_failed_save_keeps_the_old_result(workspace):
+    write(workspace, "one")
+    with pytest.raises(RuntimeError), workspace.writing("frames") as folder:
+        (folder / "a.txt").write_text("half")
+        raise RuntimeError
+    assert (workspace.folder("frames") / "a.txt").read_text() == "one"
+    assert [path.name for path in workspace.root.iterdir()] == ["frames"]
+
+
+@pytest.mark.parametrize("make", ["folder", "file", "link"])
+def test_foreign_output_is_never_replaced(workspace, make):
+    path = workspace.folder("frames")
+    if make == "folder":
+        path.mkdir()
+        (path / "thesis.txt").write_text("mine")
+    elif make == "file":
+        path.write_text("mine")
+    else:
+        path.symlink_to(workspace.root.parent)
+    with pytest.raises(BadInput, match="not made by it"):
+        write(workspace, "one")
+    assert path.is_symlink() or path.is_file() or (path / "thesis.txt").read_text() == "mine"
+
+
+def test_hashes_follow_content_only(workspace):
+    write(workspace, "one")
+    before = workspace.hashes(workspace.folder("frames"))
+    os.utime(workspace.folder("frames") / "a.txt", (0, 0))
+    assert workspace.hashes(workspace.folder("frames")) == before
+    assert list(before) == ["frames/a.txt"]
+    write(workspace, "two")
+    assert workspace.hashes(workspace.folder("frames")) != before
+
+
+def test_an_unreadable_record_counts_as_none(workspace):
+    workspace.write_record("frames", {"status": "ok"})
+    assert workspace.read_record("frames") == {"status": "ok"}
+    workspace.record_file("frames").write_text('{"status": "o')
+    assert workspace.read_record("frames") is None
+
+
+def test_json_has_no_nan():
+    assert json.loads(json_text({"a": float("nan"), "b": [float("inf"), 1.5]})) == {"a": None, "b": [None, 1.5]}
+
+
+@pytest.mark.parametrize(
+    "number, error", [(errno.ENOSPC, OutOfResources), (errno.EROFS, EnvironmentUnusable), (errno.EIO, OSError)]
+)
+def test_disk_errors_are_explained(workspace, number, error):
+    with pytest.raises(error), explained_disk_errors(workspace.root):
+        raise OSError(number, os.strerror(number))
+
+
+def hold(root, holding, release):
+    with Workspace(root).locked():
+        holding.set()
+        release.wait(30)
+
+
+def test_the_lock_excludes_and_dies_with_its_holder(workspace):
+    context = multiprocessing.get_context("spawn")
+    holding, release = context.Event(), context.Event()
+    holder = context.Process(target=hold, args=(workspace.root, holding, release))
+    holder.start()
+    try:
+        assert holding.wait(60)
+        with pytest.raises(EnvironmentUnusable, match="another cotton3dg"), workspace.locked():
+            pass
+    finally:
+        holder.kill()
+        holder.join()
+    with workspace.locked():
+        pass
+
+
+def write_as_nobody(root, answers):
+    os.setgid(65534)
+    os.setuid(65534)
+    try:
+        write(Workspace(root), "one")
+    except EnvironmentUnusable as error:
+        answers.put(str(error))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become a user without permission")
+def test_a_read_only_folder_is_explained(workspace):
+    for folder in (workspace.root, *workspace.root.parents[:3]):
+        folder.chmod(0o755)
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+    writer = context.Process(target=write_as_nobody, args=(workspace.root, answers))
+    writer.start()
+    writer.join(30)
+    assert not answers.empty()
+    assert "no permission to write" in answers.get()

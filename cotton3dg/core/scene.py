@@ -125,6 +125,14 @@ class Gaussians:
         """0, 1, 2 or 3."""
         return int(np.sqrt(self.sh.shape[1])) - 1
 
+    @property
+    def finite_rows(self) -> NDArray[np.bool_]:
+        """(N,) whether all parameters of a Gaussian are finite."""
+        rows = np.isfinite(self.opacity_logits) & np.isfinite(self.sh).all(axis=(1, 2))
+        for array in (self.means, self.quats, self.log_scales):
+            rows &= np.isfinite(array).all(axis=1)
+        return rows
+
     def sha256(self) -> str:
         """Hash of all parameters, so that per-Gaussian fields can name the model they belong to."""
         digest = hashlib.sha256()

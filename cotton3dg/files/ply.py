@@ -85,23 +85,10 @@ def read_gaussians(path: Path) -> Gaussians:
         table["opacity"].astype(np.float32),
         np.ascontiguousarray(np.concatenate([columns("f_dc_", 3)[:, None], rest.transpose(0, 2, 1)], axis=1)),
     )
-    broken = ~finite_rows(gaussians)
+    broken = ~gaussians.finite_rows
     if broken.any():
         raise _bad(path, f"has non-finite values in {broken.sum()} of {count} Gaussians")
     return gaussians
-
-
-def finite_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
-    """(N,) whether all parameters of a Gaussian are finite."""
-    rows = np.isfinite(gaussians.opacity_logits)
-    for array in (
-        gaussians.means,
-        gaussians.quats,
-        gaussians.log_scales,
-        gaussians.sh.reshape(len(gaussians), 3 * gaussians.sh.shape[1]),
-    ):
-        rows &= np.isfinite(array).all(axis=1)
-    return rows
 
 
 def coloured(gaussians: Gaussians, colours: NDArray) -> Gaussians:

@@ -112,6 +112,27 @@ class TraitsOptions:
     excel: bool = option(False, "write a byte-order mark so that Excel reads UTF-8")
 
 
+@dataclass(frozen=True)
+class SimulateOptions:
+    """A rendered plant with exact truth; effects are off (0) unless asked for."""
+
+    seed: int = option(0, "another seed is another plant in another room", at_least=0)
+    bolls: int = option(0, "open bolls; 0 = 8 to 20, drawn", at_least=0, at_most=60)
+    clustered: float = option(0.0, "share of the bolls that touch others near the top", at_least=0.0, at_most=1.0)
+    frames: int = option(80, "images of the video, a little more than one turn", at_least=2, at_most=2000)
+    width: int = option(640, "width of the video", unit="px", at_least=64, at_most=3840)
+    height: int = option(360, "height of the video", unit="px", at_least=36, at_most=2160)
+    supersampling: int = option(2, "rays a pixel, in each direction", at_least=1, at_most=8)
+    mask_interval: int = option(10, "true masks of every n-th image", at_least=1)
+    table: bool = option(True, "whether the plant stands on a table")
+    table_length_cm: float = option(120.0, "long side of the table top", unit="cm", at_least=50.0, at_most=200.0)
+    table_width_cm: float = option(60.0, "short side of the table top", unit="cm", at_least=30.0, at_most=120.0)
+    blur: float = option(0.0, "motion blur: open time of the shutter, share of a frame", at_least=0.0, at_most=1.0)
+    exposure: float = option(0.0, "drift of the exposure, up and down", unit="EV", at_least=0.0, at_most=2.0)
+    distortion: float = option(0.0, "radial distortion k1 of the lens (OpenCV)", at_least=-0.2, at_most=0.2)
+    noise: float = option(0.0, "sensor noise, sigma in grey levels of 255", at_least=0.0, at_most=30.0)
+
+
 STAGE_OPTIONS: dict[str, type] = {
     "frames": FramesOptions,
     "sfm": SfmOptions,

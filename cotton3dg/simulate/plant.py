@@ -1,0 +1,291 @@
+"""A defoliated cotton plant, grown from a seed.
+
+A bent stem bears fruiting branches that rise and zigzag, 3/8 of a turn apart (the phyllotaxis of Gossypium); each open
+boll is 4 or 5 locks of lint over the star of its dry carpels (the bur) on a peduncle; a few dry leaves remain. Lengths
+are metres, z points up, z = 0 is the table top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..options import SimulateOptions
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, sheet, smooth_curve, tube, unit
+
+WOOD = (0.17, 0.095, 0.05)
+BUR = (0.15, 0.08, 0.04)
+BUR_INSIDE = (0.34, 0.23, 0.13)
+LEAF = (0.30, 0.19, 0.08)
+LINT = (0.84, 0.81, 0.75)
+LINT_CENTRE = 0.42
+"""Height of the lint's centre above the foot of the bur, in diameters of the lint."""
+
+
+@dataclass(frozen=True)
+class Boll:
+    lint: Mesh
+    bur: Mesh
+
+
+@dataclass(frozen=True)
+class PlantMeshes:
+    """All meshes of one plant; boll ids are 1, 2, ... in the order of `bolls`."""
+
+    wood: Mesh
+    """Stem, branches, peduncles and petioles."""
+    leaves: Mesh
+    bolls: tuple[Boll, ...]
+    stem_base: Float64
+    """(3,) where the stem meets the table."""
+
+    @property
+    def parts(self) -> list[Mesh]:
+        """Every mesh: wood, leaves, then lint and bur of boll 1, of boll 2, ..."""
+        return [self.wood, self.leaves, *(mesh for boll in self.bolls for mesh in (boll.lint, boll.bur))]
+
+    @property
+    def vertices(self) -> Float64:
+        """(V, 3) of all meshes."""
+        return np.concatenate([mesh.vertices for mesh in self.parts])
+
+
+@dataclass(frozen=True)
+class _Branch:
+    curve: Float64
+    bolls: int
+    touching: bool
+
+
+@dataclass(frozen=True)
+class _Site:
+    """Where a boll grows: the node that bears it, the middle and the axis of its lint."""
+
+    node: Float64
+    centre: Float64
+    axis: Float64
+    diameter: float
+
+
+def grow_plant(options: SimulateOptions) -> PlantMeshes:
+    """The plant of a seed.
+
+    Args:
+        options: `seed`, `bolls` (0 = 8 to 20, drawn) and `clustered`, the share of the bolls that touch others near
+            the top.
+    """
+    rng = np.random.default_rng([options.seed, 1])
+    noise = SolidNoise(rng)
+    count = options.bolls or int(rng.integers(8, 21))
+    diameters = np.clip(rng.normal(0.047, 0.007, count), 0.034, 0.062)
+    base = np.append(rng.uniform(-0.04, 0.04, 2), 0.0)
+    stem = _stem(rng, base, rng.uniform(0.56, 0.80))
+    branches = _branches(rng, stem, count, round(options.clustered * count))
+
+    obstacles = np.concatenate([stem, *(branch.curve for branch in branches)])
+    sites: list[_Site] = []
+    for branch in branches:
+        neighbours: list[_Site] = []
+        for place in range(branch.bolls):
+            site = _site(rng, branch, place, float(diameters[len(sites)]), sites, neighbours, obstacles)
+            sites.append(site)
+            if branch.touching:
+                neighbours.append(site)
+
+    leaves, petioles = _leaves(rng, noise, stem)
+    twigs = [_twig(branch.curve, 0.0034, 0.0019) for branch in branches]
+    wood = merged([_twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(_peduncle(site) for site in sites), *petioles])
+    roots = wood.vertices[:, 2].clip(min=0)
+    wood = _weathered(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
+    return PlantMeshes(wood, _weathered(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
+
+
+def _stem(rng: np.random.Generator, base: Float64, height: float) -> Float64:
+    """A slightly bent, slightly zigzagging curve; its knots are the nodes, 4 to 5 cm apart."""
+    nodes = round(height / 0.045)
+    up = np.linspace(0, 1, nodes + 1)
+    lean, bow = rng.normal(0, 0.02, 2), rng.normal(0, 0.018, 2)
+    sideways = up[:, None] ** 2 * lean + np.sin(np.pi * up)[:, None] * bow
+    sideways[1:] += rng.normal(0, 0.0012, (nodes, 2))
+    return smooth_curve(base + np.column_stack([sideways, up * height]), 0.004)
+
+
+def _branches(rng: np.random.Generator, stem: Float64, count: int, clustered: int) -> list[_Branch]:
+    """The stem's tip and fruiting branches that bear `count` bolls, `clustered` of them in touching groups on top."""
+    groups: list[int] = []
+    while sum(groups) < clustered:
+        groups.append(int(rng.integers(2, 5)))
+    if groups:
+        groups[-1] = max(2, groups[-1] - (sum(groups) - clustered))
+    singles = max(count - sum(groups), 0)
+    if sum(groups) > count:
+        groups[-1] -= sum(groups) - count
+    loads = []
+    while sum(loads) < singles:
+        loads.append(min(2 if rng.random() < 0.3 else 1, singles - sum(loads)))
+
+    turn = rng.uniform(0, 2 * np.pi)
+    bearers = [(load, False) for load in loads] + [(group, True) for group in groups]
+    heights = np.linspace(0.30, 0.97, max(len(bearers) - 1, 1)) + rng.uniform(-0.015, 0.015, max(len(bearers) - 1, 1))
+    branches = [_Branch(stem[-12:], *bearers[-1])] if bearers else []
+    for order, (height, (load, touching)) in enumerate(zip(heights, bearers[:-1], strict=False)):
+        node = stem[round(min(height, 0.99) * (len(stem) - 1))]
+        azimuth = turn + order * 2 * np.pi * 3 / 8 + rng.normal(0, 0.25)
+        length = (0.26 - 0.19 * height) * rng.uniform(0.75, 1.2) * (1.25 if load > 1 else 1.0)
+        branches.append(_Branch(_branch_curve(rng, node, azimuth, length), load, touching))
+    return branches
+
+
+def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, length: float) -> Float64:
+    """Sympodial growth: every internode of about 5 cm turns to the other side; the branch rises, then flattens."""
+    internodes = max(2, round(length / 0.05))
+    rise = np.deg2rad(rng.uniform(32, 58))
+    side = rng.choice([-1, 1])
+    points = [node]
+    for k in range(internodes):
+        heading = azimuth + side * (-1) ** k * rng.uniform(0.12, 0.30)
+        slope = rise * (1 - 0.25 * k / internodes)
+        step = np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), np.sin(slope)])
+        points.append(points[-1] + step * length / internodes)
+    return smooth_curve(points, 0.004)
+
+
+def _site(
+    rng: np.random.Generator,
+    branch: _Branch,
+    place: int,
+    diameter: float,
+    sites: list[_Site],
+    neighbours: list[_Site],
+    obstacles: Float64,
+) -> _Site:
+    """The best of 300 random places at the branch's tip (or, for a second boll, half way along it).
+
+    A good place keeps the boll clear of the others (or, in a cluster, just touching a neighbour) and of the wood.
+    """
+    tries = 300
+    at_tip = place == 0 or branch.touching
+    node = branch.curve[-1 if at_tip else len(branch.curve) // 2]
+    along = unit(branch.curve[-1] - branch.curve[-4])
+    directions = unit(along + (0, 0, 0.25) + rng.normal(0, 0.45, (tries, 3)))
+    gaps = np.full(len(sites), 1.12)
+    if neighbours:
+        beside = neighbours[int(rng.integers(len(neighbours)))]
+        reach = 0.5 * (diameter + beside.diameter) * rng.uniform(0.90, 0.97, (tries, 1))
+        centres = beside.centre + reach * unit(rng.normal(0, 1, (tries, 3)) + 0.4 * along)
+        gaps[[i for i, site in enumerate(sites) if any(site is other for other in neighbours)]] = 0.90
+    else:
+        centres = node + directions * (LINT_CENTRE * diameter + rng.uniform(0.012, 0.03, (tries, 1)))
+
+    lengths = np.linalg.norm(centres - node, axis=1) - LINT_CENTRE * diameter
+    badness = np.maximum(0.010 - lengths, 0) + 0.1 * np.maximum(lengths - 0.03, 0)
+    for site, gap in zip(sites, gaps, strict=True):
+        wanted = gap * 0.5 * (diameter + site.diameter)
+        badness += np.maximum(wanted - np.linalg.norm(centres - site.centre, axis=1), 0)
+    far = obstacles[np.linalg.norm(obstacles - node, axis=1) > 0.03]
+    closest = np.linalg.norm(centres[:, None] - far[None, ::2], axis=2).min(axis=1)
+    badness += np.maximum(0.55 * diameter - closest, 0)
+    best = int(np.argmin(badness))
+    axis = unit(unit(centres[best] - node) + rng.normal(0, 0.12, 3))
+    return _Site(node, centres[best], axis, diameter)
+
+
+def _twig(curve: Float64, thick: float, thin: float, sides: int = 12) -> Mesh:
+    """A tapered branch, swollen at its foot."""
+    s = np.linspace(0, 1, len(curve))
+    radii = thick + (thin - thick) * s + 0.35 * thin * np.exp(-s * len(curve) / 3)
+    return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), sides)
+
+
+def _peduncle(site: _Site) -> Mesh:
+    foot = site.centre - site.axis * LINT_CENTRE * site.diameter
+    bend = 0.5 * (site.node + foot) - 0.15 * np.linalg.norm(foot - site.node) * site.axis
+    curve = smooth_curve([site.node, bend, foot], 0.003)
+    radii = np.linspace(0.0017, 0.0026, len(curve))
+    return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), 10)
+
+
+def _boll(rng: np.random.Generator, noise: SolidNoise, site: _Site) -> Boll:
+    """Lint and bur of one boll; the lint's mean diameter is close to the site's, but exact only in the truth."""
+    d = site.diameter
+    locks = int(rng.choice([4, 5], p=[0.65, 0.35]))
+    angles = 2 * np.pi * (np.arange(locks) + rng.normal(0, 0.06, locks)) / locks
+    pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
+    foot = site.centre - site.axis * LINT_CENTRE * d
+    lint = merged([_lock(rng, noise, angle, locks, d) for angle in angles]).moved(pose, foot)
+    bur = merged([_cup(d), *(_carpel(rng, angle, d) for angle in angles)]).moved(pose, foot)
+    return Boll(_weathered(lint, noise, 0.05), _weathered(bur, noise, 0.5))
+
+
+def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, locks: int, d: float) -> Mesh:
+    """One lock: an ellipsoid that leans outwards, puffed up over its seeds, frayed at the surface."""
+    sphere, triangles = icosphere(4)
+    half = np.array([0.245, 0.265 if locks == 4 else 0.225, 0.345]) * d * rng.uniform(0.92, 1.08, 3)
+    where = sphere * half + rng.uniform(0, 1, 3)
+    puffs = np.abs(noise(where, 0.42 * d))
+    fray = 0.035 * noise(where, 0.11 * d) + 0.022 * noise(where, 0.045 * d)
+    shape = sphere * half * (0.90 + 0.28 * puffs + fray)[:, None]
+    lean = rotation_to((np.sin(rng.uniform(0.15, 0.40)), 0, 1))
+    shape = shape @ lean.T + (0.235 * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.06))
+    cos, sin = np.cos(angle), np.sin(angle)
+    shape = shape @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    # Fibres in the creases between the puffs hold dust and shade.
+    colours = np.array(LINT) * (0.93 + 0.14 * puffs.clip(0, 0.5) + 0.5 * fray)[:, None]
+    return Mesh(shape, triangles, colours)
+
+
+def _carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
+    """One dry valve of the bur: a pointed, cupped blade that opens outwards and curls at its tip."""
+    s, w = np.meshgrid(np.linspace(0, 1, 16), np.linspace(-1, 1, 9), indexing="ij")
+    width = d * 0.21 * np.sin(np.pi * s**0.8).clip(0) ** 0.8 + 0.012 * d * (1 - s)
+    out = d * (0.04 + 0.48 * np.sin(0.5 * np.pi * s) + 0.12 * s**3)
+    up = d * (0.16 * s + rng.uniform(-0.10, 0.28) * s**2 + rng.uniform(-0.12, 0.08) * s**4)
+    cup = 0.35 * width * w**2
+    twist = rng.normal(0, 0.25) * s * w * width
+    surface = np.stack([out - 0.4 * cup, width * w, up + cup + twist], axis=-1)
+    cos, sin = np.cos(angle), np.sin(angle)
+    surface = surface @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    mesh = sheet(surface, np.zeros((*s.shape, 3)), 0.0012)
+    inside = np.arange(len(mesh.vertices)) < s.size
+    return replace(mesh, colours=np.where(inside[:, None], BUR_INSIDE, BUR))
+
+
+def _cup(d: float) -> Mesh:
+    """The receptacle that the carpels spring from."""
+    sphere, triangles = icosphere(2)
+    return Mesh(sphere * (0.11 * d, 0.11 * d, 0.07 * d) + (0, 0, 0.03 * d), triangles, np.tile(BUR, (len(sphere), 1)))
+
+
+def _leaves(rng: np.random.Generator, noise: SolidNoise, stem: Float64) -> tuple[Mesh, list[Mesh]]:
+    """Two to four curled dry leaves and their petioles."""
+    blades, petioles = [], []
+    for _ in range(int(rng.integers(2, 5))):
+        node = stem[int(rng.uniform(0.25, 0.85) * len(stem))]
+        azimuth = rng.uniform(0, 2 * np.pi)
+        out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        reach = rng.uniform(0.04, 0.07)
+        foot = node + out * reach + (0, 0, rng.uniform(0.0, 0.03))
+        curve = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
+        petioles.append(tube(curve, np.full(len(curve), 0.0012), np.tile(WOOD, (len(curve), 1)), 8))
+        blades.append(_leaf(rng, noise).moved(rotation_to(unit(out + (0, 0, rng.uniform(-1.4, -0.3)))), foot))
+    return merged(blades), petioles
+
+
+def _leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+    """A lobed blade along z, rolled inwards by drought."""
+    length = rng.uniform(0.055, 0.09)
+    s, w = np.meshgrid(np.linspace(0, 1, 32), np.linspace(-1, 1, 25), indexing="ij")
+    width = 0.48 * length * np.sin(np.pi * s**0.7).clip(0) ** 0.7 * (1 + 0.28 * np.cos(14 * s))
+    roll = rng.uniform(1.2, 2.4) * w
+    flat = np.stack([width * np.sin(roll) / 1.5, width * (1 - np.cos(roll)) / 1.5, s * length], axis=-1)
+    flat[..., 1] += rng.uniform(-0.5, 0.5) * length * s**2
+    crumple = noise(flat.reshape(-1, 3) + rng.uniform(0, 1, 3), 0.03).reshape(s.shape) * 0.004 * s
+    flat[..., 1] += crumple
+    return sheet(flat, np.tile(LEAF, (*s.shape, 1)), 0.0008)
+
+
+def _weathered(mesh: Mesh, noise: SolidNoise, strength: float) -> Mesh:
+    """Blotches of 15 mm and specks of 3 mm and less in the colour."""
+    specks = sum(noise(mesh.vertices, wavelength) for wavelength in (0.015, 0.006, 0.0025)) / 3
+    return replace(mesh, colours=(mesh.colours * np.exp(strength * specks)[:, None]).clip(0, 0.9))

@@ -1,0 +1,105 @@
+"""Boxes around point sets of any rank: minimum-area rectangle in the plane, oriented box in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+TIE = 0.01
+"""Relative difference below which two sides count as equal, so that the choice between their axes is arbitrary."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in 2 or 3 dimensions, longest side first."""
+
+    centre: NDArray[np.float64]
+    """(D,)"""
+    axes: NDArray[np.float64]
+    """(D, D) rows: unit axes, right-handed."""
+    sides: NDArray[np.float64]
+    """(D,) descending; 0 along axes in which the set has no extent."""
+    tie: bool
+    """Two neighbouring sides are equal within 1 %: the axes are arbitrary, the sides are not."""
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(4, 2) corners of a rectangle in order around it; edge 0-1 is a long side."""
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+        return self.centre + signs * self.sides @ self.axes
+
+
+def min_area_rectangle(points: NDArray) -> Box:
+    """The rectangle of least area around (N, 2) points, N > 0 (Freeman and Shapira 1975).
+
+    One of its sides lies on a side of the convex hull, so those directions are tried, all at once. The first of equally
+    small ones wins.
+    """
+    points = _checked(points, 2)
+    middle = points.mean(axis=0)
+    corners = _hull_corners(points - middle)
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    along = sides[lengths > 0] / lengths[lengths > 0, None] if (lengths > 0).any() else np.eye(2)[:1]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    extents = np.ptp(corners @ along.T, axis=0) * np.ptp(corners @ across.T, axis=0)
+    best = int(np.argmin(extents))
+    return _box_along(points, np.stack([along[best], across[best]]))
+
+
+def oriented_box(points: NDArray) -> Box:
+    """Box of (N, 3) points, N > 0, along the principal axes of their convex hull.
+
+    The hull's corners instead of all points keep dense parts from turning the box, as in Open3D's oriented bounding
+    box; unlike there a set without volume gets a box too.
+    """
+    points = _checked(points, 3)
+    corners = _hull_corners(points - points.mean(axis=0))
+    axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=True)[2]
+    return _box_along(points, axes)
+
+
+def fibonacci_directions(count: int) -> NDArray[np.float64]:
+    """(count, 3) unit vectors spread evenly over the sphere."""
+    index = np.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    angle = np.pi * (1 + 5**0.5) * index
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def _box_along(points: NDArray[np.float64], axes: NDArray[np.float64]) -> Box:
+    """The box around `points` along the rows of `axes`, sorted by length."""
+    along = points @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    order = np.argsort(-(high - low), kind="stable")
+    sides = (high - low)[order]
+    tie = bool((sides[:-1] - sides[1:] <= TIE * sides[:-1]).any())
+    sorted_axes = axes[order]
+    if np.linalg.det(sorted_axes) < 0:
+        sorted_axes[-1] *= -1
+    return Box((low + high) / 2 @ axes, sorted_axes, sides, tie)
+
+
+def _hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners of the convex hull, in the plane counter-clockwise; sets without area or volume come back as they are."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        # A segment between the extremes says all about a collinear set, and a flat set in space is small enough.
+        if points.shape[1] == 2 and len(points) > 1:
+            direction = np.linalg.svd(points - points.mean(axis=0))[2][0]
+            ends = points @ direction
+            return points[[int(ends.argmin()), int(ends.argmax())]]
+        return points
+
+
+def _checked(points: NDArray, dimensions: int) -> NDArray[np.float64]:
+    points = np.asarray(points, np.float64)
+    if points.ndim != 2 or points.shape[1] != dimensions or not len(points) or not np.isfinite(points).all():
+        raise ValueError(f"a box needs finite points (N > 0, {dimensions}), got {points.shape}")
+    return points

@@ -1,0 +1,46 @@
+"""From the Gaussians of a body to points on its surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Gaussians, rotations
+from .box import fibonacci_directions
+
+MIN_OPACITY = 0.1
+"""Fainter Gaussians carry haze, not surface."""
+
+
+def surface_rows(gaussians: Gaussians, weights: NDArray | None = None) -> NDArray[np.bool_]:
+    """Which Gaussians of one compact body lie on or in it.
+
+    Dropped are faint ones, ones that hardly show in any view, and outliers beyond 3.5 robust standard deviations (MAD)
+    of the distance from the middle or of the size, on the large side only.
+
+    Args:
+        weights: (N,) blending weight of each Gaussian over all views, px; None = unknown.
+    """
+    kept = gaussians.finite_rows & (gaussians.opacities >= MIN_OPACITY)
+    if weights is not None:
+        kept &= np.asarray(weights) >= 1.0
+    if not kept.any():
+        return kept
+    means = gaussians.means.astype(np.float64)
+    distances = np.linalg.norm(means - np.median(means[kept], axis=0), axis=1)
+    sizes = gaussians.log_scales.max(axis=1).astype(np.float64)
+    return kept & _not_above(distances, kept, floor=0.05) & _not_above(sizes, kept, floor=0.0)
+
+
+def surface_points(gaussians: Gaussians, sigmas: float, samples: int = 32) -> NDArray[np.float64]:
+    """(N * samples, 3) points on the ellipsoids `sigmas` standard deviations around the Gaussians, su."""
+    on_sphere = fibonacci_directions(samples)
+    offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), gaussians.scales[:, None, :] * on_sphere)
+    return (gaussians.means[:, None, :] + sigmas * offsets).reshape(-1, 3)
+
+
+def _not_above(values: NDArray, among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:
+    """Which values are not more than 3.5 robust standard deviations above the median of those `among`."""
+    median = np.median(values[among])
+    spread = 1.4826 * np.median(np.abs(values[among] - median))
+    return values <= median + 3.5 * max(spread, floor * abs(median))

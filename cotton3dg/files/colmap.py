@@ -1,0 +1,136 @@
+"""Reading COLMAP's binary models (https://colmap.github.io/format.html), sizes checked before anything is allocated."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, rotations
+from ..errors import BadInput, MissingInput
+
+log = logging.getLogger("cotton3dg")
+
+SIMPLE_PINHOLE, PINHOLE = 0, 1
+PARAMETER_COUNTS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12)
+"""Number of parameters of each of COLMAP's camera models, by its id."""
+
+
+class _Reader:
+    """A binary file read field by field; a field beyond its end is BadInput."""
+
+    def __init__(self, path: Path):
+        self.path, self.at = path, 0
+        try:
+            self.content = path.read_bytes()
+        except (FileNotFoundError, IsADirectoryError) as error:
+            raise MissingInput(f"{path.name} is missing; run `cotton3dg sfm` first") from error
+
+    def fields(self, layout: str) -> tuple:
+        try:
+            values = struct.unpack_from(f"<{layout}", self.content, self.at)
+        except struct.error as error:
+            raise self.bad("ends too early") from error
+        self.at += struct.calcsize(f"<{layout}")
+        return values
+
+    def count(self, least_bytes: int) -> int:
+        """A number of entries that fit, at `least_bytes` each, into the rest of the file."""
+        (n,) = self.fields("Q")
+        if n * least_bytes > len(self.content) - self.at:
+            raise self.bad(f"claims {n} entries")
+        return n
+
+    def skip(self, n_bytes: int) -> None:
+        self.at += n_bytes
+
+    def name(self) -> str:
+        end = self.content.find(b"\0", self.at)
+        if end < 0:
+            raise self.bad("has a name without an end")
+        raw, self.at = self.content[self.at : end], end + 1
+        try:
+            return raw.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise self.bad("has a name that is not UTF-8") from error
+
+    def bad(self, what: str) -> BadInput:
+        return BadInput(f"{self.path.name} is no COLMAP model: it {what}; run `cotton3dg sfm --force`")
+
+
+def read_cameras(model_dir: Path) -> list[Camera]:
+    """Cameras of a model of undistorted images, one an image.
+
+    An image whose pose is not finite is left out, with a warning in the log.
+
+    Returns:
+        Sorted by name.
+    Raises:
+        MissingInput: a file is not there.
+        BadInput: a file is damaged, a camera is no pinhole, or no image is left.
+    """
+    pinholes = _read_pinholes(model_dir / "cameras.bin")
+    reader = _Reader(model_dir / "images.bin")
+    cameras: dict[str, Camera] = {}
+    for _ in range(reader.count(73)):
+        _, *pose, camera_id = reader.fields("I7dI")
+        name = reader.name()
+        reader.skip(24 * reader.count(24))
+        if not np.isfinite(pose).all() or not np.linalg.norm(pose[:4]) > 0:
+            log.warning("sfm: the pose of %s is not finite; the image is left out", name)
+            continue
+        if camera_id not in pinholes:
+            raise reader.bad(f"names camera {camera_id}, which is not there")
+        if name in cameras or not name or "/" in name or "\\" in name:
+            raise reader.bad(f"names an image {name!r}, twice or unsafe")
+        width, height, (fx, fy, cx, cy) = pinholes[camera_id]
+        cam_from_scene = np.hstack([rotations(np.array([pose[:4]]))[0], np.array(pose[4:])[:, None]])
+        cameras[name] = Camera(name, width, height, fx, fy, cx, cy, cam_from_scene)
+    if not cameras:
+        raise reader.bad("has no image with a pose")
+    return [cameras[name] for name in sorted(cameras)]
+
+
+def _read_pinholes(path: Path) -> dict[int, tuple[int, int, tuple[float, float, float, float]]]:
+    """Camera id -> width, height, (fx, fy, cx, cy)."""
+    reader = _Reader(path)
+    pinholes = {}
+    for _ in range(reader.count(24)):
+        camera_id, model, width, height = reader.fields("iiQQ")
+        if model not in (SIMPLE_PINHOLE, PINHOLE):
+            raise reader.bad("holds a camera with lens distortion where undistorted images are needed")
+        values = reader.fields(f"{PARAMETER_COUNTS[model]}d")
+        fx, fy, cx, cy = (values[0], *values) if model == SIMPLE_PINHOLE else values
+        if not (np.isfinite(values).all() and fx > 0 and fy > 0 and 0 < width <= 65535 and 0 < height <= 65535):
+            raise reader.bad("holds a camera of impossible size or focal length")
+        pinholes[camera_id] = (width, height, (fx, fy, cx, cy))
+    return pinholes
+
+
+def read_points(
+    model_dir: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.int64]]:
+    """Triangulated points of a model; those that are not finite are left out.
+
+    Returns:
+        xyz (P, 3) su, RGB (P, 3), mean reprojection error (P,) px, and number of images (P,) of each point, in the
+        order of their ids.
+    Raises:
+        MissingInput: the file is not there.
+        BadInput: it is damaged.
+    """
+    reader = _Reader(model_dir / "points3D.bin")
+    n = reader.count(51)
+    ids, xyz = np.empty(n, np.uint64), np.empty((n, 3))
+    rgb, errors, lengths = np.empty((n, 3), np.uint8), np.empty(n), np.empty(n, np.int64)
+    for row in range(n):
+        ids[row], *values, errors[row] = reader.fields("Q3d3Bd")
+        xyz[row], rgb[row] = values[:3], values[3:]
+        lengths[row] = reader.count(8)
+        reader.skip(8 * int(lengths[row]))
+    order = np.argsort(ids, kind="stable")
+    order = order[np.isfinite(xyz[order]).all(axis=1)]
+    return xyz[order], rgb[order], np.nan_to_num(errors[order], nan=-1.0), lengths[order]

@@ -1,0 +1,145 @@
+"""Structure from motion: COLMAP run on a folder of images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.progress import Progress, silent
+
+FEATURE_SIDE = 1280
+"""Features are looked for at this size, px: finer detail of a phone's image is mostly noise and compression."""
+CAMERA_MODEL = "SIMPLE_RADIAL"
+"""One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
+
+
+@dataclass(frozen=True)
+class ReconstructionSettings:
+    """What structure from motion may spend, and what is known beforehand."""
+
+    max_features: int
+    seed: int
+    focal_length_px: float | None = None
+    """A prior, e.g. from EXIF; without one 1.2 times the longer side."""
+    n_threads: int = -1
+    """-1 = all. Sums inside bundle adjustment depend on it in their last digits, so poses do as well."""
+
+
+def reconstruct(
+    image_folder: Path,
+    names: list[str],
+    pairs: list[tuple[int, int]],
+    work_folder: Path,
+    settings: ReconstructionSettings,
+    progress: Progress = silent,
+) -> list[Any]:
+    """Find the cameras of images and a sparse cloud of points.
+
+    Args:
+        names: images in `image_folder`, all of one camera and one size.
+        pairs: indices into `names` of the images to match with each other.
+        work_folder: empty; receives the feature database.
+    Returns:
+        pycolmap.Reconstructions, the one with the most images (then points) first; images without a finite pose are
+        taken out. Empty when no two images fit together.
+    """
+    import pycolmap
+
+    pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
+    pycolmap.set_random_seed(settings.seed)
+    database = work_folder / "features.db"
+    progress(0, 2 * len(names), "finding features")
+    _find_features(image_folder, names, database, settings)
+    progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
+    pairs_file = work_folder / "pairs.txt"
+    pairs_file.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in pairs))
+    _match(database, pairs_file, settings)
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = settings.n_threads
+    options.random_seed = settings.seed
+    n_placed = 0
+
+    def placed() -> None:
+        nonlocal n_placed
+        n_placed += 1
+        progress(min(len(names) + n_placed, 2 * len(names)), 2 * len(names), "placing cameras")
+
+    models = pycolmap.incremental_mapping(database, image_folder, work_folder, options, next_image_callback=placed)
+    kept = [_without_lost_images(model) for model in models.values()]
+    return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+
+
+def _find_features(image_folder: Path, names: list[str], database: Path, settings: ReconstructionSettings) -> None:
+    import pycolmap
+
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = settings.n_threads
+    options.max_image_size = FEATURE_SIDE
+    options.sift.max_num_features = settings.max_features
+    # Octave -1 would double the image first: four times the work for the finest, least repeatable features.
+    options.sift.first_octave = 0
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = CAMERA_MODEL
+    pycolmap.extract_features(
+        database,
+        image_folder,
+        names,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=options,
+        device=pycolmap.Device.cpu,
+    )
+    if settings.focal_length_px:
+        with pycolmap.Database.open(database) as opened:
+            for camera in opened.read_all_cameras():
+                camera.focal_length = settings.focal_length_px
+                camera.has_prior_focal_length = True
+                opened.update_camera(camera)
+
+
+def _match(database: Path, pairs_file: Path, settings: ReconstructionSettings) -> None:
+    import pycolmap
+
+    options = pycolmap.FeatureMatchingOptions()
+    options.num_threads = settings.n_threads
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = pairs_file
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = settings.seed
+    pycolmap.match_image_pairs(database, options, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def _without_lost_images(model: Any) -> Any:
+    """The model after taking out images whose pose is not finite."""
+    for image_id in list(model.reg_image_ids()):
+        image = model.image(image_id)
+        if not np.isfinite(image.cam_from_world().matrix()).all():
+            model.deregister_frame(image.frame_id)
+    return model
+
+
+def poses(model: Any) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+    """Names of the placed images in order, their camera centres (n, 3) su and viewing directions (n, 3)."""
+    placed = sorted((model.image(image_id) for image_id in model.reg_image_ids()), key=lambda image: image.name)
+    centres = np.array([image.projection_center() for image in placed]).reshape(-1, 3)
+    forwards = np.array([image.viewing_direction() for image in placed]).reshape(-1, 3)
+    return [image.name for image in placed], centres, forwards
+
+
+def undistort(image_folder: Path, model_folder: Path, target_folder: Path) -> None:
+    """Write `images/` without lens distortion and their pinhole model `sparse/` into `target_folder`.
+
+    The pinhole shows no pixel that the lens did not see, so images may lose a little of their border.
+    """
+    import pycolmap
+
+    pycolmap.undistort_images(target_folder, model_folder, image_folder, jpeg_quality=97)
+    for path in [*target_folder.glob("*.sh"), *target_folder.glob("stereo/*/*"), *target_folder.glob("stereo/*.cfg")]:
+        path.rmdir() if path.is_dir() else path.unlink()
+    for folder in [*target_folder.glob("stereo/*"), *target_folder.glob("stereo")]:
+        folder.rmdir()

@@ -1,0 +1,114 @@
+"""Judging a capture before any 3D: sharpness, exposure, motion, and which frames of a video to take."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Grey = NDArray[np.uint8]
+
+STILL_DISPLACEMENT = 0.002
+"""Share of the image width that corners move from image to image; a full turn moves them ten and more times as far."""
+BLURRED = 0.6
+DARK_LUMINANCE = 0.1
+BURNT_SHARE = 0.3
+
+
+def sharpness(grey: Grey) -> float:
+    """Variance of the Laplacian of (H, W) grey values; compares frames of one scene, not scenes with each other.
+
+    Source: Pech-Pacheco et al., Diatom autofocusing in brightfield microscopy, ICPR 2000.
+    """
+    import cv2
+
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
+
+
+def blur(grey: Grey) -> float:
+    """How blurred an image is, 0 (crisp) to 1, nearly independent of what it shows.
+
+    The share of the neighbouring-pixel variation that survives a second blurring by a box of 11 px, the worse of the
+    two directions: crisp images lose most of it, blurred ones little.
+    Source: Crete et al., The blur effect, SPIE 2007.
+    """
+    import cv2
+
+    image = grey.astype(np.float32)
+    worst = 0.0
+    for axis, kernel in ((0, (1, 11)), (1, (11, 1))):
+        variation = np.abs(np.diff(image, axis=axis))
+        blurred = np.abs(np.diff(cv2.blur(image, kernel), axis=axis))
+        total = float(variation.sum())
+        lost = float(np.maximum(variation - blurred, 0).sum())
+        worst = max(worst, (total - lost) / total if total > 0 else 1.0)
+    return worst
+
+
+def exposure(grey: Grey) -> tuple[float, float, float]:
+    """Mean luminance 0..1, and the shares of pixels that are black (<= 5) and white (>= 250)."""
+    return float(grey.mean()) / 255, float((grey <= 5).mean()), float((grey >= 250).mean())
+
+
+def displacement(grey_a: Grey, grey_b: Grey) -> float:
+    """Motion of the picture between two images of equal size, as a share of their width; NaN when nothing is tracked.
+
+    The 90th percentile of the displacement of tracked corners: near 0 only where nearly everything stands still.
+    Corners that cannot be followed say that the picture changed, so when most are lost the answer is NaN, not 0.
+    """
+    import cv2
+
+    corners = cv2.goodFeaturesToTrack(grey_a, maxCorners=300, qualityLevel=0.01, minDistance=8)
+    if corners is None or len(corners) < 10:
+        return float("nan")
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(grey_a, grey_b, corners, None, winSize=(21, 21), maxLevel=3)
+    tracked = found.ravel() == 1
+    if tracked.mean() < 0.5:
+        return float("nan")
+    lengths = np.linalg.norm((moved - corners).reshape(-1, 2)[tracked], axis=1)
+    return float(np.percentile(lengths, 90)) / grey_a.shape[1]
+
+
+def stands_still(displacements: tuple[float, ...]) -> bool:
+    """Whether a camera never moves, from the `displacement` between each image and the next."""
+    known = np.array([value for value in displacements if np.isfinite(value)])
+    return 2 * len(known) > len(displacements) and float(np.percentile(known, 95)) < STILL_DISPLACEMENT
+
+
+def concerns(blur: float, luminance: float, white_share: float) -> dict[str, str]:
+    """Quality flags and their warnings from the medians of a capture's images."""
+    found = {}
+    if blur > BLURRED:
+        found["blurred"] = "the images are blurred; walk more slowly, or film with more light"
+    if luminance < DARK_LUMINANCE:
+        found["underexposed"] = "the images are dark; switch on more light"
+    if white_share > BURNT_SHARE:
+        found["overexposed"] = "much of the images is burnt out white; lower the exposure"
+    return found
+
+
+def spread_frames(timestamps_s: NDArray, scores: NDArray, usable: NDArray, count: int) -> list[int]:
+    """Choose about `count` frames evenly in time: the best-scored usable frame of each of `count` equal intervals.
+
+    Args:
+        timestamps_s: (n,) seconds, of any spacing.
+        scores: (n,) higher is better.
+        usable: (n,) bool.
+    Returns:
+        Ascending indices; all usable frames when they are no more than `count`, fewer than `count` when an interval
+        has no usable frame.
+    """
+    candidates = np.flatnonzero(usable)
+    if len(candidates) <= count:
+        return candidates.tolist()
+    times = timestamps_s[candidates]
+    # Half a frame beyond the last one, so that the last interval is as long as the others.
+    span = (times[-1] - times[0]) * (1 + 1 / (len(times) - 1))
+    intervals = np.minimum((times - times[0]) / span * count, count - 1).astype(np.int64)
+    order = np.lexsort((candidates, -scores[candidates], intervals))
+    first = np.unique(intervals[order], return_index=True)[1]
+    return np.sort(candidates[order[first]]).tolist()
+
+
+def spread_indices(n: int, count: int) -> list[int]:
+    """At most `count` of 0..n-1, evenly spaced, the first always among them."""
+    return list(range(n)) if n <= count else [i * n // count for i in range(count)]

@@ -1,0 +1,122 @@
+"""sfm: where the camera was for each image, by structure from motion, and the images without lens distortion."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress
+from ..errors import BadInput, CaptureFailed
+from ..files import exports
+from ..files.colmap import read_cameras, read_points
+from ..files.reconstruction import ReconstructionSettings, poses, reconstruct, undistort
+from ..options import SfmOptions
+from ..plant.orbit import image_pairs, orbit
+from ..workspace import Workspace, json_text
+
+VERSION = 1
+
+MIN_REGISTERED_PCT = 40.0
+FEW_REGISTERED_PCT = 80.0
+MIN_REGISTERED = 3
+MAX_GAP_DEG = 60.0
+"""Beyond this gap in the orbit, sides of bolls were never seen."""
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [workspace.folder("frames")]
+
+
+def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageOutcome:
+    frames = workspace.folder("frames")
+    described = _described(workspace.require(workspace.frames_json, "frames"))
+    names = [path.name for path in workspace.frame_images()]
+    if len(names) < MIN_REGISTERED:
+        raise CaptureFailed(f"{len(names)} images in frames; film one slow full turn around the plant")
+    settings = ReconstructionSettings(options.max_features, options.seed, described.get("focal_length_px"))
+    pairs = image_pairs(len(names), options.overlap, bool(described.get("ordered", True)))
+    with workspace.writing("sfm") as folder:
+        with tempfile.TemporaryDirectory(dir=folder) as work:
+            models = reconstruct(frames, names, pairs, Path(work), settings, progress)
+            _check_registered(models, names)
+            model = models[0]
+        model.write_binary(folder)
+        undistort(frames, folder, folder / "undistorted")
+        cameras = read_cameras(folder / "undistorted" / "sparse")
+        xyz, *_ = read_points(folder / "undistorted" / "sparse")
+        transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
+        (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
+        np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
+        description = _description(models, names)
+        (folder / "sfm.json").write_text(json_text(description), encoding="utf-8")
+    return _outcome(description)
+
+
+def _described(path: Path) -> dict[str, Any]:
+    try:
+        described = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path.name} is damaged; run `cotton3dg frames --force`") from error
+    if not isinstance(described, dict):
+        raise BadInput(f"{path.name} is damaged; run `cotton3dg frames --force`")
+    return described
+
+
+def _check_registered(models: list[Any], names: list[str]) -> None:
+    """The gate: with fewer images than this the plant would be measured from one side."""
+    n = models[0].num_reg_images() if models else 0
+    if n < MIN_REGISTERED or 100 * n < MIN_REGISTERED_PCT * len(names):
+        raise CaptureFailed(
+            f"{n} of {len(names)} frames registered ({MIN_REGISTERED_PCT:.0f} % needed); film one slow full turn with"
+            f" the whole plant in view, or try --frames {2 * len(names)}"
+        )
+
+
+def _description(models: list[Any], names: list[str]) -> dict[str, Any]:
+    """What sfm.json says: how good the model is and what it misses."""
+    model = models[0]
+    registered, centres, forwards = poses(model)
+    path = orbit(centres, forwards)
+    camera = next(iter(model.cameras.values()))
+    lost = set(registered)
+    return {
+        "n_frames": len(names),
+        "registered": registered,
+        "registered_pct": 100 * len(registered) / len(names),
+        "unregistered": [name for name in names if name not in lost],
+        "n_models": len(models),
+        "n_points": model.num_points3D(),
+        "mean_reprojection_error_px": model.compute_mean_reprojection_error(),
+        "mean_track_length": model.compute_mean_track_length(),
+        "mean_observations": model.compute_mean_observations_per_reg_image(),
+        "camera_model": camera.model_name,
+        "camera_params": camera.params.tolist(),
+        "focal_length_px": camera.mean_focal_length(),
+        "orbit_coverage_deg": path.coverage_deg,
+        "orbit_largest_gap_deg": path.largest_gap_deg,
+        "orbit_radius_su": path.radius_su,
+        "orbit_axis": path.axis,
+        "orbit_target": path.target,
+    }
+
+
+def _outcome(description: dict[str, Any]) -> StageOutcome:
+    flags, warnings = [], []
+    if description["registered_pct"] < FEW_REGISTERED_PCT:
+        flags.append("few_frames_registered")
+        n_registered = len(description["registered"])
+        warnings.append(
+            f"{n_registered} of {description['n_frames']} frames registered; walk more slowly, or film with more light"
+        )
+    if description["orbit_largest_gap_deg"] > MAX_GAP_DEG:
+        flags.append("orbit_gap")
+        warnings.append(
+            f"no view for {description['orbit_largest_gap_deg']:.0f} degrees around the plant; film a full turn"
+        )
+    keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
+    return StageOutcome({key: round(description[key], 3) for key in keys}, tuple(flags), tuple(warnings))

@@ -1,0 +1,87 @@
+"""Where the cameras stand around the plant, and which of them to look through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float64
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """The path of cameras that look at one plant from around it."""
+
+    centre: Float64
+    """(3,) su, where the optical axes meet."""
+    axis: Float64
+    """(3,) unit vector, up."""
+    radius: float
+    """su, median distance of the cameras from the axis."""
+
+
+def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
+    """The orbit that the cameras follow, wherever on it they stand and however often they pass.
+
+    The axis is the normal of the cameras' plane, or the mean of their up vectors where the path is too short or too
+    uneven to have a plane; the centre is the point closest to the optical axes, with distances weighed by Cauchy's
+    function because a hand now and then points elsewhere.
+
+    Raises:
+        ValueError: fewer than two cameras.
+    """
+    if len(cameras) < 2:
+        raise ValueError(f"an orbit needs at least 2 cameras, got {len(cameras)}")
+    centres = np.stack([camera.centre for camera in cameras])
+    forwards = np.stack([camera.forward for camera in cameras])
+    up = -np.stack([camera.rotation[1] for camera in cameras]).mean(axis=0)
+    _, spreads, directions = np.linalg.svd(centres - centres.mean(axis=0))
+    # A sixth of the length is the sagitta of an arc of about 75 degrees: shorter ones do not tell their plane well.
+    planar = len(cameras) > 2 and spreads[1] > spreads[0] / 6 and spreads[2] < spreads[1] / 2
+    axis = directions[2] * (1.0 if directions[2] @ up >= 0 else -1.0) if planar else up / np.linalg.norm(up)
+
+    across = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
+    weights = np.ones(len(cameras))
+    for _ in range(10):
+        # The small ridge keeps parallel axes from sending the point to infinity.
+        normal = (weights[:, None, None] * across).sum(axis=0) + 1e-6 * weights.sum() * np.eye(3)
+        pulled = (weights[:, None, None] * across @ centres[:, :, None]).sum(axis=0)[:, 0]
+        centre = np.linalg.solve(normal, pulled + 1e-6 * weights.sum() * centres.mean(axis=0))
+        misses = np.linalg.norm((across @ (centre - centres)[:, :, None])[:, :, 0], axis=1)
+        weights = 1.0 / (1.0 + (misses / max(float(np.median(misses)), 1e-12)) ** 2)
+    outward = centres - centre
+    outward -= np.outer(outward @ axis, axis)
+    return Orbit(centre, axis, float(np.median(np.linalg.norm(outward, axis=1))))
+
+
+def azimuths(cameras: Sequence[Camera], orbit: Orbit) -> Float64:
+    """(V,) angle of each camera around the orbit's axis, 0..2π, from the first camera on."""
+    outward = np.stack([camera.centre for camera in cameras]) - orbit.centre
+    x = outward[0] - orbit.axis * (outward[0] @ orbit.axis)
+    x /= max(float(np.linalg.norm(x)), 1e-12)
+    y = np.cross(orbit.axis, x)
+    return np.mod(np.arctan2(outward @ y, outward @ x), 2 * np.pi)
+
+
+def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
+    """Indices, ascending, of at most `count` angles (radians) spread as evenly around the circle as they allow.
+
+    The first is kept and each next one is the farthest from all that are kept; ties go to the lower index.
+    """
+    angles = np.asarray(angles, np.float64)
+    if len(angles) <= count:
+        return np.arange(len(angles))
+    chosen = [0]
+    gaps = _gap(angles, angles[0])
+    while len(chosen) < count:
+        # Rounded, so that the choice does not hang on the last bit.
+        chosen.append(int(np.argmax(np.round(np.where(np.isin(np.arange(len(angles)), chosen), -1.0, gaps), 9))))
+        gaps = np.minimum(gaps, _gap(angles, angles[chosen[-1]]))
+    return np.sort(np.array(chosen, np.int64))
+
+
+def _gap(angles: Float64, other: float) -> Float64:
+    return np.abs(np.mod(angles - other + np.pi, 2 * np.pi) - np.pi)

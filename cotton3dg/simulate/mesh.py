@@ -28,13 +28,14 @@ class Mesh:
     """(V, 3) linear RGB albedo."""
 
     def normals(self) -> Float64:
-        """(V, 3) unit vertex normals, weighted by the area of the triangles."""
+        """(V, 3) unit vertex normals, weighted by the area of the triangles; up where all triangles are degenerate."""
         a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
         faces = np.cross(b - a, c - a)
         normals = np.stack(
             [np.bincount(self.triangles.ravel(), np.repeat(axis, 3), len(self.vertices)) for axis in faces.T], axis=1
         )
-        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.where(lengths > 1e-20, normals / np.maximum(lengths, 1e-20), (0.0, 0.0, 1.0))
 
     def moved(self, rotation: Float64, offset: ArrayLike) -> Mesh:
         """The mesh turned by a (3, 3) rotation, then shifted by (3,) m."""
@@ -170,7 +171,5 @@ def icosphere(subdivisions: int) -> tuple[Float64, NDArray[np.int32]]:
         ab, bc, ca = middle.reshape(3, -1) + len(vertices)
         a, b, c = triangles.T
         vertices = np.concatenate([vertices, unit(vertices[pairs].sum(axis=1))])
-        triangles = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-        )
+        triangles = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
     return vertices, triangles.astype(np.int32)

@@ -1,0 +1,105 @@
+"""One turn around the plant with a camera held by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.scene import Camera
+from ..options import SimulateOptions
+from .mesh import Float64, unit
+
+FOCAL = 0.82
+"""Focal length in image widths: the main camera of a phone, about 26 mm in 35 mm terms with a video's crop."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A smooth path of the camera, defined between the frames too."""
+
+    centre: Float64
+    """(3,) m, the point the camera circles at its own height."""
+    radius: float
+    height: float
+    """m above the table, on average."""
+    turn: float
+    """rad from the first frame to the last."""
+    start: float
+    """rad."""
+    sway: Float64
+    """(K, 7) of small motions: amplitude in radius, angle, height (m, rad, m), aim x, y, z (m), roll (rad)."""
+    cycles: Float64
+    """(K,) of each small motion during the turn."""
+    phases: Float64
+    """(K, 7) rad."""
+    frames: int
+    width: int
+    height_px: int
+
+    def at(self, frame: float) -> Camera:
+        """The camera at a frame; fractions lie between frames."""
+        t = frame / max(self.frames - 1, 1)
+        sway = (self.sway * np.sin(2 * np.pi * self.cycles[:, None] * t + self.phases)).sum(axis=0)
+        angle = self.start + self.turn * t + sway[1]
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        position = self.centre * (1, 1, 0) + (self.radius + sway[0]) * out + (0, 0, self.height + sway[2])
+        forward = unit(self.centre + sway[3:6] - position)
+        level = unit(np.cross(forward, (0, 0, 1.0)))
+        right = np.cos(sway[6]) * level + np.sin(sway[6]) * np.cross(forward, level)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        f = FOCAL * self.width
+        return Camera(
+            name=f"frame_{round(frame):04d}",
+            width=self.width,
+            height=self.height_px,
+            fx=f,
+            fy=f,
+            cx=0.5 * self.width,
+            cy=0.5 * self.height_px,
+            cam_from_scene=np.column_stack([rotation, -rotation @ position]),
+        )
+
+    def cameras(self) -> list[Camera]:
+        return [self.at(frame) for frame in range(self.frames)]
+
+
+def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
+    """The path of a seed: as near as 1.1 m, or as far as it takes to keep the whole plant in view.
+
+    Args:
+        options: `seed`, `frames`, `width`, `height`.
+        vertices: (V, 3) m of the plant.
+    """
+    rng = np.random.default_rng([options.seed, 3])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre = 0.5 * (low + high)
+    # Walking: slow drifts of centimetres, steps (about 12 a turn) of millimetres.
+    cycles = np.array([1.0, 2.3, 12.0]) * rng.uniform(0.9, 1.1, 3)
+    sway = np.array(
+        [
+            [0.030, 0.03, 0.060, 0.008, 0.008, 0.010, 0.010],
+            [0.015, 0.01, 0.030, 0.006, 0.006, 0.008, 0.008],
+            [0.004, 0.00, 0.006, 0.003, 0.003, 0.003, 0.003],
+        ]
+    )
+    height = centre[2] + rng.uniform(0.08, 0.30)
+    turn = np.deg2rad(rng.uniform(366, 376)) * rng.choice([-1, 1])
+    start, phases = rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi, (3, 7))
+    probe = vertices[:: max(1, len(vertices) // 4000)]
+    probe = np.concatenate([probe, vertices[np.argmin(vertices, axis=0)], vertices[np.argmax(vertices, axis=0)]])
+    radius = 1.10
+    while True:
+        path = Orbit(
+            centre, radius, height, turn, start, sway, cycles, phases, options.frames, options.width, options.height
+        )
+        if all(_in_view(camera, probe) for camera in path.cameras()):
+            return path
+        radius += 0.02
+
+
+def _in_view(camera: Camera, points: Float64) -> bool:
+    """Whether all points lie at least 3 % inside the image."""
+    pixels, _ = camera.project(points)
+    size = np.array([camera.width, camera.height])
+    return bool(((pixels > 0.03 * size) & (pixels < 0.97 * size)).all())

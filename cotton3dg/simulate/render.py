@@ -1,0 +1,219 @@
+"""From plant, room and camera to an image: one ray cast, stored light, prefiltered textures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from ..core.scene import Camera
+from .atlas import Atlas, packed
+from .lighting import irradiance
+from .mesh import merged
+from .plant import PlantMeshes
+from .room import Panel, Room
+
+Float32 = NDArray[np.float32]
+WHITE = 0.88
+"""Linear value of the brightest 2 % of the lint: the exposure is set for it, as a phone does for a white subject."""
+VOID = 0.05
+"""Linear light where a ray leaves the room through its open top."""
+
+
+@dataclass(frozen=True)
+class RenderScene:
+    """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant."""
+
+    rays: o3d.t.geometry.RaycastingScene
+    atlas: Atlas
+    densities: Float32
+    """(P,) texels a metre of each panel."""
+    panel_normals: Float32
+    """(P, 3)"""
+    plant_triangles: NDArray[np.int32]
+    """(T, 3)"""
+    plant_light: Float32
+    """(V, 3) linear light that each vertex of the plant sends out."""
+    boll_ids: NDArray[np.uint16]
+    """(T,) id of the boll whose lint a triangle belongs to; 0 = none."""
+
+
+def lit_scene(plant: PlantMeshes, room: Room) -> RenderScene:
+    """Build the ray tracer and let the lamps shine once on everything."""
+    whole = merged(plant.parts)
+    triangle_counts = [len(mesh.triangles) for mesh in plant.parts]
+    boll_of_part = [0, 0, *(n for boll in range(1, len(plant.bolls) + 1) for n in (boll, 0))]
+    rays = o3d.t.geometry.RaycastingScene()
+    corners = np.concatenate([_corners(panel) for panel in room.panels]).astype(np.float32)
+    quads = 4 * np.arange(len(room.panels))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    vertices = whole.vertices.astype(np.float32)
+    rays.add_triangles(o3d.core.Tensor(corners), o3d.core.Tensor(quads.reshape(-1, 3).astype(np.uint32)))
+    rays.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(whole.triangles.astype(np.uint32)))
+
+    normals = np.concatenate([mesh.normals() for mesh in plant.parts]).astype(np.float32)
+    plant_light = irradiance(rays, vertices, normals, room.lamps, 0.12) * whole.colours.astype(np.float32)
+    boll_ids = np.repeat(boll_of_part, triangle_counts).astype(np.uint16)
+    lint = plant_light[whole.triangles[boll_ids > 0].ravel()]
+    gain = np.float32(WHITE / np.quantile(lint if len(lint) else plant_light, 0.98))
+    lights = _panel_light(rays, room)
+    images = [linear(panel.image) * (gain * light) for panel, light in zip(room.panels, lights, strict=True)]
+    return RenderScene(
+        rays=rays,
+        atlas=packed(images),
+        densities=np.array([p.image.shape[1] / np.linalg.norm(p.across) for p in room.panels], np.float32),
+        panel_normals=np.array([_normal(panel) for panel in room.panels], np.float32),
+        plant_triangles=whole.triangles,
+        plant_light=gain * plant_light,
+        boll_ids=boll_ids,
+    )
+
+
+def render(
+    scene: RenderScene,
+    camera: Camera,
+    *,
+    supersampling: int = 2,
+    k1: float = 0.0,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> Float32:
+    """(H, W, 3) linear light.
+
+    Args:
+        camera: metres.
+        supersampling: rays a pixel in each direction; pixels that show the plant get twice as many.
+        k1: radial distortion of the lens (OpenCV); 0 = none.
+        shift: px that all rays are moved by.
+    """
+    n, h, w = supersampling, camera.height, camera.width
+    y, x = np.mgrid[: h * n, : w * n].astype(np.float32)
+    directions = _directions(camera, (x.ravel() + 0.5) / n + shift[0], (y.ravel() + 0.5) / n + shift[1], k1)
+    light, on_plant = _light(scene, camera, directions, 1 / n)
+    image = light.reshape(h, n, w, n, 3).mean(axis=(1, 3))
+
+    # Twigs and fibres are finer than a pixel; textured panels are not, for they are prefiltered.
+    touched = on_plant.reshape(h, n, w, n).any(axis=(1, 3)).astype(np.uint8)
+    rows, columns = np.nonzero(cv2.dilate(touched, np.ones((3, 3), np.uint8)))
+    if len(rows):
+        inside = (np.arange(2 * n, dtype=np.float32) + 0.5) / (2 * n)
+        x = columns[:, None, None] + inside[None, None, :] + shift[0]
+        y = rows[:, None, None] + inside[None, :, None] + shift[1]
+        x, y = (np.broadcast_to(a, (len(rows), 2 * n, 2 * n)).ravel().astype(np.float32) for a in (x, y))
+        light, _ = _light(scene, camera, _directions(camera, x, y, k1), 0.5 / n)
+        image[rows, columns] = light.reshape(len(rows), -1, 3).mean(axis=1)
+    return image
+
+
+def instance_ids(scene: RenderScene, camera: Camera, *, k1: float = 0.0) -> NDArray[np.uint16]:
+    """(H, W) id of the boll whose lint is seen at the centre of each pixel; 0 = something else."""
+    y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
+    hits = _cast(scene, camera, _directions(camera, x.ravel(), y.ravel(), k1))
+    on_plant = hits["geometry_ids"].numpy() == 1
+    ids = np.zeros(on_plant.shape, np.uint16)
+    ids[on_plant] = scene.boll_ids[hits["primitive_ids"].numpy()[on_plant]]
+    return ids.reshape(camera.height, camera.width)
+
+
+def linear(srgb: Float32) -> Float32:
+    """Linear light of sRGB values in 0..1."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def developed(
+    light: Float32, *, exposure_ev: float = 0.0, noise: float = 0.0, rng: np.random.Generator | None = None
+) -> NDArray[np.uint8]:
+    """(H, W, 3) 8-bit sRGB of linear light.
+
+    Args:
+        exposure_ev: stops added.
+        noise: sigma of the sensor's noise in grey levels; `rng` draws it.
+    """
+    if exposure_ev:
+        light = light * np.float32(2.0**exposure_ev)
+    light = light.clip(0, 1)
+    grey = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    if noise and rng is not None:
+        grey = grey + rng.normal(0, noise, grey.shape)
+    return (grey + 0.5).clip(0, 255).astype(np.uint8)
+
+
+def _directions(camera: Camera, x_px: Float32, y_px: Float32, k1: float) -> Float32:
+    """(N, 3) viewing directions in the scene, with depth 1 along the optical axis."""
+    x = (x_px - np.float32(camera.cx)) / np.float32(camera.fx)
+    y = (y_px - np.float32(camera.cy)) / np.float32(camera.fy)
+    if k1:
+        # x_d = x_u (1 + k1 r_u²): the fixed point converges in a few steps for lenses of phones.
+        seen_x, seen_y = x, y
+        for _ in range(12):
+            stretch = 1 + np.float32(k1) * (x * x + y * y)
+            x, y = seen_x / stretch, seen_y / stretch
+    right, down, forward = camera.rotation.astype(np.float32)
+    return x[:, None] * right + y[:, None] * down + forward
+
+
+def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> dict[str, o3d.core.Tensor]:
+    bundle = np.empty((len(directions), 6), np.float32)
+    bundle[:, :3] = camera.centre
+    bundle[:, 3:] = directions
+    return scene.rays.cast_rays(o3d.core.Tensor(bundle))
+
+
+def _light(
+    scene: RenderScene, camera: Camera, directions: Float32, footprint_px: float
+) -> tuple[Float32, NDArray[np.bool_]]:
+    """(N, 3) linear light that comes in along each ray, and whether the ray hits the plant."""
+    hits = _cast(scene, camera, directions)
+    geometry, triangles = hits["geometry_ids"].numpy(), hits["primitive_ids"].numpy()
+    depths, barycentric = hits["t_hit"].numpy(), hits["primitive_uvs"].numpy()
+    light = np.full((len(directions), 3), VOID, np.float32)
+
+    hit = np.flatnonzero(geometry == 0)
+    panels, second = np.divmod(triangles[hit].astype(np.intp), 2)
+    u, v = barycentric[hit].T
+    s, t = np.where(second, u, u + v), np.where(second, u + v, v)
+    towards = directions[hit]
+    slant = np.abs((towards * scene.panel_normals[panels]).sum(axis=1)) / np.sqrt((towards * towards).sum(axis=1))
+    texels = depths[hit] * np.float32(footprint_px / camera.fx) * scene.densities[panels]
+    levels = np.log2(texels / np.sqrt(np.maximum(slant, 0.02)))
+    light[hit] = scene.atlas.sample(panels, s, t, levels)
+
+    on_plant = geometry == 1
+    hit = np.flatnonzero(on_plant)
+    u, v = barycentric[hit].T[..., None]
+    a, b, c = (scene.plant_light[corner] for corner in scene.plant_triangles[triangles[hit]].T)
+    light[hit] = (1 - u - v) * a + u * b + v * c
+    return light, on_plant
+
+
+def _corners(panel: Panel) -> NDArray[np.float64]:
+    """(4, 3) in the order of texture coordinates (0, 0), (1, 0), (1, 1), (0, 1)."""
+    c, a, d = panel.corner, panel.across, panel.down
+    return np.stack([c, c + a, c + a + d, c + d])
+
+
+def _normal(panel: Panel) -> NDArray[np.float64]:
+    """(3,) towards whoever reads the panel's picture upright."""
+    normal = np.cross(panel.down, panel.across)
+    return normal / np.linalg.norm(normal)
+
+
+def _panel_light(rays: o3d.t.geometry.RaycastingScene, room: Room) -> list[Float32]:
+    """(H, W, 3) irradiance of each panel, computed on a coarse grid."""
+    grids = []
+    for panel in room.panels:
+        width, height = np.linalg.norm(panel.across), np.linalg.norm(panel.down)
+        spacing = max(0.01, 0.01 * float(np.sqrt(width * height)))
+        nx, ny = (int(np.clip(np.ceil(size / spacing), 2, 200)) for size in (width, height))
+        s, t = (np.arange(nx) + 0.5) / nx, (np.arange(ny) + 0.5) / ny
+        grids.append(panel.corner + s[None, :, None] * panel.across + t[:, None, None] * panel.down)
+    sizes = [grid.shape[0] * grid.shape[1] for grid in grids]
+    points = np.concatenate([grid.reshape(-1, 3) for grid in grids]).astype(np.float32)
+    normals = np.repeat([_normal(panel) for panel in room.panels], sizes, axis=0).astype(np.float32)
+    pieces = np.split(irradiance(rays, points, normals, room.lamps, 0.4), np.cumsum(sizes)[:-1])
+    lights = []
+    for panel, grid, piece in zip(room.panels, grids, pieces, strict=True):
+        smooth = cv2.GaussianBlur(piece.reshape(grid.shape), (3, 3), 0.8)
+        lights.append(cv2.resize(smooth, panel.image.shape[1::-1], interpolation=cv2.INTER_LINEAR))
+    return lights

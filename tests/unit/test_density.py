@@ -1,0 +1,102 @@
+"""Density control: budget, splitting, pruning, spoilt statistics."""
+
+import numpy as np
+import pytest
+
+from cotton3dg.core.scene import Gaussians, rotations
+from cotton3dg.splat.density import (
+    SPLIT_SHRINKAGE,
+    fade,
+    renewed,
+    scheduled_count,
+    split,
+    splitting_need,
+    worth_keeping,
+)
+
+
+def some_gaussians(n: int, seed: int = 0) -> Gaussians:
+    rng = np.random.default_rng(seed)
+    shapes = ((n, 3), (n, 4), (n, 3), (n,), (n, 4, 3))
+    return Gaussians(*(rng.normal(size=shape).astype(np.float32) for shape in shapes))
+
+
+def covariances(gaussians: Gaussians) -> np.ndarray:
+    factors = rotations(gaussians.quats) * gaussians.scales[:, None, :]
+    return factors @ factors.transpose(0, 2, 1)
+
+
+def test_split_keeps_mean_second_moment_and_shrinks_the_longest_axis_only() -> None:
+    parents = some_gaussians(20)
+    first, second = split(parents)
+    np.testing.assert_allclose((first.means + second.means) / 2, parents.means, atol=1e-5)
+    offsets = (first.means - second.means) / 2
+    moment = covariances(first) + offsets[:, :, None] * offsets[:, None, :]
+    np.testing.assert_allclose(moment, covariances(parents), rtol=1e-3, atol=1e-4)
+    ratio = np.sort(parents.scales / first.scales, axis=1)
+    np.testing.assert_allclose(ratio, np.tile([1, 1, SPLIT_SHRINKAGE], (20, 1)), rtol=1e-5)
+
+
+def test_the_neediest_are_split_until_the_count_is_met() -> None:
+    gaussians = some_gaussians(10)
+    need = np.arange(10.0)
+    renewal = renewed(gaussians, np.ones(10, bool), need, 13)
+    assert len(renewal.gaussians) == 13
+    assert (renewal.n_split, renewal.n_pruned) == (3, 0)
+    assert sorted(set(renewal.rows[renewal.fresh])) == [7, 8, 9]
+    np.testing.assert_array_equal(renewal.gaussians.means[~renewal.fresh], gaussians.means[:7])
+    np.testing.assert_array_equal(renewal.gaussians.sh, gaussians.sh[renewal.rows])
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 10, 11, 20, 100])
+def test_the_budget_is_never_exceeded(count: int) -> None:
+    gaussians = some_gaussians(10)
+    renewal = renewed(gaussians, np.arange(10) != 3, np.full(10, 1e30), count)
+    assert len(renewal.gaussians) <= count
+    assert len(renewal.gaussians) == min(count, 18)
+    assert 3 not in renewal.rows
+
+
+def test_poisoned_needs_and_gaussians_are_never_chosen() -> None:
+    gaussians = some_gaussians(6)
+    gaussians.means[5, 0] = np.nan
+    need = np.array([np.nan, np.inf, -np.inf, -1.0, 0.0, 1.0])
+    renewal = renewed(gaussians, np.ones(6, bool), need, 100)
+    assert len(renewal.gaussians) == 5
+    assert renewal.n_pruned == 1
+    assert renewal.gaussians.finite_rows.all()
+
+
+def test_need_is_finite_and_not_negative() -> None:
+    sums = np.array([1.0, 2.0, np.nan, np.inf, -1.0, 5.0, 1e38], np.float32)
+    counts = np.array([2.0, 0.0, 1.0, 1.0, 1.0, np.nan, 1e-30], np.float32)
+    need = splitting_need(sums, counts)
+    assert np.isfinite(need).all()
+    assert (need >= 0).all()
+    assert need[0] == 0.5
+    assert not need[1:6].any()
+
+
+def test_schedule_runs_from_start_to_budget_in_python_integers() -> None:
+    counts = [scheduled_count(1000, 5_000_000_000, share) for share in np.linspace(0, 1, 11)]
+    assert counts[0] == 1000
+    assert counts[-1] == 5_000_000_000
+    assert counts == sorted(counts)
+    assert all(type(count) is int for count in counts)
+    assert scheduled_count(1000, 100, 0.0) == 100
+
+
+def test_faint_gaussians_and_those_in_front_of_a_camera_go() -> None:
+    gaussians = some_gaussians(4)
+    gaussians.opacity_logits[:] = [0.0, -10.0, 0.0, np.nan]
+    gaussians.means[:] = [[0, 0, 5], [0, 0, 5], [0, 0, 0.1], [0, 0, 5]]
+    assert worth_keeping(gaussians, np.zeros((1, 3)), 0.5).tolist() == [True, False, False, False]
+
+
+def test_fading_multiplies_opacity_and_stays_finite() -> None:
+    gaussians = some_gaussians(5)
+    gaussians.opacity_logits[:] = [-100.0, -3.0, 0.0, 3.0, 100.0]
+    before = gaussians.opacities.copy()
+    fade(gaussians, 0.5)
+    np.testing.assert_allclose(gaussians.opacities[1:], before[1:] / 2, rtol=1e-5)
+    assert np.isfinite(gaussians.opacity_logits).all()

@@ -1,0 +1,109 @@
+"""Starting Gaussians and dense points."""
+
+import cv2
+import numpy as np
+import pytest
+
+from cotton3dg.core.scene import Camera
+from cotton3dg.errors import BadInput
+from cotton3dg.splat.dense import dense_points, neighbouring_pairs
+from cotton3dg.splat.initialise import LARGEST_SCALE, initial_gaussians, starting_scales
+from cotton3dg.splat.views import View
+
+
+def grey(n: int) -> np.ndarray:
+    return np.full((n, 3), 128, np.uint8)
+
+
+def test_scale_is_the_root_mean_square_distance_to_three_neighbours() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [-4, 0, 0]])
+    assert starting_scales(points)[0] == pytest.approx(np.sqrt((1 + 4 + 9) / 3))
+
+
+def test_colour_opacity_and_rotation_of_the_start() -> None:
+    colours = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
+    gaussians = initial_gaussians(np.random.default_rng(1).normal(size=(20, 3)), colours, 2, 100, 0)
+    np.testing.assert_allclose(gaussians.colours * 255, colours, atol=1e-3)
+    np.testing.assert_allclose(gaussians.opacities, 0.1, rtol=1e-6)
+    np.testing.assert_array_equal(gaussians.quats, np.tile([1, 0, 0, 0], (20, 1)))
+    assert gaussians.sh.shape == (20, 9, 3)
+    assert not gaussians.sh[:, 1:].any()
+
+
+@pytest.mark.parametrize("where", [0.0, 1.0, -1e6])
+def test_identical_points_have_finite_scales(where: float) -> None:
+    gaussians = initial_gaussians(np.full((100, 3), where), grey(100), 0, 1000, 0)
+    assert gaussians.finite_rows.all()
+    assert (gaussians.scales > 0).all()
+
+
+def test_duplicates_and_outliers_among_good_points_keep_to_the_typical_scale() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3)
+    points = np.concatenate([grid, np.tile(grid[0], (10, 1)), [[1e7, 0, 0]]])
+    scales = starting_scales(points)
+    assert np.isfinite(scales).all()
+    assert scales.min() >= 1e-5
+    assert scales[-1] == pytest.approx(LARGEST_SCALE * np.median(scales[scales > 0]))
+
+
+def test_scales_follow_the_scene_size() -> None:
+    points = np.random.default_rng(2).normal(size=(50, 3))
+    np.testing.assert_allclose(starting_scales(points * 1e-3), starting_scales(points) * 1e-3, rtol=1e-9)
+
+
+def test_points_that_are_not_finite_are_left_out_and_too_few_are_refused() -> None:
+    points = np.random.default_rng(3).normal(size=(6, 3))
+    points[0, 1], points[1, 2] = np.nan, np.inf
+    assert len(initial_gaussians(points, grey(6), 0, 100, 0)) == 4
+    points[2, 0] = np.nan
+    with pytest.raises(BadInput, match="3 usable points"):
+        initial_gaussians(points, grey(6), 0, 100, 0)
+
+
+def test_budget_holds_and_the_choice_is_seeded() -> None:
+    points = np.random.default_rng(4).normal(size=(500, 3))
+    first, again, other = (initial_gaussians(points, grey(500), 0, 60, seed) for seed in (1, 1, 2))
+    assert len(first) == 60
+    assert first.sha256() == again.sha256() != other.sha256()
+
+
+def views_of_a_plane(n_views: int) -> list[View]:
+    """Views of the textured plane z = 0 by cameras 10 su in front of it, side by side, 0.5 su apart."""
+    rough = cv2.GaussianBlur(np.random.default_rng(5).uniform(0, 255, (160, 640)), (0, 0), 2.0)
+    texture = np.clip((rough - 127) * 6 + 127, 0, 255).astype(np.uint8)
+    views = []
+    for i in range(n_views):
+        # A focal length of 200 px makes 0.5 su on the plane 10 px of the image.
+        pose = np.concatenate([np.eye(3), [[-0.5 * i], [0.0], [10.0]]], axis=1)
+        camera = Camera(f"{i}", 240, 160, 200.0, 200.0, 120.0, 80.0, pose)
+        views.append(View(camera, np.repeat(texture[:, 10 * i : 10 * i + 240, None], 3, axis=2)))
+    return views
+
+
+def test_dense_points_lie_on_the_surface_and_have_its_colour() -> None:
+    views = views_of_a_plane(5)
+    points, colours = dense_points(views, np.zeros((4, 3)), 2000, 0)
+    assert 1000 < len(points) <= 2000
+    assert np.quantile(np.abs(points[:, 2]), 0.95) < 0.3
+    pixels, _ = views[2].camera.project(points)
+    inside = ((pixels > 1) & (pixels < (239, 159))).all(axis=1)
+    columns, rows = pixels[inside].astype(int).T
+    assert np.abs(views[2].image[rows, columns, 0].astype(float) - colours[inside, 0]).mean() < 12
+
+
+def test_flat_or_single_images_give_no_dense_points() -> None:
+    views = views_of_a_plane(3)
+    assert len(dense_points(views[:1], np.zeros((4, 3)), 100, 0)[0]) == 0
+    assert len(dense_points(views, np.zeros((0, 3)), 100, 0)[0]) == 0
+    tiny = [View(view.camera.resized(12, 8), np.zeros((8, 12, 3), np.uint8)) for view in views]
+    assert len(dense_points(tiny, np.zeros((4, 3)), 100, 0)[0]) == 0
+
+
+def test_cameras_are_paired_by_parallax() -> None:
+    cameras = [view.camera for view in views_of_a_plane(30)]
+    pairs = neighbouring_pairs(cameras, np.zeros((4, 3)))
+    distances = [j - i for i, j in pairs]
+    # 6 degrees at 10 su are 1.05 su, two cameras on.
+    assert min(distances) >= 1
+    assert max(distances) <= 4
+    assert distances.count(2) == 28

@@ -116,6 +116,21 @@ def status(
             display.print_status(entries)
 
 
+@app.command(rich_help_panel="Everything")
+def evaluate(
+    plant_dir: PlantDir,
+    truth: Annotated[Path | None, typer.Option(help="truth.json; default: the one in PLANT_DIR")] = None,
+) -> None:
+    """A finished plant beside its truth: error of each trait, bolls found and missed."""
+    from . import display
+    from .evaluate import evaluate as compare
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        workspace = Workspace(plant_dir)
+        display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
+
+
 def _stage_command(stage: str) -> Callable[..., None]:
     """A typer command whose flags are the fields of the stage's options."""
     kinds = get_type_hints(STAGE_OPTIONS[stage])

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -15,6 +15,9 @@ from rich.table import Table
 
 from .core.progress import Progress as StageProgress
 from .pipeline import Step, Watcher
+
+if TYPE_CHECKING:
+    from .evaluate import BollMatches, TraitError
 
 PLAIN_INTERVAL_S = 30.0
 """How often a line is printed where there is no terminal."""
@@ -117,3 +120,14 @@ def print_traits(traits_csv: Path) -> None:
             for name, value in row.items():
                 print(f"{name:<22} {value}")
     print(f"saved as {traits_csv}")
+
+
+def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
+    """Measured beside true, one trait a line, and how many bolls were found."""
+    print(f"{'trait':<18}{'measured':>10}{'truth':>10}{'error':>9}")
+    for item in errors:
+        print(f"{item.trait:<18}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
+    print(
+        f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
+        f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.median_volume_error_pct:.1f} %"
+    )

@@ -68,6 +68,11 @@ class Workspace:
             return self.images_input
         raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here")
 
+    @property
+    def truth_json(self) -> Path:
+        """What is known of a simulated plant; no stage reads it."""
+        return self.root / "truth.json"
+
     # --------------------------------------------------------------- outputs
     def folder(self, stage: str) -> Path:
         return self.root / stage
@@ -109,6 +114,10 @@ class Workspace:
     def masks_json(self) -> Path:
         return self.root / "masks" / "masks.json"
 
+    def mask_png(self, image_name: str) -> Path:
+        """Instance ids of an undistorted image."""
+        return self.root / "masks" / f"{Path(image_name).stem}.png"
+
     @property
     def selections_npz(self) -> Path:
         return self.root / "segment" / "selections.npz"
@@ -120,6 +129,11 @@ class Workspace:
     @property
     def labels_npy(self) -> Path:
         return self.root / "cluster" / "labels.npy"
+
+    @property
+    def bolls_ply(self) -> Path:
+        """The model with each boll in a colour of its own and the rest in grey, for viewers."""
+        return self.root / "cluster" / "bolls.ply"
 
     @property
     def scale_json(self) -> Path:

@@ -1,0 +1,312 @@
+"""The rim of a flat rectangular table, measured in the photos.
+
+Only silhouette views count for an edge: those whose camera stands on the inner side of it. From there the edge of the
+top hides the side face, so what is seen against the background is the top edge and never the bottom one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float64
+
+EDGES = (0, 1, 2, 3)
+PLACES = 64
+"""Places along an edge at which it is looked for."""
+SEARCH = 0.12
+"""How far an edge may lie from its first estimate, in widths of the table."""
+TURN = np.radians(3.0)
+"""How far the first rectangle may be turned against the table."""
+PLANE_PRIOR = 0.004
+"""Standard error of the plane as the points give it, in widths of the table; the edges may move it that much."""
+CAUCHY_PX = 0.5
+"""Distance from an edge at which a maximum's pull begins to weaken."""
+STRONG = 0.75
+"""Contrast of an edge relative to the strongest line beside it."""
+MIN_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle in space: a table top."""
+
+    axes: Float64
+    """(3, 3) rows: unit long side x, short side y, up."""
+    origin: Float64
+    """(3,) a point of the plane, su."""
+    sides: Float64
+    """(4,) where the edges lie as seen from the origin: x of two, then y of two: x_min, x_max, y_min, y_max; su."""
+
+    @property
+    def length(self) -> float:
+        return float(self.sides[1] - self.sides[0])
+
+    @property
+    def width(self) -> float:
+        return float(self.sides[3] - self.sides[2])
+
+    @property
+    def corners(self) -> Float64:
+        """(4, 3) su, in order around the table; edge 0-1 is a long side."""
+        x0, x1, y0, y1 = self.sides
+        return self.points(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
+
+    @property
+    def middle(self) -> Float64:
+        """(2,) place of the middle, su from the origin."""
+        return np.array([self.sides[:2].mean(), self.sides[2:].mean()])
+
+    def points(self, xy: NDArray) -> Float64:
+        """(..., 3) scene points of (..., 2) places on the table, su from the origin."""
+        return self.origin + np.asarray(xy, np.float64) @ self.axes[:2]
+
+    def places(self, points: NDArray) -> Float64:
+        """(..., 3) places of (..., 3) scene points: x, y and height above the table, su from the origin."""
+        return (np.asarray(points, np.float64) - self.origin) @ self.axes.T
+
+    def moved(self, change: NDArray) -> Rectangle:
+        """The rectangle after a small rotation about x, y, up (3, radian), a lift (1) and moves of its sides (4)."""
+        from scipy.spatial.transform import Rotation
+
+        turned = Rotation.from_rotvec(change[:3]).as_matrix().T @ self.axes
+        return Rectangle(turned, self.origin + change[3] * self.axes[2], self.sides + change[4:])
+
+    def edge_places(self, edge: int, along: NDArray, outwards: NDArray | float = 0.0) -> Float64:
+        """(..., 2) places on an edge: `along` in 0..1 from end to end, moved `outwards` from it, su."""
+        low, high = self.sides[[2, 3] if edge < 2 else [0, 1]]
+        other = low + np.asarray(along) * (high - low)
+        here = self.sides[edge] + (1 if edge % 2 else -1) * np.asarray(outwards)
+        here, other = np.broadcast_arrays(here, other)
+        return np.stack([here, other] if edge < 2 else [other, here], axis=-1)
+
+    def hides_its_side(self, edge: int, camera: Camera) -> bool:
+        """Whether the camera stands above the table's plane and on the inner side of the edge."""
+        x, y, height = self.places(camera.centre)
+        return bool(height > 0 and ((x, y)[edge // 2] - self.sides[edge]) * (1 if edge % 2 else -1) < 0)
+
+
+@dataclass(frozen=True)
+class RimFit:
+    """A rectangle after its edges were measured in the photos."""
+
+    rectangle: Rectangle
+    residual_px: tuple[float, ...]
+    """Median distance of each edge from what the photos show, in the order of `Rectangle.sides`."""
+    support: tuple[float, ...]
+    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px."""
+    views: tuple[int, ...]
+    """Photos that show each edge as a silhouette."""
+
+
+def fit_rim(first: Rectangle, cameras: Sequence[Camera], images: Sequence[NDArray[np.uint8]]) -> RimFit | None:
+    """Measure the edges of a table in photos.
+
+    Each edge is first sought within `SEARCH` of its place, where the contrast across it, added up over all views, is
+    strong: only what lies on the plane stays in place from view to view. Then edges and plane are fitted together to
+    the maxima of contrast in each view (least squares with Cauchy loss), the plane within `PLANE_PRIOR`.
+
+    Args:
+        first: the rectangle as points give it.
+        images: (H, W, 3) of the cameras.
+    Returns:
+        None when an edge shows in fewer than `MIN_VIEWS` views.
+    """
+    import cv2
+
+    smooth = [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
+    views = list(zip(cameras, smooth, strict=True))
+    rectangle = _roughly(first, views, SEARCH * first.width, TURN)
+    rectangle = rectangle and _roughly(rectangle, views, SEARCH / 4 * first.width, TURN / 4)
+    if rectangle is None:
+        return None
+    anchor = rectangle
+    for reach_px in (6.0, 3.0, 3.0):
+        seen = [_maxima(rectangle, edge, views, reach_px) for edge in EDGES]
+        rectangle = _adjusted(anchor, rectangle, cameras, seen)
+    offsets = [_distances(rectangle, edge, cameras, found) for edge, found in zip(EDGES, seen, strict=True)]
+    return RimFit(
+        rectangle,
+        tuple(float(np.median(np.abs(d))) for d in offsets),
+        tuple(float((np.abs(d) < 2).mean()) for d in offsets),
+        tuple(len(np.unique(found.view)) for found in seen),
+    )
+
+
+@dataclass(frozen=True)
+class _Maxima:
+    """Where the photos show an edge."""
+
+    view: NDArray[np.int64]
+    """(n,) number of the camera."""
+    along: Float64
+    """(n,) place along the edge, 0..1."""
+    pixels: Float64
+    """(n, 2) px."""
+    normals: Float64
+    """(n, 2) unit normals of the edge in the photo."""
+
+
+_View = tuple[Camera, NDArray[np.uint8]]
+
+
+def _roughly(first: Rectangle, views: list[_View], reach: float, most: float) -> Rectangle | None:
+    """`first` turned as a whole and each edge moved to where the contrast, summed over views, tells."""
+    steps = np.linspace(-reach, reach, 161)
+    turns = np.linspace(-most, most, 25)
+    profiles = []
+    for edge in EDGES:
+        contrast = _contrast_map(first, edge, views, steps)
+        if contrast is None:
+            return None
+        low, high = first.sides[[2, 3] if edge < 2 else [0, 1]]
+        ways = (_along() - 0.5) * (high - low)
+        # Turning counter-clockwise moves an edge outwards at one end and inwards at the other.
+        sign = -1 if edge in (1, 2) else 1
+        sheared = [
+            np.mean(
+                [np.interp(steps + sign * turn * way, steps, row) for way, row in zip(ways, contrast, strict=True)], 0
+            )
+            for turn in turns
+        ]
+        profiles.append(np.array(sheared))
+    best = int(np.argmax(sum(profile.max(axis=1) for profile in profiles)))
+    outwards = [steps[_outermost(profile[best])] for profile in profiles]
+    centred = Rectangle(first.axes, first.points(first.middle), first.sides - np.repeat(first.middle, 2))
+    return centred.moved(np.array([0, 0, turns[best], 0, -outwards[0], outwards[1], -outwards[2], outwards[3]]))
+
+
+def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Float64) -> Float64 | None:
+    """(PLACES, len(steps)) mean contrast over the views along lines beside an edge; None when too few views show it."""
+    total, count = np.zeros((2, PLACES, len(steps)))
+    n_views = 0
+    points = rectangle.points(rectangle.edge_places(edge, _along()[:, None], steps[None]))
+    ahead = rectangle.axes[1 if edge < 2 else 0] * 1e-3 * rectangle.width
+    for camera, image in views:
+        if not rectangle.hides_its_side(edge, camera):
+            continue
+        pixels, normals, inside = _on_image(camera, points, ahead)
+        if inside.mean() < 0.1:
+            continue
+        n_views += 1
+        contrast = _difference(image, pixels, normals)
+        # A photo's strong background edges would outvote the rest.
+        total += np.where(inside, np.minimum(contrast, np.percentile(contrast[inside], 95)), 0)
+        count += inside
+    return total / np.maximum(count, 1) if n_views >= MIN_VIEWS else None
+
+
+def _outermost(profile: Float64) -> int:
+    """Index of the outermost of the strong maxima: lines inside the table (seams, tape) are no rim."""
+    base = np.median(profile)
+    strong = profile - base >= STRONG * (profile.max() - base)
+    peaks = strong & (profile >= np.roll(profile, 1)) & (profile >= np.roll(profile, -1))
+    return int(np.flatnonzero(peaks)[-1]) if peaks.any() else int(profile.argmax())
+
+
+def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float) -> _Maxima:
+    """The strongest contrast within `reach_px` of the edge at each place of each view that shows it as a silhouette."""
+    points = rectangle.points(rectangle.edge_places(edge, _along()))
+    ahead = rectangle.axes[1 if edge < 2 else 0] * 1e-3 * rectangle.width
+    steps = np.arange(-reach_px - 0.5, reach_px + 0.51, 0.5)
+    parts = []
+    for number, (camera, image) in enumerate(views):
+        if not rectangle.hides_its_side(edge, camera):
+            continue
+        pixels, normals, inside = _on_image(camera, points, ahead)
+        pixels, normals = pixels[inside], normals[inside]
+        if not len(pixels):
+            continue
+        profile = _difference(image, pixels[:, None] + steps[None, :, None] * normals[:, None], normals[:, None])
+        peak = 1 + profile[:, 1:-1].argmax(axis=1)
+        before, here, after = (np.take_along_axis(profile, (peak + k)[:, None], 1)[:, 0] for k in (-1, 0, 1))
+        bend = before - 2 * here + after
+        fine = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1), 0)
+        offset = steps[peak] + np.clip(fine, -0.5, 0.5) * 0.5
+        # A maximum at the end of the profile belongs to something farther out.
+        clear = (np.abs(offset) < reach_px) & (here >= 3.0)
+        part = (np.full(len(pixels), number), _along()[inside], pixels + offset[:, None] * normals, normals)
+        parts.append([column[clear] for column in part])
+    if not parts:
+        return _Maxima(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
+    return _Maxima(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _adjusted(anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima]) -> Rectangle:
+    """`start` moved so that its edges meet what the photos show; tilt and height are held near those of `anchor`.
+
+    Gauss-Newton with the weights of the Cauchy loss; the moves are small, so a few steps suffice.
+    """
+    unit = np.array([1, 1, 1, *[start.width] * 5])
+    # Neighbouring places of a photo err alike: they count eight times too often, and so must the prior.
+    prior_weight = 8 * (CAUCHY_PX / PLANE_PRIOR) ** 2
+    rectangle = start
+    for _ in range(6):
+        here = _residuals(rectangle, anchor, cameras, seen)
+        nudges = 1e-6 * np.eye(8)
+        slopes = [(_residuals(rectangle.moved(n * unit), anchor, cameras, seen) - here) / 1e-6 for n in nudges]
+        weights = 1 / (1 + (here / CAUCHY_PX) ** 2)
+        weights[-3:] = prior_weight
+        jacobian = np.stack(slopes, axis=1)
+        normal = jacobian.T @ (weights[:, None] * jacobian)
+        # Without a view of an edge nothing holds it; the ridge keeps it where it is.
+        normal += 1e-9 * np.trace(normal) * np.eye(8)
+        rectangle = rectangle.moved(-np.linalg.solve(normal, jacobian.T @ (weights * here)) * unit)
+    return rectangle
+
+
+def _residuals(rectangle: Rectangle, anchor: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima]) -> Float64:
+    """Distances of all maxima from their edges, px, then tilt (2) and lift (1) against `anchor`, in widths."""
+    edges = [_distances(rectangle, edge, cameras, found) for edge, found in zip(EDGES, seen, strict=True)]
+    lift = (rectangle.origin - anchor.origin) @ anchor.axes[2] / anchor.width
+    return np.concatenate([*edges, anchor.axes[:2] @ rectangle.axes[2], [lift]])
+
+
+def _distances(rectangle: Rectangle, edge: int, cameras: Sequence[Camera], found: _Maxima) -> Float64:
+    """(n,) px between the edge and each maximum, along the edge's normal in the photo."""
+    points = rectangle.points(rectangle.edge_places(edge, found.along))
+    pixels = np.zeros((len(points), 2))
+    # `_maxima` lists the views one after the other.
+    starts = np.flatnonzero(np.diff(found.view, prepend=-1))
+    for start, stop in zip(starts, [*starts[1:], len(points)], strict=True):
+        pixels[start:stop] = cameras[found.view[start]].project(points[start:stop])[0]
+    return np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
+
+
+def _on_image(camera: Camera, points: Float64, ahead: Float64) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+    """Pixels and unit normals (..., 2) of lines through `points` in direction `ahead`, and which lie on the image."""
+    shape = points.shape[:-1]
+    pixels, _ = camera.project(points.reshape(-1, 3))
+    further, _ = camera.project((points + ahead).reshape(-1, 3))
+    tangents = further - pixels
+    lengths = np.linalg.norm(tangents, axis=1)
+    margin = 10
+    inside = (pixels > margin).all(axis=1) & (pixels < (camera.width - margin, camera.height - margin)).all(axis=1)
+    inside &= lengths > 0
+    normals = np.where(
+        inside[:, None], np.stack([-tangents[:, 1], tangents[:, 0]], 1) / np.where(inside, lengths, 1)[:, None], 0
+    )
+    pixels = np.where(inside[:, None], pixels, margin)
+    return pixels.reshape(*shape, 2), normals.reshape(*shape, 2), inside.reshape(shape)
+
+
+def _difference(image: NDArray[np.uint8], pixels: Float64, normals: Float64) -> Float64:
+    """(...) colour distance between the two sides of lines, 1 px before and behind each of the (..., 2) pixels."""
+    import cv2
+
+    sides = []
+    for sign in (-1, 1):
+        # OpenCV counts from the centre of the first pixel.
+        at = (pixels + sign * normals - 0.5).astype(np.float32).reshape(-1, 2)
+        rows = np.array_split(at, max(1, len(at) // 30_000))
+        values = [cv2.remap(image, part[None, :, 0], part[None, :, 1], cv2.INTER_LINEAR)[0] for part in rows]
+        sides.append(np.concatenate(values).astype(np.float64).reshape(len(at), -1))
+    return np.linalg.norm(sides[1] - sides[0], axis=1).reshape(pixels.shape[:-1])
+
+
+def _along() -> Float64:
+    """Places along an edge, 0..1; the corners are left out, where two edges meet."""
+    return np.linspace(0.03, 0.97, PLACES)

@@ -1,0 +1,295 @@
+"""The table under the plant: its plane, its rectangle, and from its known size the scale of the scene.
+
+All lengths below are relative to the radius R of the orbit, because nothing has a unit yet. The table lies inside the
+orbit and below the cameras. The floor is larger, so the highest of the large level planes is tried first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.measurements import Scale
+from ..core.scene import Camera, Float64
+from .box import min_area_rectangle
+from .rectangle import Rectangle, RimFit, fit_rim
+from .views import Orbit, fit_orbit
+
+TOLERANCE = 0.006
+"""Distance from a plane that counts as on it, R: 8 mm at an orbit of 1.3 m."""
+CELL = 0.02
+"""Cells in which covered area is counted, R."""
+REACH = 0.75
+"""Points farther from the orbit's axis are not looked at, R."""
+MAX_TILT = np.radians(25.0)
+"""Between the table's normal and the orbit's axis: people raise and lower the phone while they walk."""
+MIN_AREA = 0.2
+"""Area of a plane relative to the largest one; two clamp tubes cover a twentieth of the table."""
+HYPOTHESES = 10_000
+ASPECT_TOLERANCE = 0.05
+MIN_FILL = 0.8
+MIN_SUPPORT = 0.5
+LEAST_ERROR = 1e-3
+"""Relative; 1 mm of a table's metre, about what edges are rounded by."""
+
+
+@dataclass(frozen=True)
+class TableFit:
+    """A table top with the evidence for it."""
+
+    rectangle: Rectangle
+    fill: float
+    """Share of the rectangle that is covered by points of the plane."""
+    inliers: int
+    """Points on the plane inside the rectangle."""
+    rim: RimFit | None
+    """Edges in the photos; None when there are no photos or they do not show all edges."""
+
+    @property
+    def aspect(self) -> float:
+        return self.rectangle.length / self.rectangle.width
+
+
+@dataclass(frozen=True)
+class NoTable:
+    """Why no table was found, in a few words."""
+
+    reason: str
+
+
+def find_table(
+    points: NDArray,
+    cameras: Sequence[Camera],
+    images: Sequence[NDArray[np.uint8]] = (),
+    image_cameras: Sequence[Camera] = (),
+    *,
+    aspect: float = 2.0,
+    seed: int = 0,
+) -> TableFit | NoTable:
+    """Find the rectangular table top that the cameras walk around.
+
+    Args:
+        points: (N, 3) su, of the surfaces in the scene.
+        cameras: all of the orbit.
+        images: photos, and `image_cameras` theirs; without photos the points alone give the rectangle.
+        aspect: length by width.
+    Returns:
+        The first table from above whose evidence suffices, else the reason why the most likely one was refused.
+    """
+    points = np.asarray(points, np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    orbit = fit_orbit(cameras)
+    planes = level_planes(points, orbit, seed)
+    if not planes:
+        return NoTable("no level plane lies below the cameras")
+    refused = NoTable("")
+    for plane in planes:
+        first = _first_rectangle(points, plane, orbit)
+        if first is None:
+            continue
+        rim = fit_rim(first, image_cameras, images) if images else None
+        rectangle = along_long_side(rim.rectangle if rim else first, cameras)
+        fill, inliers = _coverage(rectangle, points, orbit.radius)
+        fit = TableFit(rectangle, fill, inliers, rim)
+        doubt = _doubt(fit, aspect)
+        if not doubt:
+            return fit
+        refused = refused if refused.reason else NoTable(doubt)
+    return refused if refused.reason else NoTable("no plane is bounded like a table")
+
+
+def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
+    """The scale at which a table has its known size, by least squares over both sides.
+
+    Edges are found equally well on all sides, so the longer one tells more; the seed paper's plain mean of the two
+    ratios would be led by the short side. The error is half their disagreement, as for a mean of two, and at least
+    `LEAST_ERROR`: the two may agree by chance.
+    """
+    measured, known = np.array([fit.rectangle.length, fit.rectangle.width]), np.array([length_cm, width_cm])
+    cm_per_su = float(measured @ known / (measured @ measured))
+    ratios = known / measured
+    error = float(abs(ratios[0] - ratios[1]) / 2 / cm_per_su)
+    up = fit.rectangle.axes[2]
+    plane = np.append(up, -up @ fit.rectangle.origin)
+    return Scale(cm_per_su, max(error, LEAST_ERROR), "table", up, plane, fit.rectangle.corners)
+
+
+def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:
+    """Planes (4,) of the level surfaces inside the orbit, highest first: a x + b y + c z + d = height, (a, b, c) up.
+
+    RANSAC (Fischler and Bolles 1981) over triples of points of similar height, seeded and of a fixed length. Points are
+    thinned to one a cell first, so that area counts and not texture.
+    """
+    radius = orbit.radius
+    height = (points - orbit.centre) @ orbit.axis
+    outward = points - orbit.centre - height[:, None] * orbit.axis
+    near = (np.linalg.norm(outward, axis=1) < REACH * radius) & (np.abs(height) < 1.5 * radius)
+    points = _thinned(points[near], CELL / 2 * radius)
+    planes: list[tuple[int, float, Float64]] = []
+    rng = np.random.default_rng(seed)
+    for _ in range(6):
+        found = _largest_plane(points, orbit, rng)
+        if found is None or (planes and found[1].sum() < MIN_AREA * max(planes)[0]):
+            break
+        plane, on_plane = found
+        planes.append((int(on_plane.sum()), float(plane[:3] @ orbit.centre + plane[3]), plane))
+        points = points[np.abs(points @ plane[:3] + plane[3]) > 3 * TOLERANCE * radius]
+    # The distance of the orbit's centre from a plane is the smaller, the higher the plane lies.
+    return [plane for _, _, plane in sorted(planes, key=lambda item: (item[1], *item[2]))]
+
+
+def _largest_plane(points: Float64, orbit: Orbit, rng: np.random.Generator) -> tuple[Float64, NDArray[np.bool_]] | None:
+    """The level plane with most points and which points lie on it; ties go to the higher one."""
+    if len(points) < 30:
+        return None
+    height = points @ orbit.axis
+    order = np.argsort(height, kind="stable")
+    ranked, height = points[order], height[order]
+    low = np.searchsorted(height, height - 0.1 * orbit.radius)
+    high = np.searchsorted(height, height + 0.1 * orbit.radius)
+    i = rng.integers(len(ranked), size=HYPOTHESES)
+    j, k = (low[i] + (rng.random(HYPOTHESES) * (high - low)[i]).astype(np.int64) for _ in range(2))
+    normals = np.cross(ranked[j] - ranked[i], ranked[k] - ranked[i])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals /= np.where(lengths > 0, lengths, 1)[:, None]
+    normals *= np.where(normals @ orbit.axis < 0, -1, 1)[:, None]
+    # Triples of close points tell the tilt badly.
+    usable = (lengths > (0.15 * orbit.radius) ** 2) & (normals @ orbit.axis > np.cos(MAX_TILT))
+    normals, offsets = normals[usable], -np.einsum("ij,ij->i", normals[usable], ranked[i[usable]])
+    normals, offsets = normals[:2000], offsets[:2000]
+    if not len(normals):
+        return None
+    tolerance = TOLERANCE * orbit.radius
+    counts = np.concatenate(
+        [
+            (np.abs(normal @ points.T + offset[:, None]) < tolerance).sum(axis=1)
+            for normal, offset in zip(np.array_split(normals, 20), np.array_split(offsets, 20), strict=True)
+        ]
+    )
+    best = max(range(len(counts)), key=lambda n: (counts[n], -offsets[n]))
+    plane = np.append(normals[best], offsets[best])
+    for _ in range(5):
+        on_plane = np.abs(points @ plane[:3] + plane[3]) < tolerance
+        if on_plane.sum() < 30:
+            return None
+        plane = _fitted_plane(points[on_plane], plane[:3])
+    return plane, on_plane
+
+
+def _fitted_plane(points: Float64, up: Float64) -> Float64:
+    """Least-squares plane (4,) of points, its normal on the side of `up`."""
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    normal = normal if normal @ up > 0 else -normal
+    return np.append(normal, -normal @ middle)
+
+
+def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
+    """The rectangle around the connected part of a plane that lies nearest to the orbit's axis; None for a speck."""
+    import cv2
+
+    axes = _level_axes(plane[:3])
+    origin = orbit.centre - (plane[:3] @ orbit.centre + plane[3]) * plane[:3]
+    places = (points - origin) @ axes.T
+    radius = orbit.radius
+    places = places[(np.abs(places[:, 2]) < TOLERANCE * radius) & (np.linalg.norm(places[:, :2], axis=1) < radius)]
+    half = int(np.ceil(1 / CELL))
+    cells = np.floor(places[:, :2] / (CELL * radius)).astype(int) + half
+    covered = np.zeros((2 * half, 2 * half), np.uint8)
+    covered[cells[:, 1], cells[:, 0]] = 1
+    # Weak texture leaves holes; floaters beyond the rim are single cells.
+    closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    parts = cv2.connectedComponents(opened)[1]
+    sizes = np.bincount(parts.ravel())
+    if len(sizes) < 2:
+        return None
+    part = parts == 1 + int(np.argmax(sizes[1:]))
+    y, x = np.nonzero(part)
+    corners = np.concatenate([np.stack([x + dx, y + dy], 1) for dx in (0, 1) for dy in (0, 1)])
+    box = min_area_rectangle((corners - half) * CELL * radius)
+    if box.sides[1] < 0.1 * radius:
+        return None
+    turned = np.vstack([box.axes @ axes[:2], axes[2]])
+    inside = (np.stack([x, y], 1) + 0.5 - half) * CELL * radius @ box.axes.T
+    sides = [_half_covered(inside[:, k], CELL * radius) for k in (0, 1)]
+    return Rectangle(turned, origin, np.concatenate(sides))
+
+
+def _half_covered(values: Float64, step: float) -> Float64:
+    """The ends (2,) between which a profile of cells is at least half as high as in its middle."""
+    low = values.min() - step / 2
+    counts = np.bincount(((values - low) / step).astype(int))
+    enough = np.flatnonzero(counts >= 0.5 * np.median(counts))
+    return np.array([low + enough[0] * step, low + (enough[-1] + 1) * step])
+
+
+def _coverage(rectangle: Rectangle, points: Float64, radius: float) -> tuple[float, int]:
+    """Share of a rectangle that has a point of the plane within two cells, and how many points those are."""
+    import cv2
+
+    places = rectangle.places(points)
+    x, y = places[:, 0] - rectangle.sides[0], places[:, 1] - rectangle.sides[2]
+    on = (np.abs(places[:, 2]) < TOLERANCE * radius) & (x >= 0) & (x < rectangle.length)
+    on &= (y >= 0) & (y < rectangle.width)
+    step = CELL * radius
+    covered = np.zeros((int(rectangle.width / step) + 1, int(rectangle.length / step) + 1), np.uint8)
+    covered[(y[on] / step).astype(int), (x[on] / step).astype(int)] = 1
+    return float(cv2.dilate(covered, np.ones((5, 5), np.uint8)).mean()), int(on.sum())
+
+
+def _doubt(fit: TableFit, aspect: float) -> str:
+    """Why a fit is no table of that shape; '' when it is."""
+    if abs(fit.aspect / aspect - 1) > ASPECT_TOLERANCE:
+        return f"the plane's sides are as {fit.aspect:.2f} to 1 where the table's are as {aspect:.2f} to 1"
+    if fit.fill < MIN_FILL:
+        return f"only {fit.fill:.0%} of the table top was reconstructed"
+    if fit.rim and min(fit.rim.support) < MIN_SUPPORT:
+        return f"an edge of the table shows at only {min(fit.rim.support):.0%} of its length"
+    return ""
+
+
+def outlined(image: NDArray[np.uint8], camera: Camera, rectangle: Rectangle) -> NDArray[np.uint8]:
+    """A copy of a (H, W, 3) photo with the outline of a table drawn on it."""
+    import cv2
+
+    canvas = image.copy()
+    ends = np.linspace(0, 1, 200)
+    for edge in range(4):
+        pixels, depths = camera.project(rectangle.points(rectangle.edge_places(edge, ends)))
+        # Edges may run behind the camera, so they are drawn piece by piece.
+        pixels = np.clip(np.nan_to_num(pixels, nan=-1e5), -1e5, 1e5)
+        for a, b, seen in zip(pixels[:-1], pixels[1:], (depths[:-1] > 0) & (depths[1:] > 0), strict=True):
+            if seen:
+                # Sixteenths of a pixel, counted from the centre of the first.
+                start, stop = (tuple(round(16 * (float(value) - 0.5)) for value in end) for end in (a, b))
+                cv2.line(canvas, start, stop, (255, 0, 255), 1, cv2.LINE_AA, shift=4)
+    return canvas
+
+
+def along_long_side(rectangle: Rectangle, cameras: Sequence[Camera]) -> Rectangle:
+    """The same rectangle with x along its long side, towards where the first camera stands, and its origin amid it."""
+    axes = rectangle.axes
+    middle = rectangle.points(rectangle.middle)
+    half = np.array([rectangle.length, rectangle.width]) / 2
+    if half[0] < half[1]:
+        axes, half = np.stack([axes[1], -axes[0], axes[2]]), half[::-1]
+    if (cameras[0].centre - middle) @ axes[0] < 0:
+        axes = axes * np.array([[-1.0], [-1.0], [1.0]])
+    return Rectangle(axes, middle, np.array([-half[0], half[0], -half[1], half[1]]))
+
+
+def _level_axes(up: Float64) -> Float64:
+    """(3, 3) rows: some x and y in a plane and its normal."""
+    x = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up])
+
+
+def _thinned(points: Float64, cell: float) -> Float64:
+    """One point, the first, of each cube of size `cell`."""
+    keys = np.floor(points / cell).astype(np.int64)
+    return points[np.sort(np.unique(keys, axis=0, return_index=True)[1])]

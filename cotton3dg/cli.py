@@ -14,7 +14,7 @@ import typer
 
 from . import __version__
 from .errors import BadUsage, Cotton3dgError
-from .options import PRESETS, STAGE_OPTIONS, help_text
+from .options import PRESETS, STAGE_OPTIONS, SimulateOptions, help_text
 
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
@@ -25,6 +25,8 @@ app = typer.Typer(
 )
 
 PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
+NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
+Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
 Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
@@ -73,7 +75,7 @@ def run(
     plant_dir: PlantDir,
     from_: Annotated[str, typer.Option("--from", metavar="STAGE", help="first stage")] = next(iter(STAGE_OPTIONS)),
     until: Annotated[str, typer.Option(metavar="STAGE", help="last stage")] = list(STAGE_OPTIONS)[-1],
-    preset: Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")] = "standard",
+    preset: Preset = "standard",
     force: Force = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
     set_: Set = None,
@@ -99,7 +101,7 @@ def run(
 @app.command(rich_help_panel="Everything")
 def status(
     plant_dir: PlantDir,
-    preset: Annotated[str, typer.Option(help="the preset to compare with")] = "standard",
+    preset: Preset = "standard",
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
     set_: Set = None,
 ) -> None:
@@ -116,7 +118,7 @@ def status(
             display.print_status(entries)
 
 
-@app.command(rich_help_panel="Everything")
+@app.command(rich_help_panel="Trying it out")
 def evaluate(
     plant_dir: PlantDir,
     truth: Annotated[Path | None, typer.Option(help="truth.json; default: the one in PLANT_DIR")] = None,
@@ -132,40 +134,57 @@ def evaluate(
 
 
 def _stage_command(stage: str) -> Callable[..., None]:
-    """A typer command whose flags are the fields of the stage's options."""
-    kinds = get_type_hints(STAGE_OPTIONS[stage])
+    """A command that runs one stage."""
 
-    def command(plant_dir: Path, preset: str, force: bool, **given: Any) -> None:
+    def command(plant_dir: Path, preset: str, force: bool, **flags: Any) -> None:
         from . import display, pipeline
         from .workspace import Workspace
 
         with _reported(plant_dir):
             workspace = Workspace(plant_dir)
-            overrides = {stage: {key: value for key, value in given.items() if value is not None}}
-            options = pipeline.stage_options(workspace, preset, overrides)
+            options = pipeline.stage_options(workspace, preset, {stage: _given(flags)})
             with display.ProgressDisplay() as watcher:
                 pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
 
-    positional = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    preset_option = Annotated[str, typer.Option(help=" | ".join(PRESETS))]
-    parameters = [
-        inspect.Parameter("plant_dir", positional, annotation=PlantDir),
-        inspect.Parameter("preset", positional, annotation=preset_option, default="standard"),
-        inspect.Parameter("force", positional, annotation=Force, default=False),
-    ]
-    for item in fields(STAGE_OPTIONS[stage]):
+    return _with_flags(
+        command, STAGE_OPTIONS[stage], plant_dir=PlantDir, preset=(Preset, "standard"), force=(Force, False)
+    )
+
+
+def _simulate(folder: Path, **flags: Any) -> None:
+    from . import display, options
+    from .stages.simulate import simulate
+
+    with _reported(folder), display.ProgressDisplay() as watcher:
+        simulate(folder, options.resolve("simulate", _given(flags)), watcher.watched("simulate"))
+
+
+def _given(flags: dict[str, Any]) -> dict[str, Any]:
+    """The flags that the user gave; the others are None so that TOML and presets can speak."""
+    return {name: value for name, value in flags.items() if value is not None}
+
+
+def _with_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
+    """`command` as typer sees it: `arguments` (annotation, or annotation and default), then a flag for each option."""
+    position = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    parameters = []
+    for name, annotation in arguments.items():
+        kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
+        parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
+    kinds = get_type_hints(options)
+    for item in fields(options):
         flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
-        parameters.append(
-            inspect.Parameter(item.name, positional, annotation=Annotated[kinds[item.name] | None, flag], default=None)
-        )
+        annotation = Annotated[kinds[item.name] | None, flag]
+        parameters.append(inspect.Parameter(item.name, position, annotation=annotation, default=None))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    command.__doc__ = STAGE_OPTIONS[stage].__doc__
+    command.__doc__ = options.__doc__
     return command
 
 
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
+app.command("simulate", rich_help_panel="Trying it out")(_with_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 
 if __name__ == "__main__":

@@ -50,18 +50,22 @@ class ProgressDisplay(Watcher):
             self.bars.stop()
 
     def started(self, step: Step) -> StageProgress:
-        return self._bar(step) if self.console.is_terminal else self._lines(step)
+        return self.watched(step.stage, step.reason)
 
-    def _bar(self, step: Step) -> StageProgress:
-        task = self.bars.add_task(step.stage, total=None, remark=step.reason)
+    def watched(self, name: str, reason: str = "") -> StageProgress:
+        """The progress of anything that takes a while."""
+        return self._bar(name, reason) if self.console.is_terminal else self._lines(name, reason)
+
+    def _bar(self, name: str, reason: str) -> StageProgress:
+        task = self.bars.add_task(name, total=None, remark=reason)
 
         def show(done: int, total: int, remark: str = "") -> None:
             self.bars.update(task, completed=done, total=total, remark=remark)
 
         return show
 
-    def _lines(self, step: Step) -> StageProgress:
-        print(f"{step.stage}: starts ({step.reason})", file=sys.stderr, flush=True)
+    def _lines(self, name: str, reason: str) -> StageProgress:
+        self._say(f"{name}: starts" + (f" ({reason})" if reason else ""))
         start = last = time.monotonic()
 
         def show(done: int, total: int, remark: str = "") -> None:
@@ -71,7 +75,7 @@ class ProgressDisplay(Watcher):
                 return
             last = now
             left_s = (now - start) * (total - done) / done
-            print(f"{step.stage}: {done}/{total} {remark}, about {left_s:.0f} s left", file=sys.stderr, flush=True)
+            self._say(f"{name}: {done}/{total} {remark}, about {left_s:.0f} s left")
 
         return show
 

@@ -84,13 +84,17 @@ class SegmentOptions:
     """Lifting the masks onto the Gaussians."""
 
     method: str = option("lift", "how masks become labels of Gaussians", choices=("lift",))
+    max_side: int = option(960, "longer side of the renders that masks are compared with", unit="px", at_least=64)
 
 
 @dataclass(frozen=True)
 class ClusterOptions:
     """From the selections of single views to bolls."""
 
-    method: str = option("consensus", "how views are reconciled", choices=("consensus", "dbscan"))
+    method: str = option("consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan"))
+    eps: float = option(
+        0.6, "dbscan: farthest distance of two objects, in median widths of a mask", paper="0.3 su", at_least=0.0
+    )
 
 
 @dataclass(frozen=True)
@@ -191,8 +195,8 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def resolve(stage: str, *layers: dict[str, Any]) -> Any:
-    """Options of `stage` with `layers` of values applied in order, later ones winning; checked."""
-    options = STAGE_OPTIONS[stage]()
+    """Options of `stage` (or of `simulate`) with `layers` of values applied in order, later ones winning; checked."""
+    options = SimulateOptions() if stage == "simulate" else STAGE_OPTIONS[stage]()
     types = get_type_hints(type(options))
     for layer in layers:
         values = {}

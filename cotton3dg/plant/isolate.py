@@ -1,0 +1,166 @@
+"""Which Gaussians are the plant: not the table, the clamp, the room or a floater. Thin branches are kept.
+
+All lengths are in cm above the table, so this needs a scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.measurements import Scale
+from ..core.scene import Float64, Gaussians, rotations
+from .surface import MIN_OPACITY
+
+MAX_LENGTH_CM = 6.0
+"""Two standard deviations of the longest Gaussian a straight piece of stem may be covered by; the room's are larger."""
+MAX_BREADTH_CM = 3.0
+"""The same across it."""
+MARGIN_CM = 25.0
+"""How far branches may hang over the rim of the table."""
+MAX_HEIGHT_CM = 250.0
+VOXEL_CM = 0.8
+"""Gaussians in the same or touching voxels are connected: about the thickness of a branch."""
+BRIDGE_CM = 3.0
+"""Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
+MIN_PART = 12
+"""Gaussians of a part beyond a gap; smaller ones are floaters."""
+STEM_LAYERS = 8
+"""Layers of 1 cm above the clamp in which the stem is sought."""
+STEM_RADIUS_CM = 1.5
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The plant among the Gaussians."""
+
+    rows: NDArray[np.bool_]
+    """(N,)"""
+    foot: Float64
+    """(3,) su, where the stem meets the table."""
+    stem_found: bool
+    """False: no stem rises from the clamp, so the foot is below the middle of the plant."""
+
+
+def table_coordinates(scale: Scale, points: NDArray) -> Float64:
+    """(N, 3) cm: x along the table's long side, y along the short one, from its middle; z height above the top."""
+    level = (np.asarray(points, np.float64) - scale.corners.mean(axis=0)) @ scale.table_frame[:2].T * scale.cm_per_su
+    return np.column_stack([level, scale.height_cm(points)])
+
+
+def isolate_plant(
+    gaussians: Gaussians, scale: Scale, clamp_height_cm: float, boll_rows: NDArray[np.bool_]
+) -> Plant | None:
+    """Find the plant: what is connected with the stem above the clamp, and all bolls.
+
+    Args:
+        clamp_height_cm: what stands on the table and holds the plant reaches so high.
+        boll_rows: (N,) Gaussians of bolls; they belong to the plant whatever holds them.
+    Returns:
+        None when nothing stands on the table.
+    """
+    places = table_coordinates(scale, gaussians.means)
+    half = np.ptp(table_coordinates(scale, scale.corners)[:, :2], axis=0) / 2
+    kept = (np.abs(places[:, :2]) < half + MARGIN_CM).all(axis=1)
+    # The clamp's Gaussians reach a little above it.
+    floor_cm = clamp_height_cm + 1.0
+    kept &= (places[:, 2] > floor_cm) & (places[:, 2] < MAX_HEIGHT_CM)
+    kept &= gaussians.finite_rows & (gaussians.opacities >= MIN_OPACITY)
+    extents_cm = np.sort(2 * gaussians.scales.astype(np.float64) * scale.cm_per_su, axis=1)
+    kept &= (extents_cm[:, 2] < MAX_LENGTH_CM) & (extents_cm[:, 1] < MAX_BREADTH_CM)
+    candidates = np.flatnonzero(kept | boll_rows)
+    if not len(candidates):
+        return None
+    stem = stem_axis(places[kept], floor_cm)
+    bolls = boll_rows[candidates]
+    if stem is None:
+        seeds = bolls if bolls.any() else np.ones(len(candidates), bool)
+        base = np.append(np.median(places[candidates][seeds][:, :2], axis=0), 0.0)
+    else:
+        base, top = stem
+        share = (places[candidates, 2] - base[2]) / (top[2] - base[2])
+        away = places[candidates] - (base + share[:, None] * (top - base))
+        beside = np.linalg.norm(away[:, :2], axis=1) < STEM_RADIUS_CM
+        seeds = bolls | (beside & (places[candidates, 2] < floor_cm + STEM_LAYERS))
+    samples = _axis_points(gaussians[candidates], places[candidates], scale)
+    rows = np.zeros(len(gaussians), bool)
+    rows[candidates[connected(samples, seeds)]] = True
+    frame = scale.table_frame
+    foot = scale.corners.mean(axis=0) + base[:2] @ frame[:2] / scale.cm_per_su
+    foot = foot - (foot @ scale.plane[:3] + scale.plane[3]) * scale.up
+    return Plant(rows, foot, stem is not None)
+
+
+def stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | None:
+    """Where the stem's axis meets the table and where it leaves the layers above the clamp.
+
+    The stem is the one thing that goes up through all layers: the place (within `STEM_RADIUS_CM`) that most layers of
+    1 cm have Gaussians at, of equal ones the fullest. Its axis is fitted to the layers' medians and continued down.
+
+    Args:
+        places: (N, 3) cm.
+    Returns:
+        Two points (3,) cm, or None when nothing reaches through half of the layers.
+    """
+    from scipy.spatial import cKDTree
+
+    low = places[(places[:, 2] >= floor_cm) & (places[:, 2] < floor_cm + STEM_LAYERS)]
+    if len(low) < STEM_LAYERS:
+        return None
+    layers = (low[:, 2] - floor_cm).astype(int)
+    # Stems lean: they are looked for in the lower layers' places, with room for 20 degrees.
+    tree = cKDTree(low[:, :2])
+    near = tree.query_ball_point(low[:, :2], STEM_RADIUS_CM)
+    scores = [(len(set(layers[rows])), len(rows)) for rows in near]
+    best = max(range(len(low)), key=lambda row: (*scores[row], -row))
+    if scores[best][0] < STEM_LAYERS / 2:
+        return None
+    members, member_layers = low[near[best]], layers[near[best]]
+    middles = np.array([np.median(members[member_layers == layer], axis=0) for layer in np.unique(member_layers)])
+    slope, start = np.polyfit(middles[:, 2] - floor_cm, middles[:, :2], 1)
+    ends = (-floor_cm, float(STEM_LAYERS))
+    base, top = (np.append(start + slope * z, floor_cm + z) for z in ends)
+    return base, top
+
+
+def connected(samples: Float64, seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which bodies hang together with the seeds.
+
+    Bodies whose samples share a voxel or lie in touching ones form a part. Parts with a seed are taken; then, as long
+    as there are any, parts of at least `MIN_PART` bodies within `BRIDGE_CM` of what is taken.
+
+    Args:
+        samples: (N, S, 3) cm, points that each of N bodies covers.
+        seeds: (N,) at least one of them set.
+    """
+    from scipy.ndimage import label
+    from scipy.spatial import cKDTree
+
+    voxels = np.floor(samples / VOXEL_CM).astype(np.int64)
+    voxels -= voxels.min(axis=(0, 1))
+    grid = np.zeros(voxels.max(axis=(0, 1)) + 1, bool)
+    grid[tuple(voxels.reshape(-1, 3).T)] = True
+    # A body's own samples may lie voxels apart, so the part of its centre (the first sample) is its own.
+    parts = label(grid, np.ones((3, 3, 3)))[0][tuple(voxels[:, 0].T)]
+    sizes = np.bincount(parts)
+    taken = np.isin(parts, parts[seeds])
+    reached = taken
+    while reached.any():
+        rest = ~taken & (sizes[parts] >= MIN_PART)
+        if not rest.any():
+            break
+        tree = cKDTree(samples[reached].reshape(-1, 3))
+        gaps = tree.query(samples[rest].reshape(-1, 3), distance_upper_bound=BRIDGE_CM)[0]
+        close = np.isfinite(gaps).reshape(-1, samples.shape[1]).any(axis=1)
+        reached = ~taken & np.isin(parts, parts[np.flatnonzero(rest)[close]])
+        taken = taken | reached
+    return taken
+
+
+def _axis_points(gaussians: Gaussians, places: Float64, scale: Scale) -> Float64:
+    """(N, 7, 3) cm: the centre of each Gaussian and the ends of its axes at two standard deviations."""
+    axes = np.swapaxes(rotations(gaussians.quats), 1, 2) * 2 * gaussians.scales[:, :, None] * scale.cm_per_su
+    ends = axes @ scale.table_frame.T
+    return np.concatenate([places[:, None], places[:, None] + ends, places[:, None] - ends], axis=1)

@@ -1,0 +1,154 @@
+"""The tables: one row for the plant, one for each boll."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..core.measurements import BollTraits, PlantTraits, Scale
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..errors import BadInput
+from ..files.bolls import read_bolls
+from ..files.ply import read_gaussians
+from ..files.scale import read_scale
+from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
+from ..options import STAGE_OPTIONS, TraitsOptions
+from ..plant.isolate import isolate_plant
+from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
+from ..workspace import Workspace, json_text
+
+VERSION = 1
+EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [
+        workspace.gaussians_ply,
+        workspace.bolls_json,
+        workspace.labels_npy,
+        workspace.scale_json,
+        workspace.metrics_json,
+        workspace.sfm_json,
+    ]
+
+
+def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silent) -> StageOutcome:
+    """Writes traits.csv, bolls.csv, columns.csv (what each column means) and plant.npy (rows of the plant)."""
+    gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
+    labels_npy = workspace.require(workspace.labels_npy, "cluster")
+    bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
+    if sha256 != gaussians.sha256():
+        raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
+    scale = read_scale(workspace.require(workspace.scale_json, "scale"))
+    flags, warnings = [], []
+    plant = None
+    if scale is not None:
+        boll_rows = np.zeros(len(gaussians), bool)
+        for boll in bolls:
+            boll_rows[boll.indices] = True
+        plant = isolate_plant(gaussians, scale, options.tube_height_cm, boll_rows)
+        if plant is None:
+            flags.append("no_plant")
+            warnings.append("nothing stands on the table; look at train/gaussians.ply and at scale/table_0.jpg")
+        elif not plant.stem_found:
+            flags.append("no_stem")
+            warnings.append("no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot")
+    boll_traits = measure_bolls(gaussians, bolls, scale, plant.foot if plant else None)
+    silhouette = measure_silhouette(gaussians, plant, scale) if plant and scale else None
+    traits = summarise_plant(boll_traits, silhouette, scale is not None)
+    flags += traits.flags
+    plant_id = options.plant_id or workspace.plant_id
+    records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
+    all_flags = _united([*(flag for record in records for flag in record.get("flags", [])), *flags])
+    row = _plant_row(plant_id, traits, scale, all_flags) | _capture_cells(workspace, records)
+    boll_rows_text = [_boll_row(plant_id, boll) for boll in boll_traits]
+    tables = {workspace.traits_csv.name: (TRAITS, [row]), workspace.bolls_csv.name: (BOLLS, boll_rows_text)}
+    with workspace.writing("traits") as folder:
+        for name, (columns, rows) in tables.items():
+            _write_csv(folder / name, csv_text(columns, rows, excel=options.excel))
+        meanings = columns_text({name: columns for name, (columns, _) in tables.items()}, excel=options.excel)
+        _write_csv(folder / "columns.csv", meanings)
+        np.save(folder / "plant.npy", plant.rows if plant else np.zeros(len(gaussians), bool))
+        if plant:
+            (folder / "plant.json").write_text(json_text({"foot_su": plant.foot}), encoding="utf-8")
+    summary = {
+        "boll_count": traits.boll_count,
+        "boll_volume_cm3": traits.boll_volume_cm3,
+        "plant_height_cm": traits.plant_height_cm,
+        "canopy_size_cm": traits.canopy_size_cm,
+    }
+    return StageOutcome(summary, tuple(flags), tuple(warnings))
+
+
+def _plant_row(plant_id: str, traits: PlantTraits, scale: Scale | None, flags: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "plant_id": plant_id,
+        "boll_count": traits.boll_count,
+        "boll_volume_cm3": traits.boll_volume_cm3,
+        "boll_volume_mean_cm3": traits.boll_volume_mean_cm3,
+        "plant_height_cm": traits.plant_height_cm,
+        "plant_height_obb_cm": traits.plant_height_obb_cm,
+        "canopy_size_cm": traits.canopy_size_cm,
+        "canopy_length_cm": traits.canopy_length_cm,
+        "canopy_width_cm": traits.canopy_width_cm,
+        "scale_source": scale.source if scale else "none",
+        "scale_error_pct": 100 * scale.relative_error if scale else None,
+        "qc_flags": flags,
+        "version": __version__,
+    }
+
+
+def _boll_row(plant_id: str, boll: BollTraits) -> dict[str, Any]:
+    x, y, z = boll.centre_cm
+    return {
+        "plant_id": plant_id,
+        "boll_id": boll.boll_id,
+        "x_cm": x,
+        "y_cm": y,
+        "z_cm": z,
+        "volume_cm3": boll.volume_cm3,
+        "alpha_volume_cm3": boll.alpha_volume_cm3,
+        "diameter_cm": boll.diameter_cm,
+        "n_gaussians": boll.n_gaussians,
+        "n_views": boll.n_views,
+        "confidence": boll.confidence,
+        "qc_flags": boll.flags,
+    }
+
+
+def _capture_cells(workspace: Workspace, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """What earlier stages tell about capture and cost; blank where they do not."""
+    sfm, metrics = _facts(workspace.sfm_json), _facts(workspace.metrics_json)
+    n_frames, registered = sfm.get("n_frames"), sfm.get("registered")
+    return {
+        "n_frames": n_frames,
+        "registered_pct": 100.0 * len(registered) / n_frames if n_frames and registered is not None else None,
+        "psnr_db": metrics.get("psnr_db"),
+        "seconds": float(sum(record.get("seconds") or 0.0 for record in records)),
+    }
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """A JSON file of another stage; nothing when it is not there."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path.name} is damaged; run `cotton3dg {path.parent.name} --force`") from error
+    return facts if isinstance(facts, dict) else {}
+
+
+def _united(flags: list[str]) -> tuple[str, ...]:
+    """Each flag once, in order of its first appearance."""
+    return tuple(dict.fromkeys(flags))
+
+
+def _write_csv(path: Path, text: str) -> None:
+    # In binary: the text has its own line ends.
+    path.write_bytes(text.encode("utf-8"))

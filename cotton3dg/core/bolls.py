@@ -31,6 +31,24 @@ class BollSelection:
 
 
 @dataclass(frozen=True)
+class LiftedMasks:
+    """What the masks of all views say about the Gaussians; what `segment` hands to `cluster`."""
+
+    gaussians_sha256: str
+    """`Gaussians.sha256()` of the model the rows belong to."""
+    views: tuple[str, ...]
+    """V image names, ascending."""
+    candidates: NDArray[np.int64]
+    """(F,) ascending indices of the Gaussians that may belong to a boll."""
+    foreground: NDArray[np.float32]
+    """(F,) share of each candidate's weight that lies inside masks, 0..1, over all views."""
+    seen: NDArray[np.float32]
+    """(V, F) blending weight of each candidate over the pixels of a view that are clearly in or out of a mask, px."""
+    selections: tuple[BollSelection, ...]
+    """One per mask, ascending by (view, mask id); their indices are candidates."""
+
+
+@dataclass(frozen=True)
 class BollInstance:
     """One boll of the plant: Gaussians that several views agree upon."""
 

@@ -1,0 +1,119 @@
+"""Size, outliers and parts of the point set of a boll, relative to the set itself: no unit of length is known yet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from ..core.bolls import BollInstance
+
+MIN_GAUSSIANS = 10
+"""Least number of Gaussians in an object (the seed paper's min_samples)."""
+SEPARATION = 0.75
+"""Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
+0.5 for the halves of one ball and 0.65 for those of an irregular one."""
+
+
+def extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Middle and size of a point set along its principal axes.
+
+    Returns:
+        centre (3,) and the widths (3,), longest first, between the 2nd and 98th percentile: a boll that is dense on one
+        side has its centre in the middle all the same.
+    """
+    points = np.asarray(points, np.float64)
+    mean = points.mean(axis=0)
+    axes = np.linalg.svd(np.cov((points - mean).T) if len(points) > 1 else np.eye(3))[2]
+    low, high = np.percentile((points - mean) @ axes.T, (2, 98), axis=0)
+    return mean + (low + high) / 2 @ axes, np.sort(high - low)[::-1]
+
+
+def compact_part(points: NDArray) -> NDArray[np.bool_]:
+    """Which points form the body: the largest connected part without far-off stragglers.
+
+    Points are connected within the larger of three median spacings and a tenth of the median distance from the centre;
+    stragglers are more than 3.5 robust standard deviations (MAD) farther from the centre than the median.
+    """
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    points = np.asarray(points, np.float64)
+    kept = np.ones(len(points), bool)
+    if len(points) < 4:
+        return kept
+    tree = cKDTree(points)
+    spacing = np.median(tree.query(points, k=4)[0][:, 3])
+    distances = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    pairs = tree.query_pairs(max(2.5 * spacing, 0.1 * float(np.median(distances))), output_type="ndarray")
+    graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    parts = connected_components(graph, directed=False)[1]
+    kept = parts == np.bincount(parts).argmax()
+    body = points[kept]
+    distances = np.linalg.norm(points - extent(body)[0], axis=1)
+    middle = np.median(distances[kept])
+    spread = 1.4826 * np.median(np.abs(distances[kept] - middle))
+    return kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
+
+
+def pieces(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
+    """Part a set that is several bolls in a row or heap.
+
+    Args:
+        points: (n, 3).
+        usual_width: longest width of an ordinary boll, same unit.
+    Returns:
+        (n,) piece of each point for the smallest number of pieces, 2 to 4, that are each of ordinary size and lie as
+        far apart as touching bolls do; None when there are no such pieces.
+    """
+    points = np.asarray(points, np.float64)
+    # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
+    heap = extent(points)[1][0] > 1.7 * usual_width
+    for count in (2, 3, 4) if heap else (2,):
+        labels = _lloyd(points, _seeded(points, count), sized=False)
+        # A touching boll of half the width still has a fifth of the pair's surface; less is stragglers.
+        if np.bincount(labels, minlength=count).min() < max(MIN_GAUSSIANS, 0.3 / count * len(points)):
+            continue
+        centres, widths = zip(*(extent(points[labels == k]) for k in range(count)), strict=True)
+        longest = np.array(widths)[:, 0]
+        gaps = np.linalg.norm(np.array(centres)[:, None] - centres, axis=2)
+        apart = 2 * gaps / (longest + longest[:, None]) + np.eye(count)
+        if apart.min() > SEPARATION and longest.max() < 1.4 * usual_width and longest.min() > 0.5 * usual_width:
+            return _lloyd(points, labels, sized=True)
+    return None
+
+
+def numbered(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
+    """The bolls from the top downwards with ids 1, 2, ..."""
+    ordered = sorted(bolls, key=lambda boll: (-float(boll.centre @ up), *boll.centre))
+    return [replace(boll, boll_id=boll_id) for boll_id, boll in enumerate(ordered, 1)]
+
+
+def _seeded(points: NDArray, count: int) -> NDArray[np.int64]:
+    """Nearest seed of each point; the seeds are each farthest from those before, so nothing is left to chance."""
+    seeds = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    while len(seeds) < count:
+        seeds.append(int(cdist(points, points[seeds]).min(axis=1).argmax()))
+    return cdist(points, points[seeds]).argmin(axis=1)
+
+
+def _lloyd(points: NDArray, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
+    """Lloyd's algorithm from given pieces.
+
+    Plain, it tells one ball from two. Sized, with distances in units of each piece's radius, it puts the cut between
+    balls of different size where they touch, but would also cut a cap off a single ball.
+    """
+    for _ in range(30):
+        parts = [points[labels == k] for k in range(labels.max() + 1)]
+        if min(map(len, parts)) < MIN_GAUSSIANS:
+            break
+        distances = cdist(points, [extent(part)[0] if sized else part.mean(axis=0) for part in parts])
+        radii = [max(float(np.median(distances[labels == k, k])), 1e-30) for k in range(len(parts))] if sized else 1.0
+        moved = (distances / radii).argmin(axis=1)
+        if np.array_equal(moved, labels):
+            break
+        labels = moved
+    return labels

@@ -1,0 +1,28 @@
+"""One-to-one matching of bolls by their centres, as tests and the evaluation need it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def match_bolls(centres_a: NDArray, centres_b: NDArray, max_distance: float) -> NDArray[np.int64]:
+    """The most pairs of centres no farther apart than `max_distance`, and of those the nearest on the whole.
+
+    Args:
+        centres_a, centres_b: (A, 3) and (B, 3) in one unit; rows with NaN match nothing.
+        max_distance: same unit.
+    Returns:
+        (n, 2) rows of a and of b, ascending by a; Hungarian assignment.
+    """
+    from scipy.optimize import linear_sum_assignment
+    from scipy.spatial.distance import cdist
+
+    a, b = np.reshape(centres_a, (-1, 3)).astype(np.float64), np.reshape(centres_b, (-1, 3)).astype(np.float64)
+    distances = cdist(a, b)
+    near = distances <= max_distance
+    # A pair too far costs more than all others together could save, so that it is never taken in place of a near one.
+    costs = np.where(near, distances, (len(a) + len(b) + 1) * (max_distance + 1))
+    rows, columns = linear_sum_assignment(costs)
+    kept = near[rows, columns]
+    return np.stack([rows[kept], columns[kept]], axis=1)

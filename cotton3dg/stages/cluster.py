@@ -1,0 +1,65 @@
+"""Reconcile the views' selections into the bolls of the plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..errors import BadInput
+from ..files.bolls import boll_facts, boll_labels, read_lifted
+from ..files.colmap import read_cameras
+from ..files.ply import coloured, read_gaussians, write_gaussians
+from ..options import ClusterOptions
+from ..plant.dbscan import cluster_objects
+from ..plant.merge import merge_views
+from ..workspace import Workspace, json_text
+
+VERSION = 1
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [workspace.undistorted / "sparse", workspace.gaussians_ply, workspace.selections_npz]
+
+
+def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
+    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none) and bolls.ply, coloured by boll."""
+    lifted = read_lifted(workspace.require(workspace.selections_npz, "segment"))
+    gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
+    if lifted.gaussians_sha256 != gaussians.sha256():
+        raise BadInput("selections.npz belongs to another model than gaussians.ply; run `cotton3dg segment` again")
+    cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
+    # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
+    up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    if options.method == "dbscan":
+        bolls = cluster_objects(lifted, gaussians.means, up, options.eps)
+    else:
+        bolls = merge_views(lifted, gaussians.means, up)
+    labels = boll_labels(bolls, len(gaussians))
+    table = {"gaussians_sha256": lifted.gaussians_sha256, "bolls": [boll_facts(boll) for boll in bolls]}
+    with workspace.writing("cluster") as folder:
+        (folder / workspace.bolls_json.name).write_text(json_text(table), encoding="utf-8")
+        np.save(folder / workspace.labels_npy.name, labels)
+        write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
+    doubtful = sum(bool(boll.flags) for boll in bolls)
+    summary = {
+        "bolls": len(bolls),
+        "boll_gaussians": int((labels > 0).sum()),
+        "median_views": float(np.median([len(boll.views) for boll in bolls])) if bolls else 0.0,
+        "doubtful_bolls": doubtful,
+    }
+    if bolls:
+        return StageOutcome(summary)
+    return StageOutcome(
+        summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
+    )
+
+
+def boll_colours(labels: NDArray[np.int32]) -> NDArray[np.float32]:
+    """(N, 3) RGB: hues a golden angle apart, so that neighbours in number differ; no boll is grey."""
+    hue = (labels * 0.618034) % 1.0
+    ramps = np.abs((hue[:, None] * 6 + np.array([0.0, 4.0, 2.0])) % 6 - 3) - 1
+    return np.where(labels[:, None] > 0, np.clip(ramps, 0.1, 0.95), 0.35).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The video's images, with the effects that were asked for; an effect that is off takes no time and changes no pixel."""
+"""The video's images, with the effects that were asked for; one that is off takes no time and changes no pixel."""
 
 from __future__ import annotations
 

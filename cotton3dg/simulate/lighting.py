@@ -49,7 +49,7 @@ def _from_lamp(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: F
             lit = np.flatnonzero(cosines > 0)
             free = ~_occluded(rays, starts[lit], towards[lit], 0.97)
             total[lit] += free * cosines[lit] / squared[lit]
-    return total / side**2
+    return total * np.float32(1 / side**2)
 
 
 def _ambient(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Float32, reach: float) -> Float32:
@@ -66,11 +66,11 @@ def _ambient(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Flo
     for a, b, c in spiral.astype(np.float32):
         towards = a * x + b * y + c * normals
         total += ~_occluded(rays, starts, towards, reach) * (0.7 + 0.3 * towards[:, 2])
-    return total / SKY_SAMPLES
+    return total * np.float32(1 / SKY_SAMPLES)
 
 
 def _occluded(
     rays: o3d.t.geometry.RaycastingScene, starts: Float32, towards: Float32, reach: float
 ) -> NDArray[np.bool_]:
     bundle = np.concatenate([starts, towards], axis=1)
-    return rays.test_occlusions(o3d.core.Tensor(bundle), tfar=reach).numpy()
+    return rays.test_occlusions(o3d.core.Tensor.from_numpy(bundle), tfar=reach).numpy()

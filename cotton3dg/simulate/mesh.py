@@ -105,10 +105,10 @@ def tube(curve: Float64, radii: Float64, colours: Float64, sides: int = 12) -> M
     tangents = unit(np.gradient(curve, axis=0))
     side = unit(np.cross(tangents[0], (0.3, 1.0, 0.2)))
     frames = np.empty((n, 2, 3))
-    for i, tangent in enumerate(tangents):
+    for knot, tangent in enumerate(tangents):
         # Carrying the first normal along keeps the tube from twisting.
         side = unit(side - tangent * (side @ tangent))
-        frames[i] = side, np.cross(tangent, side)
+        frames[knot] = side, np.cross(tangent, side)
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rough = np.broadcast_to(np.reshape(radii, (n, -1)), (n, sides))
@@ -116,10 +116,10 @@ def tube(curve: Float64, radii: Float64, colours: Float64, sides: int = 12) -> M
     i, j = np.meshgrid(np.arange(n - 1), np.arange(sides), indexing="ij")
     a, b = i * sides + j, i * sides + (j + 1) % sides
     around = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1).reshape(-1, 3)
-    j = np.arange(sides)
-    first, last = n * sides, n * sides + 1
-    start = np.stack([np.full(sides, first), (j + 1) % sides, j], axis=1)
-    end = np.stack([np.full(sides, last), (n - 1) * sides + j, (n - 1) * sides + (j + 1) % sides], axis=1)
+    ring = np.arange(sides)
+    following = np.roll(ring, -1)
+    start = np.stack([np.full(sides, n * sides), following, ring], axis=1)
+    end = np.stack([np.full(sides, n * sides + 1), (n - 1) * sides + ring, (n - 1) * sides + following], axis=1)
     return Mesh(
         np.concatenate([rings.reshape(-1, 3), curve[:1], curve[-1:]]),
         np.concatenate([around, start, end]).astype(np.int32),
@@ -160,6 +160,7 @@ def sheet(surface: Float64, colours: Float64, thickness: float) -> Mesh:
 def icosphere(subdivisions: int) -> tuple[Float64, NDArray[np.int32]]:
     """Vertices (V, 3) on the unit sphere and triangles (T, 3); V = 10 * 4^subdivisions + 2."""
     g = (1 + 5**0.5) / 2
+    corners: list[tuple[float, float, float]]
     corners = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
     corners += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
     faces = "0b5 051 017 07a 0ab 159 5b4 ba2 a76 718 394 342 326 368 389 495 24b 62a 867 981"

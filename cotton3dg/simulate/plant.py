@@ -19,7 +19,7 @@ BUR = (0.15, 0.08, 0.04)
 BUR_INSIDE = (0.34, 0.23, 0.13)
 LEAF = (0.30, 0.19, 0.08)
 LINT = (0.84, 0.81, 0.75)
-LINT_CENTRE = 0.42
+LINT_CENTRE = 0.50
 """Height of the lint's centre above the foot of the bur, in diameters of the lint."""
 
 
@@ -121,7 +121,7 @@ def _branches(rng: np.random.Generator, stem: Float64, count: int, clustered: in
     singles = max(count - sum(groups), 0)
     if sum(groups) > count:
         groups[-1] -= sum(groups) - count
-    loads = []
+    loads: list[int] = []
     while sum(loads) < singles:
         loads.append(min(2 if rng.random() < 0.3 else 1, singles - sum(loads)))
 
@@ -168,7 +168,7 @@ def _site(
     at_tip = place == 0 or branch.touching
     node = branch.curve[-1 if at_tip else len(branch.curve) // 2]
     along = unit(branch.curve[-1] - branch.curve[-4])
-    directions = unit(along + (0, 0, 0.25) + rng.normal(0, 0.45, (tries, 3)))
+    directions = unit(along + np.array([0, 0, 0.25]) + rng.normal(0, 0.45, (tries, 3)))
     gaps = np.full(len(sites), 1.12)
     if neighbours:
         beside = neighbours[int(rng.integers(len(neighbours)))]
@@ -227,7 +227,7 @@ def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, locks: int,
     fray = 0.035 * noise(where, 0.11 * d) + 0.022 * noise(where, 0.045 * d)
     shape = sphere * half * (0.90 + 0.28 * puffs + fray)[:, None]
     lean = rotation_to((np.sin(rng.uniform(0.15, 0.40)), 0, 1))
-    shape = shape @ lean.T + (0.235 * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.06))
+    shape = shape @ lean.T + (0.235 * d, 0, LINT_CENTRE * d * rng.uniform(0.96, 1.06))
     cos, sin = np.cos(angle), np.sin(angle)
     shape = shape @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
     # Fibres in the creases between the puffs hold dust and shade.
@@ -240,7 +240,7 @@ def _carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
     s, w = np.meshgrid(np.linspace(0, 1, 16), np.linspace(-1, 1, 9), indexing="ij")
     width = d * 0.21 * np.sin(np.pi * s**0.8).clip(0) ** 0.8 + 0.012 * d * (1 - s)
     out = d * (0.04 + 0.48 * np.sin(0.5 * np.pi * s) + 0.12 * s**3)
-    up = d * (0.16 * s + rng.uniform(-0.10, 0.28) * s**2 + rng.uniform(-0.12, 0.08) * s**4)
+    up = d * (0.10 * s + rng.uniform(-0.12, 0.18) * s**2 + rng.uniform(-0.15, 0.10) * s**4)
     cup = 0.35 * width * w**2
     twist = rng.normal(0, 0.25) * s * w * width
     surface = np.stack([out - 0.4 * cup, width * w, up + cup + twist], axis=-1)
@@ -268,7 +268,7 @@ def _leaves(rng: np.random.Generator, noise: SolidNoise, stem: Float64) -> tuple
         foot = node + out * reach + (0, 0, rng.uniform(0.0, 0.03))
         curve = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
         petioles.append(tube(curve, np.full(len(curve), 0.0012), np.tile(WOOD, (len(curve), 1)), 8))
-        blades.append(_leaf(rng, noise).moved(rotation_to(unit(out + (0, 0, rng.uniform(-1.4, -0.3)))), foot))
+        blades.append(_leaf(rng, noise).moved(rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, -0.3)]))), foot))
     return merged(blades), petioles
 
 

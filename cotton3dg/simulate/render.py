@@ -50,8 +50,8 @@ def lit_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     corners = np.concatenate([_corners(panel) for panel in room.panels]).astype(np.float32)
     quads = 4 * np.arange(len(room.panels))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     vertices = whole.vertices.astype(np.float32)
-    rays.add_triangles(o3d.core.Tensor(corners), o3d.core.Tensor(quads.reshape(-1, 3).astype(np.uint32)))
-    rays.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(whole.triangles.astype(np.uint32)))
+    for points, triangles in ((corners, quads.reshape(-1, 3)), (vertices, whole.triangles)):
+        rays.add_triangles(*(o3d.core.Tensor.from_numpy(a) for a in (points, triangles.astype(np.uint32))))
 
     normals = np.concatenate([mesh.normals() for mesh in plant.parts]).astype(np.float32)
     plant_light = irradiance(rays, vertices, normals, room.lamps, 0.12) * whole.colours.astype(np.float32)
@@ -91,7 +91,7 @@ def render(
     y, x = np.mgrid[: h * n, : w * n].astype(np.float32)
     directions = _directions(camera, (x.ravel() + 0.5) / n + shift[0], (y.ravel() + 0.5) / n + shift[1], k1)
     light, on_plant = _light(scene, camera, directions, 1 / n)
-    image = light.reshape(h, n, w, n, 3).mean(axis=(1, 3))
+    image = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
 
     # Twigs and fibres are finer than a pixel; textured panels are not, for they are prefiltered.
     touched = on_plant.reshape(h, n, w, n).any(axis=(1, 3)).astype(np.uint8)
@@ -157,7 +157,7 @@ def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> dict[str, 
     bundle = np.empty((len(directions), 6), np.float32)
     bundle[:, :3] = camera.centre
     bundle[:, 3:] = directions
-    return scene.rays.cast_rays(o3d.core.Tensor(bundle))
+    return scene.rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
 
 
 def _light(

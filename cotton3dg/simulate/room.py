@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..options import SimulateOptions
 from .mesh import Float64
-from .textures import Canvas, Image, brushed, cardboard, masonry, plaster, planks, poster, shaded, spine, terrazzo
+from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
 
 TABLE_HEIGHT = 0.75
 TABLE_THICKNESS = 0.035
@@ -118,7 +118,7 @@ def _walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
         lambda canvas: plaster(canvas, paint_colour),
         lambda canvas: planks(canvas, wood, plank=float(rng.uniform(0.09, 0.2))),
     ]
-    rng.shuffle(painters)  # type: ignore[arg-type]
+    rng.shuffle(painters)
     for wall, paint in enumerate(painters):
         # Walls turn clockwise seen from above, so that their pictures read from inside the room.
         x = np.array([[1, 0, 0], [0, -1, 0], [-1, 0, 0], [0, 1, 0]][wall], float)
@@ -154,16 +154,15 @@ def _shelf(build: _Builder, half: Float64, floor: float, wall: int) -> None:
     for edge in (-0.5, 0.5):
         build.box(middle + x * edge * width, (0.025, depth, 0.36 * rows + 0.03), turn, board)
     for row in range(rows + 1):
-        build.box(middle + (0, 0, 0.36 * row), (width - 0.03, depth, 0.025), turn, board)
+        build.box(middle + np.array([0, 0, 0.36 * row]), (width - 0.03, depth, 0.025), turn, board)
         at = -0.5 * width + 0.03
         while row < rows and at < 0.5 * width - 0.33:
             if rng.random() < 0.12:
                 size = rng.uniform((0.18, 0.18, 0.12), (0.30, 0.26, 0.28))
-                paint: Painter = cardboard
+                paint = cardboard
             else:
                 size = rng.uniform((0.02, 0.15, 0.18), (0.06, 0.24, 0.30))
-                colour = rng.uniform(0.1, 0.95) * rng.uniform(0.3, 1.0, 3)
-                paint = lambda canvas, colour=colour: spine(canvas, colour)  # noqa: E731
+                paint = spine
             place = middle + x * (at + 0.5 * size[0]) + (0, 0, 0.36 * row + 0.025)
             build.box(place + inwards * 0.5 * (depth - size[1] - 0.02), size, turn, paint)
             at += size[0] + rng.uniform(0.001, 0.012)

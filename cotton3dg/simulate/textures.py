@@ -70,16 +70,17 @@ def _drawable(image: Image) -> NDArray[np.uint8]:
 
 
 def _painted(drawing: NDArray[np.uint8]) -> Image:
-    return drawing.astype(np.float32) / 255
+    return drawing.astype(np.float32) / np.float32(255)
 
 
 def _ink(colour: NDArray) -> list[float]:
     return (255 * np.clip(colour, 0, 1)).tolist()
 
 
-def _tints(rng: np.random.Generator, shape: tuple[int, ...], spread: float) -> NDArray:
+def _tints(rng: np.random.Generator, shape: tuple[int, ...], spread: float) -> Image:
     """(*shape, 3) factors that vary in brightness, and a little in hue."""
-    return (1 + spread * (rng.normal(0, 1, (*shape, 1)) + rng.normal(0, 0.22, (*shape, 3)))).clip(0.1, None)
+    factors = 1 + spread * (rng.normal(0, 1, (*shape, 1)) + rng.normal(0, 0.22, (*shape, 3)))
+    return factors.clip(0.1, None).astype(np.float32)
 
 
 def masonry(canvas: Canvas, colour: NDArray, brick: tuple[float, float], joint: float, contrast: float) -> Image:
@@ -91,7 +92,7 @@ def masonry(canvas: Canvas, colour: NDArray, brick: tuple[float, float], joint: 
     bricks = (row.max() + 1, column.max() + 1)
     dark = canvas.rng.random((*bricks, 1)) < 0.10
     tints = _tints(canvas.rng, bricks, 0.16 * contrast) * (1 - 0.5 * contrast * dark)
-    image = np.asarray(colour) * tints[row, column]
+    image = np.asarray(colour, np.float32) * tints[row, column]
     wobble = 0.3 * joint * canvas.noise(0.02, octaves=2)
     from_edge = np.minimum(
         np.minimum(along % 1, 1 - along % 1) * brick[0], np.minimum(y / brick[1] % 1, 1 - y / brick[1] % 1) * brick[1]
@@ -129,7 +130,7 @@ def speckled(
     corners = centres[:, None] + radii[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     picks = canvas.rng.integers(len(colours), size=count)
     drawing = _drawable(image)
-    for polygon, pick in zip(np.int32(np.round(corners * 16)), picks, strict=True):
+    for polygon, pick in zip(np.round(corners * 16).astype(np.int32), picks, strict=True):
         cv2.fillPoly(drawing, [polygon], _ink(colours[pick]), cv2.LINE_AA, 4)
     return _painted(drawing)
 
@@ -145,12 +146,13 @@ def planks(canvas: Canvas, colour: NDArray, plank: float, gap: float = 0.003) ->
     image = shaded(image, -np.clip((gap - (y % plank)) / gap, 0, 1) + np.zeros(canvas.shape, np.float32), 0.7)
     drawing, mean = _drawable(image), image.mean(axis=(0, 1))
     area = canvas.width * canvas.height
-    for _ in range(int(14 * area) + 4):
+    for _ in range(int(5 * area) + 3):
         centre = np.int32(canvas.rng.uniform(0, 1, 2) * canvas.shape[::-1])
-        size = canvas.rng.uniform(0.004, 0.014)
-        axes = (canvas.px(1.8 * size), canvas.px(size))
-        cv2.ellipse(drawing, centre, axes, 0, 0, 360, _ink(0.45 * mean), -1, cv2.LINE_AA)
-        cv2.ellipse(drawing, centre, (2 * axes[0], 2 * axes[1]), 0, 0, 360, _ink(0.65 * mean), 1, cv2.LINE_AA)
+        size = canvas.rng.uniform(0.003, 0.013)
+        axes = (canvas.px(canvas.rng.uniform(1.0, 3.0) * size), canvas.px(size))
+        turn = canvas.rng.normal(0, 10)
+        cv2.ellipse(drawing, centre, axes, turn, 0, 360, _ink(canvas.rng.uniform(0.3, 0.6) * mean), -1, cv2.LINE_AA)
+        cv2.ellipse(drawing, centre, (2 * axes[0], 2 * axes[1]), turn, 0, 360, _ink(0.7 * mean), 1, cv2.LINE_AA)
     for _ in range(int(25 * area) + 4):
         start = canvas.rng.uniform(0, 1, 2) * canvas.shape[::-1]
         end = start + canvas.rng.normal(0, canvas.px(0.06), 2)
@@ -220,8 +222,9 @@ def cardboard(canvas: Canvas) -> Image:
     return image.clip(0, 1)
 
 
-def spine(canvas: Canvas, colour: NDArray) -> Image:
+def spine(canvas: Canvas) -> Image:
     """The back of a book."""
+    colour = canvas.rng.uniform(0.1, 0.95) * canvas.rng.uniform(0.3, 1.0, 3)
     image = shaded(canvas.filled(colour), canvas.noise(0.03), 0.2)
     rows, columns = canvas.shape
     for _ in range(int(canvas.rng.integers(2, 6))):
@@ -234,6 +237,6 @@ def spine(canvas: Canvas, colour: NDArray) -> Image:
 
 def brushed(canvas: Canvas, colour: NDArray) -> Image:
     """Metal drawn along the width, with dents and spots."""
-    image = shaded(canvas.filled(colour), canvas.noise(0.004, stretch=40, octaves=3), 0.14)
+    image = shaded(canvas.filled(colour), canvas.noise(0.004, stretch=40, octaves=3), 0.07)
     image = shaded(image, canvas.noise(0.03, stretch=3), 0.10)
     return speckled(canvas, image, int(2500 * canvas.width * canvas.height), (0.002, 0.006), [image.mean((0, 1)) * 0.6])

@@ -1,0 +1,63 @@
+from typing import Any
+
+from numpy.typing import NDArray
+
+Arrays = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+
+class View:
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float,
+        cy: float,
+        cam_from_scene: NDArray[Any],
+        near_plane: float,
+    ) -> None: ...
+
+def instruction_sets() -> list[str]: ...
+def instruction_set() -> str: ...
+def use_instruction_set(name: str) -> None: ...
+def render(
+    gaussians: Arrays, view: View, sh_degree: int, background: NDArray[Any], threads: int
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]: ...
+def render_values(
+    gaussians: Arrays, values: NDArray[Any], view: View, background: NDArray[Any], threads: int
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]: ...
+def values_gradient(gaussians: Arrays, view: View, v_image: NDArray[Any], threads: int) -> NDArray[Any]: ...
+def accumulate_weights(
+    gaussians: Arrays, view: View, mask_ids: NDArray[Any], threads: int
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]: ...
+def image_loss(
+    image: NDArray[Any], target: NDArray[Any], weight: NDArray[Any] | None, dssim: float, threads: int
+) -> tuple[dict[str, float], NDArray[Any]]: ...
+def gradients(
+    gaussians: Arrays,
+    view: View,
+    sh_degree: int,
+    background: NDArray[Any],
+    target: NDArray[Any],
+    weight: NDArray[Any] | None,
+    dssim: float,
+    threads: int,
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]], dict[str, Any]]: ...
+def image_gradient(
+    gaussians: Arrays, view: View, sh_degree: int, background: NDArray[Any], v_image: NDArray[Any], threads: int
+) -> tuple[bool, dict[str, NDArray[Any]], dict[str, Any]]: ...
+def train_step(
+    gaussians: Arrays,
+    first: Arrays,
+    second: Arrays,
+    steps: NDArray[Any],
+    statistics: Arrays,
+    view: View,
+    sh_degree: int,
+    background: NDArray[Any],
+    target: NDArray[Any],
+    weight: NDArray[Any] | None,
+    dssim: float,
+    rates: NDArray[Any],
+    threads: int,
+) -> dict[str, Any]: ...

@@ -1,0 +1,429 @@
+"""The checked face of the C++ core: render, accumulate weights, differentiate, take an optimiser step.
+
+Everything here is a pure function of its arguments, bit by bit independent of the number of threads, except
+`train_step`, which changes the arrays it is given. `threads` = 0 takes all cores. Nothing nearer to the camera than
+`near_su` is drawn; None takes `near_plane` of the scene.
+
+Blending follows Kerbl et al. 2023 and is one sum for colours, probabilities and features (the seed papers' Eq. 1-3):
+sum over Gaussians, front to back, of value * alpha * transmittance. Departures from their code: the footprint is cut
+at alpha = 1/255 exactly (not at 3 sigma), a pixel is finished after the Gaussian that takes its transmittance to 1e-4
+or less (not before it), equal depths are drawn in row order, and alpha beyond its cap of 0.99 has no gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cotton3dg import _native
+from cotton3dg.core.scene import Camera, Float32, Gaussians
+from cotton3dg.errors import OutOfResources
+
+if TYPE_CHECKING:
+    import torch
+
+T = TypeVar("T")
+Background = tuple[float, float, float] | NDArray[Any]
+BLACK = (0.0, 0.0, 0.0)
+_CHANNELS = (1, 3, 4, 16, 32)
+_NEAR_PER_DEPTH = 0.02
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """One view of the Gaussians."""
+
+    image: Float32
+    """(H, W, C)"""
+    transmittance: Float32
+    """(H, W) share of the background that shows through."""
+    depth: Float32
+    """(H, W) blended view-space depth, su; 0 where nothing was blended."""
+    n_pairs: int
+    """(tile, Gaussian) pairs."""
+    n_visible: int
+    culled: dict[str, int]
+    """Gaussians not drawn, by reason: non_finite, behind, degenerate, faint, outside."""
+
+
+@dataclass(frozen=True)
+class Accumulated:
+    """Blending weights (transmittance * alpha) of one view, summed over pixels."""
+
+    total: Float32
+    """(N,) over all pixels."""
+    rows: NDArray[np.int64]
+    """(P,) Gaussian of each non-zero sum inside a mask; sorted by (row, id)."""
+    ids: NDArray[np.uint16]
+    """(P,) mask id > 0."""
+    weights: Float32
+    """(P,)"""
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Step sizes of Adam and its constants; `means` is in su."""
+
+    means: float
+    quats: float
+    log_scales: float
+    opacity_logits: float
+    sh0: float
+    sh_rest: float
+    beta1: float = 0.9
+    beta2: float = 0.999
+    epsilon: float = 1e-15
+
+    def as_array(self) -> Float32:
+        """(9,) in the order of the fields."""
+        return np.array(
+            [
+                self.means,
+                self.quats,
+                self.log_scales,
+                self.opacity_logits,
+                self.sh0,
+                self.sh_rest,
+                self.beta1,
+                self.beta2,
+                self.epsilon,
+            ],
+            np.float32,
+        )
+
+
+@dataclass
+class AdamState:
+    """Moments of the gradient. Every Gaussian counts its own steps, since it is updated only in views that show it."""
+
+    first: Gaussians
+    second: Gaussians
+    steps: NDArray[np.int32]
+    """(N,)"""
+
+    @staticmethod
+    def zeros(gaussians: Gaussians) -> AdamState:
+        """The state before the first step."""
+        first, second = (Gaussians(*(np.zeros_like(a) for a in _arrays(gaussians))) for _ in range(2))
+        return AdamState(first, second, np.zeros(len(gaussians), np.int32))
+
+    def __getitem__(self, rows: NDArray | slice) -> AdamState:
+        """The state of the Gaussians at `rows`."""
+        return AdamState(self.first[rows], self.second[rows], self.steps[rows])
+
+    def extended(self, count: int) -> AdamState:
+        """The state with `count` new Gaussians, which start from zero, at the end."""
+
+        def extend(array: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([array, np.zeros((count, *array.shape[1:]), array.dtype)])
+
+        first, second = (Gaussians(*map(extend, _arrays(moments))) for moments in (self.first, self.second))
+        return AdamState(first, second, extend(self.steps))
+
+
+@dataclass
+class DensityStatistics:
+    """Sums over training views for density control. A view counts for the Gaussians that have weight in it."""
+
+    grad_px: Float32
+    """(N,) length of d loss / d projected mean, in the units of Kerbl et al.: per px times half the image size."""
+    abs_grad_px: Float32
+    """(N,) the same of the sum of absolute per-pixel gradients (AbsGS)."""
+    max_radius_px: Float32
+    """(N,) largest 3-sigma radius."""
+    weight: Float32
+    """(N,) blending weight."""
+    count: NDArray[np.int32]
+    """(N,) views."""
+
+    @staticmethod
+    def zeros(count: int) -> DensityStatistics:
+        """Nothing seen yet."""
+        return DensityStatistics(*(np.zeros(count, np.float32) for _ in range(4)), np.zeros(count, np.int32))
+
+    def as_arrays(self) -> tuple[NDArray[Any], ...]:
+        """In the order of the fields."""
+        return self.grad_px, self.abs_grad_px, self.max_radius_px, self.weight, self.count
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one training step saw; when not `finite`, nothing was changed."""
+
+    loss: float
+    l1: float
+    ssim: float
+    n_visible: int
+    n_pairs: int
+    culled: dict[str, int]
+    finite: bool
+
+
+@dataclass(frozen=True)
+class LossGradients:
+    """Gradient of the loss by every parameter, and this view's share of the density statistics."""
+
+    loss: float
+    l1: float
+    ssim: float
+    finite: bool
+    v_means: NDArray[Any]
+    v_quats: NDArray[Any]
+    v_log_scales: NDArray[Any]
+    v_opacity_logits: NDArray[Any]
+    v_sh: NDArray[Any]
+    grad_px: NDArray[Any]
+    abs_grad_px: NDArray[Any]
+    weight: NDArray[Any]
+
+
+def near_plane(gaussians: Gaussians, camera: Camera) -> float:
+    """1/50 of the median depth in front of the camera, su; from at most 1024 evenly spaced Gaussians.
+
+    Relative, because the unit of a structure-from-motion scene is arbitrary.
+    """
+    means = gaussians.means[:: max(1, len(gaussians) // 1024)].astype(np.float64)
+    depths = means @ camera.rotation[2] + camera.cam_from_scene[2, 3]
+    depths = depths[np.isfinite(depths) & (depths > 0)]
+    return float(np.median(depths)) * _NEAR_PER_DEPTH if len(depths) else 1e-6
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    *,
+    sh_degree: int | None = None,
+    background: Background = BLACK,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> Rendered:
+    """Render the colours of the spherical harmonics up to `sh_degree` (None: all there are).
+
+    Raises:
+        OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
+    """
+    degree = gaussians.sh_degree if sh_degree is None else sh_degree
+    view = _view(gaussians, camera, near_su)
+    image, transmittance, depth, counts = _within_memory(
+        lambda: _native.render(_arrays(gaussians), view, degree, np.array(background, np.float32), threads)
+    )
+    return Rendered(image, transmittance, depth, **counts)
+
+
+def render_values(
+    gaussians: Gaussians,
+    camera: Camera,
+    values: Float32,
+    *,
+    background: NDArray[Any] | None = None,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> Rendered:
+    """Render any (N, C) float32 values; `background` (C,), None = zeros. Transmittance and depth as in `render`.
+
+    Raises:
+        OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
+    """
+    if values.dtype != np.float32 or values.ndim != 2 or len(values) != len(gaussians) or values.shape[1] == 0:
+        raise ValueError(f"values must be float32 ({len(gaussians)}, C), got {values.dtype} {values.shape}")
+    channels = values.shape[1]
+    backdrop = np.zeros(channels, np.float32) if background is None else np.array(background, np.float32)
+    if backdrop.shape != (channels,):
+        raise ValueError(f"background must have {channels} channels, got {backdrop.shape}")
+    view = _view(gaussians, camera, near_su)
+    parts = []
+    for begin, end, width in _channel_groups(channels):
+        part = _padded(values[:, begin:end], width), _padded(backdrop[None, begin:end], width)[0]
+        parts.append(
+            _within_memory(lambda p=part: _native.render_values(_arrays(gaussians), p[0], view, p[1], threads))  # type: ignore[misc]
+        )
+    image = parts[0][0] if len(parts) == 1 else np.concatenate([part[0] for part in parts], axis=2)
+    return Rendered(np.ascontiguousarray(image[..., :channels]), parts[0][1], parts[0][2], **parts[0][3])
+
+
+def values_gradient(
+    gaussians: Gaussians, camera: Camera, v_image: Float32, *, threads: int = 0, near_su: float | None = None
+) -> Float32:
+    """Gradient (N, C) of a loss by the values that `render_values` blended, given its gradient (H, W, C) by the image.
+
+    The image is linear in the values, so neither values nor background are needed.
+    """
+    channels = v_image.shape[2]
+    view = _view(gaussians, camera, near_su)
+    parts = [
+        _within_memory(
+            lambda v=_padded(v_image[..., begin:end], width): _native.values_gradient(  # type: ignore[misc]
+                _arrays(gaussians), view, v, threads
+            )
+        )
+        for begin, end, width in _channel_groups(channels)
+    ]
+    return np.ascontiguousarray(np.concatenate(parts, axis=1)[:, :channels])
+
+
+def accumulate_weights(
+    gaussians: Gaussians,
+    camera: Camera,
+    mask_ids: NDArray[np.uint16],
+    *,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> Accumulated:
+    """Sum every Gaussian's blending weights over the view and inside each mask of `mask_ids` (H, W), 0 = background."""
+    view = _view(gaussians, camera, near_su)
+    return Accumulated(*_within_memory(lambda: _native.accumulate_weights(_arrays(gaussians), view, mask_ids, threads)))
+
+
+def image_loss(
+    image: Float32, target: NDArray[np.uint8], *, dssim: float = 0.2, weight: Float32 | None = None, threads: int = 0
+) -> tuple[dict[str, float], Float32]:
+    """(1 - dssim) L1 + dssim (1 - SSIM) of a (H, W, 3) image in 0..1, and its gradient by the image.
+
+    Returns {loss, l1, ssim} and (H, W, 3). SSIM as in Kerbl et al.: 11 x 11 Gaussian window, sigma 1.5, zero padding.
+    """
+    return _native.image_loss(np.ascontiguousarray(image), np.ascontiguousarray(target), weight, dssim, threads)
+
+
+def loss_and_gradients(
+    gaussians: Gaussians,
+    camera: Camera,
+    target: NDArray[np.uint8],
+    *,
+    sh_degree: int | None = None,
+    background: Background = BLACK,
+    dssim: float = 0.2,
+    weight: Float32 | None = None,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> LossGradients:
+    """Loss of one view against its photograph (H, W, 3) uint8 and all gradients; see `train_step`."""
+    degree = gaussians.sh_degree if sh_degree is None else sh_degree
+    view = _view(gaussians, camera, near_su)
+    report, gradients, _ = _within_memory(
+        lambda: _native.gradients(
+            _arrays(gaussians),
+            view,
+            degree,
+            np.array(background, np.float32),
+            np.ascontiguousarray(target),
+            weight,
+            dssim,
+            threads,
+        )
+    )
+    parameters = ("means", "quats", "log_scales", "opacity_logits", "sh")
+    return LossGradients(**report, **{f"v_{name}" if name in parameters else name: a for name, a in gradients.items()})
+
+
+def train_step(
+    gaussians: Gaussians,
+    adam: AdamState,
+    statistics: DensityStatistics,
+    camera: Camera,
+    target: NDArray[np.uint8],
+    *,
+    sh_degree: int,
+    background: Background = BLACK,
+    learning_rates: LearningRates,
+    dssim: float = 0.2,
+    weight: Float32 | None = None,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> StepReport:
+    """Render one view, compare it with its photograph (H, W, 3) uint8 and update what it shows, all in place.
+
+    The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels, weighted by `weight` (H, W) where
+    given. When the loss or any gradient is not finite nothing is changed and the report says so.
+
+    Raises:
+        ValueError: an array of wrong dtype, shape or memory order, or a weight that is negative or zero everywhere.
+        OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
+    """
+    view = _view(gaussians, camera, near_su)
+    return StepReport(
+        **_within_memory(
+            lambda: _native.train_step(
+                _arrays(gaussians),
+                _arrays(adam.first),
+                _arrays(adam.second),
+                adam.steps,
+                statistics.as_arrays(),  # type: ignore[arg-type]
+                view,
+                sh_degree,
+                np.array(background, np.float32),
+                np.ascontiguousarray(target),
+                weight,
+                dssim,
+                learning_rates.as_array(),
+                threads,
+            )
+        )
+    )
+
+
+def rasterize_values(
+    values: torch.Tensor,
+    gaussians: Gaussians,
+    camera: Camera,
+    background: NDArray[Any] | None = None,
+    *,
+    threads: int = 0,
+    near_su: float | None = None,
+) -> torch.Tensor:
+    """`render_values(...).image` as a differentiable function of a float32 (N, C) CPU tensor; geometry is frozen."""
+    import torch
+
+    class RasterizeValues(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
+            rows = np.ascontiguousarray(values.detach().numpy())
+            rendered = render_values(gaussians, camera, rows, background=background, threads=threads, near_su=near_su)
+            return torch.from_numpy(rendered.image)
+
+        @staticmethod
+        def backward(ctx: Any, v_image: torch.Tensor) -> torch.Tensor:
+            v = np.ascontiguousarray(v_image.detach().numpy())
+            return torch.from_numpy(values_gradient(gaussians, camera, v, threads=threads, near_su=near_su))
+
+    return RasterizeValues.apply(values)
+
+
+def _arrays(gaussians: Gaussians) -> _native.Arrays:
+    g = gaussians
+    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
+
+
+def _view(gaussians: Gaussians, camera: Camera, near_su: float | None) -> _native.View:
+    pose = np.ascontiguousarray(camera.cam_from_scene, np.float64)
+    near = near_plane(gaussians, camera) if near_su is None else near_su
+    return _native.View(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, pose, near)
+
+
+def _within_memory(compute: Callable[[], T]) -> T:
+    try:
+        return compute()
+    except MemoryError:
+        raise OutOfResources(
+            "the Gaussians overlap too many image tiles for the memory; use fewer Gaussians or smaller images"
+        ) from None
+
+
+def _channel_groups(channels: int) -> list[tuple[int, int, int]]:
+    """(begin, end, padded width) of the groups in which the core takes this many channels."""
+    largest = _CHANNELS[-1]
+    return [
+        (begin, end := min(begin + largest, channels), next(c for c in _CHANNELS if c >= end - begin))
+        for begin in range(0, channels, largest)
+    ]
+
+
+def _padded(array: NDArray[Any], width: int) -> NDArray[Any]:
+    """The array, contiguous, with zeros up to `width` in the last axis."""
+    missing = width - array.shape[-1]
+    if missing:
+        array = np.concatenate([array, np.zeros((*array.shape[:-1], missing), array.dtype)], axis=-1)
+    return np.ascontiguousarray(array)

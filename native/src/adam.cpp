@@ -1,0 +1,128 @@
+// Adam (Kingma and Ba 2015) for the Gaussians that a view shows, each with its own step counter: a row that is not
+// seen keeps its parameters and moments.
+#include "harmonics.h"
+#include "kernels_isa.h"
+
+namespace cotton::COTTON_ISA {
+namespace {
+
+using V = Vec<float>;
+
+// 1 / (1 - beta^t) of both moments.
+struct BiasCorrection {
+    float first, second;
+};
+
+BiasCorrection bias_correction(const LearningRates& rates, int32_t step) {
+    const auto power = [](double base, int32_t n) {
+        double result = 1;
+        for (; n > 0; n >>= 1, base *= base) result *= n & 1 ? base : 1;
+        return result;
+    };
+    return {float(1 / (1 - power(rates.beta1, step))), float(1 / (1 - power(rates.beta2, step)))};
+}
+
+// A longer gradient would square to Inf in the second moment.
+constexpr float kLargestGradient = 1e15f;
+
+COTTON_INLINE void update(const LearningRates& rates, BiasCorrection bias, V gradient, V rate, V& parameter, V& first,
+                          V& second) {
+    const V g = minimum(maximum(gradient, V{} - kLargestGradient), V{} + kLargestGradient);
+    first = rates.beta1 * first + (1 - rates.beta1) * g;
+    second = rates.beta2 * second + (1 - rates.beta2) * g * g;
+    parameter -= rate * (first * bias.first) / (sqrt(second * bias.second) + rates.epsilon);
+}
+
+// The geometry of a row: mean, quat, log scales and opacity logit, gathered into one padded array.
+constexpr int kGeometry = 11, kGeometryPadded = 16;
+
+template <class Copy>
+COTTON_INLINE void each_geometry(int64_t row, const Copy& copy) {
+    for (int k = 0; k < 3; ++k) copy(row_gradient::mean + k, 0, 3 * row + k);
+    for (int k = 0; k < 4; ++k) copy(row_gradient::quat + k, 1, 4 * row + k);
+    for (int k = 0; k < 3; ++k) copy(row_gradient::log_scale + k, 2, 3 * row + k);
+    copy(row_gradient::logit, 3, row);
+}
+
+void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const float* gradient, const float* rates) {
+    float* const parameters[] = {a.means, a.quats, a.log_scales, a.opacity_logits};
+    float* const first[] = {a.first.means, a.first.quats, a.first.log_scales, a.first.opacity_logits};
+    float* const second[] = {a.second.means, a.second.quats, a.second.log_scales, a.second.opacity_logits};
+    alignas(64) float p[kGeometryPadded] = {}, m[kGeometryPadded] = {}, s[kGeometryPadded] = {},
+                      g[kGeometryPadded] = {};
+    each_geometry(row, [&](int k, int array, int64_t at) {
+        p[k] = parameters[array][at], m[k] = first[array][at], s[k] = second[array][at], g[k] = gradient[k];
+    });
+    for (int k = 0; k < kGeometryPadded; k += kLanes<float>) {
+        V pv = load(p + k), mv = load(m + k), sv = load(s + k);
+        update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+        store(p + k, pv), store(m + k, mv), store(s + k, sv);
+    }
+    each_geometry(row, [&](int k, int array, int64_t at) {
+        parameters[array][at] = p[k], first[array][at] = m[k], second[array][at] = s[k];
+    });
+}
+
+template <int degree>
+COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias, const float* unit,
+                             const float* v_colour) {
+    constexpr int coefficients = (degree + 1) * (degree + 1), n = 3 * coefficients;
+    constexpr int padded = (n + kLanes<float> - 1) / kLanes<float> * kLanes<float>;
+    float basis[coefficients];
+    sh_basis<degree>(unit[0], unit[1], unit[2], basis);
+    alignas(64) float g[padded] = {}, rates[padded] = {};
+    for (int k = 0; k < coefficients; ++k) {
+        for (int c = 0; c < 3; ++c) {
+            g[3 * k + c] = basis[k] * v_colour[c];
+            rates[3 * k + c] = k == 0 ? a.rates.sh0 : a.rates.sh_rest;
+        }
+    }
+    const int64_t base = 3 * a.sh_stored * row;
+    float *p = a.sh + base, *m = a.first.sh + base, *s = a.second.sh + base;
+    for (int k = 0; k < n; k += kLanes<float>) {
+        const int count = n - k < kLanes<float> ? n - k : kLanes<float>;
+        V pv{}, mv{}, sv{};
+        if (count == kLanes<float>) {
+            pv = load(p + k), mv = load(m + k), sv = load(s + k);
+            update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+            store(p + k, pv), store(m + k, mv), store(s + k, sv);
+        } else {
+            const size_t bytes = size_t(count) * sizeof(float);
+            std::memcpy(&pv, p + k, bytes), std::memcpy(&mv, m + k, bytes), std::memcpy(&sv, s + k, bytes);
+            update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+            std::memcpy(p + k, &pv, bytes), std::memcpy(m + k, &mv, bytes), std::memcpy(s + k, &sv, bytes);
+        }
+    }
+}
+
+}  // namespace
+
+void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* rows) {
+    alignas(64) float rates[kGeometryPadded] = {};
+    for (int k = 0; k < 3; ++k) rates[row_gradient::mean + k] = a.rates.means;
+    for (int k = 0; k < 4; ++k) rates[row_gradient::quat + k] = a.rates.quats;
+    for (int k = 0; k < 3; ++k) rates[row_gradient::log_scale + k] = a.rates.log_scales;
+    rates[row_gradient::logit] = a.rates.opacity_logits;
+
+    for (int64_t i = 0; i < n; ++i) {
+        const int64_t row = visible[i];
+        const float* gradient = rows + i * row_gradient::size;
+        const float weight = gradient[row_gradient::weight];
+        if (!(weight > 0)) continue;
+        const BiasCorrection bias = bias_correction(a.rates, ++a.steps[row]);
+        const Direction<float> direction = viewing_direction(a.means + 3 * row, a.centre);
+        with_degree(a.sh_degree, [&]<int degree>() {
+            update_sh<degree>(a, row, bias, direction.unit, gradient + row_gradient::colour);
+        });
+        update_geometry(a, row, bias, gradient, rates);
+
+        const Statistics& s = a.statistics;
+        s.grad_px[row] += gradient[row_gradient::grad_px];
+        s.abs_grad_px[row] += gradient[row_gradient::abs_grad_px];
+        s.weight[row] += weight;
+        s.max_radius_px[row] = s.max_radius_px[row] > a.radii_px[row] ? s.max_radius_px[row] : a.radii_px[row];
+        ++s.count[row];
+    }
+}
+
+}  // namespace cotton::COTTON_ISA

@@ -1,0 +1,185 @@
+#include "frame.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <new>
+#include <utility>
+
+#include "threads.h"
+
+namespace cotton {
+namespace {
+
+// Positive numbers in the order of their bits.
+uint64_t depth_key(float depth) { return std::bit_cast<uint32_t>(depth); }
+uint64_t depth_key(double depth) { return std::bit_cast<uint64_t>(depth); }
+
+}  // namespace
+
+template <class Real>
+void Frame<Real>::prepare(const Scene<Real>& new_scene, const View& new_view, int new_threads) {
+    scene = new_scene;
+    view = new_view;
+    threads = thread_count(new_threads);
+    project();
+    bin();
+}
+
+template <class Real>
+void Frame<Real>::project() {
+    const auto& k = kernels<Real>();
+    const int64_t n = scene.count, chunks = (n + kChunk - 1) / kChunk;
+    const Projection<Real> out = {records.reserve(n * stride()), stride(), rects_.reserve(n), radii_px.reserve(n),
+                                  chunk_visible_.reserve(n)};
+    chunks_.assign(size_t(chunks), {});
+    parallel_for(chunks, threads, [&](int64_t c) {
+        k.project(scene, view, c * kChunk, std::min(n, (c + 1) * kChunk), out, chunks_[size_t(c)]);
+    });
+
+    std::fill(culled, culled + kCullReasons, 0);
+    chunk_begin_.assign(size_t(chunks) + 1, 0);
+    int64_t rect_tiles = 0;
+    for (int64_t c = 0; c < chunks; ++c) {
+        const ProjectionCount& count = chunks_[size_t(c)];
+        chunk_begin_[size_t(c) + 1] = chunk_begin_[size_t(c)] + count.visible;
+        rect_tiles += count.rect_tiles;
+        for (int r = 0; r < kCullReasons; ++r) culled[r] += count.culled[r];
+    }
+    visible_count = chunk_begin_.back();
+    if (rect_tiles > kMaxPairs) throw std::bad_alloc();
+
+    // List the tiles of each chunk's Gaussians in its own part of `hits_`, then number the hits through: slots.
+    hits_.reserve(rect_tiles);
+    ranges.reserve(n);
+    visible.reserve(visible_count);
+    hit_offset_.assign(size_t(chunks), 0);
+    std::vector<int64_t> hit_count(size_t(chunks), 0);
+    int64_t part = 0;
+    for (int64_t c = 0; c < chunks; ++c) {
+        hit_offset_[size_t(c)] = part;
+        part += chunks_[size_t(c)].rect_tiles;
+    }
+    parallel_for(chunks, threads, [&](int64_t c) {
+        const uint32_t* rows = out.visible + c * kChunk;
+        const int64_t count = chunks_[size_t(c)].visible;
+        std::copy(rows, rows + count, visible.data() + chunk_begin_[size_t(c)]);
+        hit_count[size_t(c)] =
+            k.hit_tiles(view, out, rows, count, hits_.data() + hit_offset_[size_t(c)], ranges.data());
+    });
+    pair_count = 0;
+    std::vector<int64_t> first_slot(size_t(chunks), 0);
+    for (int64_t c = 0; c < chunks; ++c) {
+        first_slot[size_t(c)] = pair_count;
+        hit_offset_[size_t(c)] -= pair_count;
+        pair_count += hit_count[size_t(c)];
+    }
+    parallel_for(chunks, threads, [&](int64_t c) {
+        for (int64_t i = chunk_begin_[size_t(c)]; i < chunk_begin_[size_t(c) + 1]; ++i) {
+            ranges[visible[i]].begin += uint32_t(first_slot[size_t(c)]);
+        }
+    });
+}
+
+// Stable radix sort of the visible rows, 11 bits a pass; passes whose digit is the same everywhere are left out.
+template <class Real>
+void Frame<Real>::sort_by_depth() {
+    constexpr int bits = 11, buckets = 1 << bits;
+    const int64_t n = visible_count;
+    uint64_t *keys = keys_.reserve(n), *keys_to = keys_other_.reserve(n);
+    uint32_t *rows = order_.reserve(n), *rows_to = order_other_.reserve(n);
+    uint64_t all_or = 0, all_and = ~uint64_t(0);
+    for (int64_t i = 0; i < n; ++i) {
+        rows[i] = visible[i];
+        keys[i] = depth_key(records[int64_t(rows[i]) * stride() + field::depth]);
+        all_or |= keys[i];
+        all_and &= keys[i];
+    }
+    const uint64_t varying = n > 0 ? all_or ^ all_and : 0;
+    for (int shift = 0; shift < 64; shift += bits) {
+        if ((varying >> shift & (buckets - 1)) == 0) continue;
+        int64_t position[buckets] = {};
+        for (int64_t i = 0; i < n; ++i) ++position[keys[i] >> shift & (buckets - 1)];
+        int64_t sum = 0;
+        for (int64_t& p : position) sum += std::exchange(p, sum);
+        for (int64_t i = 0; i < n; ++i) {
+            const int64_t to = position[keys[i] >> shift & (buckets - 1)]++;
+            keys_to[to] = keys[i];
+            rows_to[to] = rows[i];
+        }
+        std::swap(keys, keys_to);
+        std::swap(rows, rows_to);
+    }
+    if (rows != order_.data()) std::memcpy(order_.data(), rows, size_t(n) * sizeof(uint32_t));
+}
+
+// Stable scatter of the hits into their tiles, in depth order.
+template <class Real>
+void Frame<Real>::bin() {
+    sort_by_depth();
+    const int64_t tile_count = tiles(), parts = threads;
+    std::vector<int64_t> positions(size_t(parts * tile_count), 0);
+    const auto part_begin = [&](int64_t part) { return visible_count * part / parts; };
+    const auto each_hit = [&](int64_t part, const auto& body) {
+        for (int64_t i = part_begin(part); i < part_begin(part + 1); ++i) {
+            const uint32_t row = order_[i];
+            const HitRange range = ranges[row];
+            const Hit* hit = hits_.data() + hit_offset_[size_t(row / kChunk)] + range.begin;
+            for (uint32_t j = 0; j < range.count; ++j) body(row, range.begin + j, hit[j]);
+        }
+    };
+    parallel_for(parts, threads, [&](int64_t part) {
+        int64_t* count = positions.data() + part * tile_count;
+        each_hit(part, [&](uint32_t, uint32_t, Hit hit) { ++count[hit.tile]; });
+    });
+    tile_begin_.reserve(tile_count + 1);
+    int64_t total = 0;
+    for (int64_t t = 0; t < tile_count; ++t) {
+        tile_begin_[t] = total;
+        for (int64_t part = 0; part < parts; ++part)
+            total += std::exchange(positions[size_t(part * tile_count + t)], total);
+    }
+    tile_begin_[tile_count] = total;
+    entries_.reserve(total);
+    slots_.reserve(total);
+    parallel_for(parts, threads, [&](int64_t part) {
+        int64_t* position = positions.data() + part * tile_count;
+        each_hit(part, [&](uint32_t row, uint32_t slot, Hit hit) {
+            const int64_t to = position[hit.tile]++;
+            entries_[to] = {row, hit.blocks};
+            slots_[to] = slot;
+        });
+    });
+}
+
+template <class Real>
+Tile Frame<Real>::tile(int64_t index) const {
+    const int64_t begin = tile_begin_[index];
+    return {entries_.data() + begin,
+            slots_.data() + begin,
+            tile_begin_[index + 1] - begin,
+            int(index % view.tiles_x()) * kTile,
+            int(index / view.tiles_x()) * kTile,
+            view.width,
+            view.height};
+}
+
+template <class Real>
+void Frame<Real>::blend(const Real* background, const Plane<Real>* planes, Real* transmittance) const {
+    const auto forward = kernels<Real>().forward(scene.channels + scene.with_depth);
+    parallel_for(tiles(), threads,
+                 [&](int64_t t) { forward(tile(t), records.data(), background, planes, transmittance); });
+}
+
+template <class Real>
+Frame<Real>& scratch_frame() {
+    thread_local Frame<Real> frame;
+    return frame;
+}
+
+template class Frame<float>;
+template class Frame<double>;
+template Frame<float>& scratch_frame();
+template Frame<double>& scratch_frame();
+
+}  // namespace cotton

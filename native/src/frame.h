@@ -1,0 +1,63 @@
+// One view of a scene: projected, binned into tiles, ready to be blended.
+#pragma once
+
+#include <vector>
+
+#include "buffer.h"
+#include "kernels.h"
+
+namespace cotton {
+
+inline constexpr int64_t kChunk = 2048;                 // Gaussians per task
+inline constexpr int64_t kMaxPairs = int64_t(1) << 28;  // of (tile, Gaussian); more is an out-of-memory error
+
+template <class Real>
+class Frame {
+  public:
+    // Project and bin. Throws std::bad_alloc when there are more than kMaxPairs pairs.
+    void prepare(const Scene<Real>& scene, const View& view, int threads);
+
+    // Blend all tiles into `planes`, as many as the scene has channels (depth included).
+    void blend(const Real* background, const Plane<Real>* planes, Real* transmittance) const;
+
+    Tile tile(int64_t index) const;
+    int64_t tiles() const { return int64_t(view.tiles_x()) * view.tiles_y(); }
+
+    Scene<Real> scene;
+    View view;
+    int threads = 1;
+    int64_t visible_count = 0, pair_count = 0;
+    int64_t culled[kCullReasons] = {};
+    Buffer<Real> records;
+    Buffer<float> radii_px;
+    Buffer<uint32_t> visible;  // the visible rows, ascending
+    Buffer<HitRange> ranges;   // slots of each visible row
+
+    int stride() const { return record_stride(scene.channels + scene.with_depth); }
+
+  private:
+    void project();
+    void bin();
+    void sort_by_depth();
+
+    Buffer<TileRect> rects_;
+    Buffer<uint32_t> chunk_visible_;
+    std::vector<ProjectionCount> chunks_;
+    std::vector<int64_t> chunk_begin_, hit_offset_;  // of the visible rows; of the hits, minus the first slot
+    Buffer<Hit> hits_;
+    Buffer<uint64_t> keys_, keys_other_;
+    Buffer<uint32_t> order_, order_other_;  // the visible rows, by (depth, row)
+    Buffer<int64_t> tile_begin_;            // tiles() + 1
+    Buffer<TileEntry> entries_;
+    Buffer<uint32_t> slots_;
+};
+
+// A frame kept by each calling thread, so that its memory is used again. What a caller sees of it depends on the last
+// prepare() alone.
+template <class Real>
+Frame<Real>& scratch_frame();
+
+extern template class Frame<float>;
+extern template class Frame<double>;
+
+}  // namespace cotton

@@ -1,0 +1,103 @@
+// Real spherical harmonics of degree 0 to 3 with the signs and constants of Kerbl et al. 2023 (INRIA) and gsplat.
+#pragma once
+
+#include "simd.h"
+
+namespace cotton::COTTON_ISA {
+
+// The (degree + 1)² basis functions at the unit vector (x, y, z).
+template <int degree, class Real>
+COTTON_INLINE void sh_basis(Real x, Real y, Real z, Real* b) {
+    b[0] = Real(0.28209479177387814);
+    if constexpr (degree >= 1) {
+        constexpr Real c1 = Real(0.4886025119029199);
+        b[1] = -c1 * y, b[2] = c1 * z, b[3] = -c1 * x;
+    }
+    const Real xx = x * x, yy = y * y, zz = z * z;
+    if constexpr (degree >= 2) {
+        constexpr Real c = Real(1.0925484305920792), c20 = Real(0.31539156525252005), c22 = Real(0.5462742152960396);
+        b[4] = c * x * y, b[5] = -c * y * z, b[6] = c20 * (2 * zz - xx - yy), b[7] = -c * x * z, b[8] = c22 * (xx - yy);
+    }
+    if constexpr (degree >= 3) {
+        constexpr Real c0 = Real(0.5900435899266435), c1 = Real(2.890611442640554), c2 = Real(0.4570457994644658),
+                       c3 = Real(0.3731763325901154), c5 = Real(1.445305721320277);
+        b[9] = -c0 * y * (3 * xx - yy), b[10] = c1 * x * y * z, b[11] = -c2 * y * (4 * zz - xx - yy);
+        b[12] = c3 * z * (2 * zz - 3 * xx - 3 * yy), b[13] = -c2 * x * (4 * zz - xx - yy);
+        b[14] = c5 * z * (xx - yy), b[15] = -c0 * x * (xx - 3 * yy);
+    }
+}
+
+// Gradient by (x, y, z) of sum_k weights[k] * basis_k(x, y, z), the three taken as independent.
+template <int degree, class Real>
+COTTON_INLINE void sh_direction_gradient(Real x, Real y, Real z, const Real* w, Real v[3]) {
+    v[0] = v[1] = v[2] = 0;
+    if constexpr (degree >= 1) {
+        constexpr Real c1 = Real(0.4886025119029199);
+        v[0] -= c1 * w[3], v[1] -= c1 * w[1], v[2] += c1 * w[2];
+    }
+    if constexpr (degree >= 2) {
+        constexpr Real c = Real(1.0925484305920792), c20 = Real(0.31539156525252005), c22 = Real(0.5462742152960396);
+        v[0] += c * (y * w[4] - z * w[7]) - 2 * c20 * x * w[6] + 2 * c22 * x * w[8];
+        v[1] += c * (x * w[4] - z * w[5]) - 2 * c20 * y * w[6] - 2 * c22 * y * w[8];
+        v[2] += -c * (y * w[5] + x * w[7]) + 4 * c20 * z * w[6];
+    }
+    if constexpr (degree >= 3) {
+        constexpr Real c0 = Real(0.5900435899266435), c1 = Real(2.890611442640554), c2 = Real(0.4570457994644658),
+                       c3 = Real(0.3731763325901154), c5 = Real(1.445305721320277);
+        const Real xx = x * x, yy = y * y, zz = z * z;
+        v[0] += -6 * c0 * x * y * w[9] + c1 * y * z * w[10] + 2 * c2 * x * y * w[11] - 6 * c3 * x * z * w[12] -
+                c2 * (4 * zz - 3 * xx - yy) * w[13] + 2 * c5 * x * z * w[14] - 3 * c0 * (xx - yy) * w[15];
+        v[1] += -3 * c0 * (xx - yy) * w[9] + c1 * x * z * w[10] - c2 * (4 * zz - xx - 3 * yy) * w[11] -
+                6 * c3 * y * z * w[12] + 2 * c2 * x * y * w[13] - 2 * c5 * y * z * w[14] + 6 * c0 * x * y * w[15];
+        v[2] += c1 * x * y * w[10] - 8 * c2 * y * z * w[11] + 3 * c3 * (2 * zz - xx - yy) * w[12] -
+                8 * c2 * x * z * w[13] + c5 * (xx - yy) * w[14];
+    }
+}
+
+template <class Real>
+struct Direction {
+    Real unit[3];
+    double inv_length;
+};
+
+// Unit vector from the camera to a mean; not finite when they coincide, which the near plane excludes.
+template <class Real>
+COTTON_INLINE Direction<Real> viewing_direction(const Real* mean, const double centre[3]) {
+    double d[3];
+    for (int k = 0; k < 3; ++k) d[k] = double(mean[k]) - centre[k];
+    const double inv_length = 1 / __builtin_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    return {{Real(d[0] * inv_length), Real(d[1] * inv_length), Real(d[2] * inv_length)}, inv_length};
+}
+
+COTTON_INLINE void camera_centre(const View& view, double centre[3]) {
+    const double *r = view.rotation, *t = view.translation;
+    for (int k = 0; k < 3; ++k) centre[k] = -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2]);
+}
+
+template <int degree, class Real>
+COTTON_INLINE void sh_colour(const Real* sh, const Real* unit, Real colour[3]) {
+    constexpr int n = (degree + 1) * (degree + 1);
+    Real basis[n];
+    sh_basis<degree>(unit[0], unit[1], unit[2], basis);
+    for (int c = 0; c < 3; ++c) colour[c] = Real(0.5);
+    for (int k = 0; k < n; ++k) {
+        for (int c = 0; c < 3; ++c) colour[c] += basis[k] * sh[3 * k + c];
+    }
+}
+
+// Calls `body.template operator()<degree>()` with the degree as a compile-time constant.
+template <class Body>
+COTTON_INLINE void with_degree(int degree, const Body& body) {
+    switch (degree) {
+        case 0:
+            return body.template operator()<0>();
+        case 1:
+            return body.template operator()<1>();
+        case 2:
+            return body.template operator()<2>();
+        default:
+            return body.template operator()<3>();
+    }
+}
+
+}  // namespace cotton::COTTON_ISA

@@ -1,0 +1,49 @@
+// The kernels of one instruction set, as a table of functions.
+#pragma once
+
+#include "scene.h"
+
+namespace cotton {
+
+template <class Real>
+struct Kernels {
+    using Forward = void (*)(const Tile&, const Real* records, const Real* background, const Plane<Real>* planes,
+                             Real* transmittance);
+    using ValuesBackward = void (*)(const Tile&, const Real* records, int record_stride, const Real* v_tile, Real* rows,
+                                    int row_stride);
+
+    // Project rows [begin, end) of the scene.
+    void (*project)(const Scene<Real>&, const View&, int64_t begin, int64_t end, const Projection<Real>&,
+                    ProjectionCount&);
+    // List the tiles that each of `n` visible Gaussians reaches; returns the number of hits.
+    int64_t (*hit_tiles)(const View&, const Projection<Real>&, const uint32_t* visible, int64_t n, Hit* hits,
+                         HitRange* ranges);
+    // Blend one tile with this many channels; null when there is no such kernel.
+    Forward (*forward)(int channels);
+    // Sums over pixels of weight * v_tile (channels planes of kTilePixels), one row per entry.
+    ValuesBackward (*values_backward)(int channels);
+    // Gradient of all that a projected Gaussian with three channels consists of, one pair_gradient row per entry.
+    void (*backward)(const Tile&, const Real* records, const Plane<const Real>* image, const Plane<const Real>* v_image,
+                     Real* rows);
+    // Fold the pair gradients of `n` visible Gaussians and carry them on to the parameters: one row_gradient row each.
+    // Returns whether all of it is finite.
+    bool (*project_backward)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n, const Real* records,
+                             int record_stride, const HitRange* ranges, const Real* pair_rows, Real* rows);
+    // Full gradient of the SH coefficients from the row gradients, written to v_sh (N, sh_stored, 3).
+    void (*sh_gradient)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n, const Real* rows,
+                        Real* v_sh);
+    // Row band of one channel: sums of |x - y| and SSIM; writes the three derivative maps.
+    LossSums (*loss_forward)(const LossBand<Real>&);
+    // The same band: gradient of the loss by the image from the derivative maps.
+    void (*loss_backward)(const LossBand<Real>&);
+    // Adam update of `n` visible rows (float only, null otherwise).
+    void (*adam)(const AdamRows&, const uint32_t* visible, int64_t n, const float* rows);
+    // Whether NaN and Inf are still recognised in this build.
+    bool (*self_test)();
+};
+
+// The table of the instruction set in use.
+template <class Real>
+const Kernels<Real>& kernels();
+
+}  // namespace cotton

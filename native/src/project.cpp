@@ -1,0 +1,134 @@
+// Scene -> projected Gaussians: culling, footprint, colour.
+#include "geometry.h"
+#include "harmonics.h"
+#include "kernels_isa.h"
+
+namespace cotton::COTTON_ISA {
+namespace {
+
+COTTON_INLINE bool finite(double value) { return __builtin_fabs(value) <= 3e38; }
+
+COTTON_INLINE double clamp(double value, double low, double high) {
+    return value < low ? low : value > high ? high : value;
+}
+
+// Tiles whose pixel centres may lie within `half` px of `mean`, along one axis.
+COTTON_INLINE void tile_range(double mean, double half, int size, uint16_t& begin, uint16_t& end) {
+    const double tiles = (size + kTile - 1) / kTile;
+    const double first = clamp(__builtin_floor((mean - half - 0.501) / kTile), 0, tiles);
+    const double last = clamp(__builtin_floor((mean + half - 0.499) / kTile) + 1, 0, tiles);
+    begin = uint16_t(first);
+    end = uint16_t(last > first ? last : first);
+}
+
+template <class Real>
+bool parameters_finite(const Scene<Real>& scene, int64_t row) {
+    double total = 0;
+    for (int k = 0; k < 3; ++k) total += scene.means[3 * row + k] * Real(0) + scene.log_scales[3 * row + k] * Real(0);
+    for (int k = 0; k < 4; ++k) total += scene.quats[4 * row + k] * Real(0);
+    return total + scene.opacity_logits[row] * Real(0) == 0;
+}
+
+// Writes the channels of a record; returns whether they are finite.
+template <class Real>
+bool write_values(const Scene<Real>& scene, const double centre[3], int64_t row, double depth, Real* to) {
+    if (scene.values) {
+        for (int c = 0; c < scene.channels; ++c) to[c] = scene.values[row * scene.channels + c];
+    } else if (scene.sh) {
+        const Direction<Real> direction = viewing_direction(scene.means + 3 * row, centre);
+        with_degree(scene.sh_degree,
+                    [&]<int degree>() { sh_colour<degree>(scene.sh + 3 * scene.sh_stored * row, direction.unit, to); });
+    }
+    Real total = 0;
+    for (int c = 0; c < scene.channels; ++c) total += to[c] * Real(0);
+    if (scene.sh) {
+        for (int c = 0; c < 3; ++c) to[c] = to[c] > 0 ? to[c] : 0;
+    }
+    if (scene.with_depth) to[scene.channels] = Real(depth);
+    return total == 0;
+}
+
+}  // namespace
+
+template <class Real>
+void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t end, const Projection<Real>& out,
+             ProjectionCount& count) {
+    const RatioLimits limits(view);
+    double centre[3];
+    camera_centre(view, centre);
+    count = {};
+    uint32_t* visible = out.visible + begin;
+    for (int64_t first = begin; first < end; first += kPack) {
+        PackRows rows;
+        rows.count = int(end - first < kPack ? end - first : kPack);
+        for (int lane = 0; lane < kPack; ++lane) rows.row[lane] = lane < rows.count ? first + lane : end - 1;
+        const Footprint f = footprint(scene, view, limits, rows);
+
+        const Pack logit = gather(scene.opacity_logits, 1, 0, rows);
+        const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
+        const Pack log2_opacity = -log2(1 + odds_against);
+        const Pack cut2 = log2_opacity + 7.994353436858858;  // log2(255): u² + v² beyond it is below the alpha cut
+        const Pack reach = sqrt(maximum(cut2, Pack{}) / kScale2);
+        const Pack half_x = reach * sqrt(f.xx), half_y = reach * sqrt(f.yy);
+        const Pack r = sqrt(kScale2 / f.yy), p = sqrt(kScale2 * f.yy / f.det), q = -p * f.xy / f.yy;
+        const Pack mid = 0.5 * (f.xx + f.yy), radius = 3 * sqrt(mid + sqrt(maximum(mid * mid - f.det, Pack{})));
+        // The block test runs in the kernels' precision: widen it by the rounding error of u and v within reach.
+        const Pack slack = (sizeof(Real) == 4 ? 1e-6 : 1e-14) *
+                           (p * (half_x + kTile) + absolute(q) * (half_y + kTile) + r * (half_y + kTile));
+        const Pack padded = sqrt(maximum(cut2, Pack{})) + slack, padded2 = padded * padded * 1.00001;
+
+        for (int lane = 0; lane < rows.count; ++lane) {
+            const int64_t row = first + lane;
+            const double depth = f.cam[2][lane];
+            if (!parameters_finite(scene, row)) {
+                ++count.culled[kNonFinite];
+                continue;
+            }
+            if (!(depth >= view.near_plane)) {
+                ++count.culled[kBehind];
+                continue;
+            }
+            if (f.degenerate[lane]) {
+                ++count.culled[kDegenerate];
+                continue;
+            }
+            if (!(cut2[lane] >= 0)) {
+                ++count.culled[kFaint];
+                continue;
+            }
+            const double numbers[] = {f.mean[0][lane], f.mean[1][lane], p[lane],      q[lane],
+                                      r[lane],         half_x[lane],    half_y[lane], depth};
+            bool all_finite = true;
+            for (double number : numbers) all_finite &= finite(number);
+            Real* record = out.records + row * out.stride;
+            if (!all_finite || !write_values(scene, centre, row, depth, record + field::values)) {
+                ++count.culled[kNonFinite];
+                continue;
+            }
+            TileRect rect;
+            tile_range(f.mean[0][lane], half_x[lane], view.width, rect.x0, rect.x1);
+            tile_range(f.mean[1][lane], half_y[lane], view.height, rect.y0, rect.y1);
+            if (rect.area() == 0) {
+                ++count.culled[kOutside];
+                continue;
+            }
+            record[field::x] = Real(f.mean[0][lane]);
+            record[field::y] = Real(f.mean[1][lane]);
+            record[field::p] = Real(p[lane]);
+            record[field::q] = Real(q[lane]);
+            record[field::r] = Real(r[lane]);
+            record[field::log2_opacity] = Real(log2_opacity[lane]);
+            record[field::cut_radius2] = Real(padded2[lane]);
+            record[field::depth] = Real(depth);
+            out.rects[row] = rect;
+            out.radii_px[row] = float(radius[lane]);
+            count.rect_tiles += rect.area();
+            visible[count.visible++] = uint32_t(row);
+        }
+    }
+}
+
+template void project(const Scene<float>&, const View&, int64_t, int64_t, const Projection<float>&, ProjectionCount&);
+template void project(const Scene<double>&, const View&, int64_t, int64_t, const Projection<double>&, ProjectionCount&);
+
+}  // namespace cotton::COTTON_ISA

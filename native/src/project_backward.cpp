@@ -1,0 +1,184 @@
+// Gradient by projected Gaussians -> gradient by their parameters.
+#include "geometry.h"
+#include "harmonics.h"
+#include "kernels_isa.h"
+
+namespace cotton::COTTON_ISA {
+namespace {
+
+// Sum of a Gaussian's pair gradients, tile by tile: the order does not depend on threads.
+template <class Real>
+COTTON_INLINE void fold(const Real* pair_rows, HitRange range, Real sums[pair_gradient::size]) {
+    constexpr int n = pair_gradient::size / kLanes<Real>;
+    Vec<Real> total[n] = {};
+    for (int64_t slot = range.begin; slot < int64_t(range.begin) + range.count; ++slot) {
+        for (int k = 0; k < n; ++k) total[k] += load(pair_rows + slot * pair_gradient::size + k * kLanes<Real>);
+    }
+    for (int k = 0; k < n; ++k) store(sums + k * kLanes<Real>, total[k]);
+}
+
+struct ParameterGradient {
+    Pack mean[3], quat[4], log_scale[3];
+};
+
+// `v_mean` (px⁻¹) and `v_cov` (xx, xy, yy; the xy entry counts once for each of the two) back through `footprint`.
+COTTON_INLINE ParameterGradient footprint_backward(const View& view, const Footprint& f, const Pack v_mean[2],
+                                                   const Pack v_cov[3]) {
+    ParameterGradient g;
+    const double* w = view.rotation;
+    const double focal[2] = {view.fx, view.fy};
+
+    Pack v_factor[6];
+    for (int j = 0; j < 3; ++j) {
+        v_factor[j] = 2 * (v_cov[0] * f.factor[j] + v_cov[1] * f.factor[3 + j]);
+        v_factor[3 + j] = 2 * (v_cov[1] * f.factor[j] + v_cov[2] * f.factor[3 + j]);
+    }
+
+    Pack v_affine[6] = {}, v_rotation[9];
+    for (int j = 0; j < 3; ++j) {
+        Pack v_scale{};
+        for (int i = 0; i < 3; ++i) {
+            const Pack v_axis = f.affine[i] * v_factor[j] + f.affine[3 + i] * v_factor[3 + j];  // by rotation * scale
+            v_rotation[3 * i + j] = v_axis * f.scale[j];
+            v_scale += v_axis * f.rotation[3 * i + j];
+            v_affine[i] += v_factor[j] * f.rotation[3 * i + j] * f.scale[j];
+            v_affine[3 + i] += v_factor[3 + j] * f.rotation[3 * i + j] * f.scale[j];
+        }
+        g.log_scale[j] = f.scale_free[j] ? v_scale * f.scale[j] : Pack{};
+    }
+
+    Pack v_cam[3] = {};
+    for (int k = 0; k < 2; ++k) {
+        Pack v_ratio{};
+        for (int c = 0; c < 3; ++c) {
+            v_ratio -= v_affine[3 * k + c] * w[6 + c];
+            v_cam[2] -= v_affine[3 * k + c] * f.affine[3 * k + c] * f.inv_z;
+        }
+        v_ratio = f.ratio_free[k] ? v_ratio * focal[k] * f.inv_z : Pack{};
+        v_cam[k] += v_ratio * f.inv_z;
+        v_cam[2] -= v_ratio * f.ratio[k] * f.inv_z;
+        v_cam[k] += v_mean[k] * focal[k] * f.inv_z;
+        v_cam[2] -= v_mean[k] * focal[k] * f.cam[k] * f.inv_z * f.inv_z;
+    }
+    for (int k = 0; k < 3; ++k) g.mean[k] = w[k] * v_cam[0] + w[3 + k] * v_cam[1] + w[6 + k] * v_cam[2];
+
+    const Pack qw = f.quat[0], qx = f.quat[1], qy = f.quat[2], qz = f.quat[3];
+    const Pack* v = v_rotation;
+    const Pack v_unit[4] = {
+        2 * (qx * (v[7] - v[5]) + qy * (v[2] - v[6]) + qz * (v[3] - v[1])),
+        2 * (qw * (v[7] - v[5]) + qy * (v[1] + v[3]) + qz * (v[2] + v[6]) - 2 * qx * (v[4] + v[8])),
+        2 * (qw * (v[2] - v[6]) + qx * (v[1] + v[3]) + qz * (v[5] + v[7]) - 2 * qy * (v[0] + v[8])),
+        2 * (qw * (v[3] - v[1]) + qx * (v[2] + v[6]) + qy * (v[5] + v[7]) - 2 * qz * (v[0] + v[4]))};
+    Pack along{};
+    for (int k = 0; k < 4; ++k) along += v_unit[k] * f.quat[k];
+    for (int k = 0; k < 4; ++k) g.quat[k] = (v_unit[k] - along * f.quat[k]) * f.inv_norm;
+    return g;
+}
+
+// Adds the gradient that reaches the mean through the viewing direction of its colour.
+template <class Real>
+COTTON_INLINE void colour_backward(const Scene<Real>& scene, const double centre[3], int64_t row, const Real* v_colour,
+                                   Real* v_mean) {
+    if (scene.sh_degree == 0) return;
+    const Direction<Real> d = viewing_direction(scene.means + 3 * row, centre);
+    const Real* sh = scene.sh + 3 * scene.sh_stored * row;
+    with_degree(scene.sh_degree, [&]<int degree>() {
+        constexpr int n = (degree + 1) * (degree + 1);
+        Real weights[n], v[3];
+        for (int k = 0; k < n; ++k) {
+            weights[k] = sh[3 * k] * v_colour[0] + sh[3 * k + 1] * v_colour[1] + sh[3 * k + 2] * v_colour[2];
+        }
+        sh_direction_gradient<degree>(d.unit[0], d.unit[1], d.unit[2], weights, v);
+        const Real along = v[0] * d.unit[0] + v[1] * d.unit[1] + v[2] * d.unit[2];
+        for (int k = 0; k < 3; ++k) v_mean[k] += (v[k] - along * d.unit[k]) * Real(d.inv_length);
+    });
+}
+
+}  // namespace
+
+template <class Real>
+bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
+                      const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
+                      Real* rows) {
+    const RatioLimits limits(view);
+    double centre[3];
+    camera_centre(view, centre);
+    Real not_finite = 0;
+    for (int64_t first = 0; first < n; first += kPack) {
+        const PackRows pack = pack_rows(visible + first, n - first);
+        alignas(64) Real sums[kPack][pair_gradient::size];
+        for (int lane = 0; lane < kPack; ++lane) fold(pair_rows, ranges[pack[lane]], sums[lane]);
+        const auto moment = [&](int k) {
+            Pack result{};
+            for (int lane = 0; lane < kPack; ++lane) result[lane] = double(sums[lane][k]);
+            return result;
+        };
+
+        const Footprint f = footprint(scene, view, limits, pack);
+        const Pack r = sqrt(kScale2 / f.yy), p = sqrt(kScale2 * f.yy / f.det), q = -p * f.xy / f.yy;
+        namespace pg = pair_gradient;
+        const Pack gu = moment(pg::gu), gv = moment(pg::gv), guu = moment(pg::guu), guv = moment(pg::guv),
+                   gvv = moment(pg::gvv);
+        // With F = (p q; 0 r), Fᵀ F = kScale2 Σ⁻¹ and e = F d: v_mean = 2 Fᵀ ΣGe, v_Σ = Fᵀ (ΣG e eᵀ) F / kScale2.
+        const Pack v_mean[2] = {2 * p * gu, 2 * (q * gu + r * gv)};
+        const Pack v_cov[3] = {p * p * guu / kScale2, p * (q * guu + r * guv) / kScale2,
+                               (q * q * guu + 2 * q * r * guv + r * r * gvv) / kScale2};
+        const ParameterGradient g = footprint_backward(view, f, v_mean, v_cov);
+
+        const Pack logit = gather(scene.opacity_logits, 1, 0, pack);
+        const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
+        const Pack v_logit = moment(pg::g) * (odds_against / (1 + odds_against)) * kLog2E;
+        const double half[2] = {0.5 * view.width, 0.5 * view.height};
+        const Pack nx = v_mean[0] * half[0], ny = v_mean[1] * half[1];
+        const Pack ax = 2 * moment(pg::abs_x) * half[0], ay = 2 * moment(pg::abs_y) * half[1];
+        const Pack grad_px = sqrt(nx * nx + ny * ny), abs_grad_px = sqrt(ax * ax + ay * ay);
+
+        for (int lane = 0; lane < pack.count; ++lane) {
+            Real* row = rows + (first + lane) * row_gradient::size;
+            for (int k = 0; k < 3; ++k) row[row_gradient::mean + k] = Real(g.mean[k][lane]);
+            for (int k = 0; k < 4; ++k) row[row_gradient::quat + k] = Real(g.quat[k][lane]);
+            for (int k = 0; k < 3; ++k) row[row_gradient::log_scale + k] = Real(g.log_scale[k][lane]);
+            row[row_gradient::logit] = Real(v_logit[lane]);
+            const Real* colour = records + pack[lane] * record_stride + field::values;
+            for (int c = 0; c < 3; ++c) {
+                row[row_gradient::colour + c] = colour[c] > 0 ? sums[lane][pg::value0 + c] : Real(0);
+            }
+            row[row_gradient::weight] = sums[lane][pg::weight];
+            row[row_gradient::grad_px] = Real(grad_px[lane]);
+            row[row_gradient::abs_grad_px] = Real(abs_grad_px[lane]);
+            colour_backward(scene, centre, pack[lane], row + row_gradient::colour, row + row_gradient::mean);
+            for (int k = 0; k <= row_gradient::abs_grad_px; ++k) not_finite += row[k] * Real(0);
+        }
+    }
+    return not_finite == 0;
+}
+
+template <class Real>
+void sh_gradient(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n, const Real* rows,
+                 Real* v_sh) {
+    double centre[3];
+    camera_centre(view, centre);
+    for (int64_t i = 0; i < n; ++i) {
+        const int64_t row = visible[i];
+        const Real* v_colour = rows + i * row_gradient::size + row_gradient::colour;
+        Real* v = v_sh + 3 * scene.sh_stored * row;
+        const Direction<Real> d = viewing_direction(scene.means + 3 * row, centre);
+        with_degree(scene.sh_degree, [&]<int degree>() {
+            constexpr int coefficients = (degree + 1) * (degree + 1);
+            Real basis[coefficients];
+            sh_basis<degree>(d.unit[0], d.unit[1], d.unit[2], basis);
+            for (int k = 0; k < coefficients; ++k) {
+                for (int c = 0; c < 3; ++c) v[3 * k + c] = basis[k] * v_colour[c];
+            }
+        });
+    }
+}
+
+template bool project_backward(const Scene<float>&, const View&, const uint32_t*, int64_t, const float*, int,
+                               const HitRange*, const float*, float*);
+template bool project_backward(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, int,
+                               const HitRange*, const double*, double*);
+template void sh_gradient(const Scene<float>&, const View&, const uint32_t*, int64_t, const float*, float*);
+template void sh_gradient(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, double*);
+
+}  // namespace cotton::COTTON_ISA

@@ -1,0 +1,65 @@
+// Gradient by the blended values alone (geometry frozen): sums over pixels of weight * gradient. With indicator planes
+// in place of gradients the same sums are the blending weights that each Gaussian has inside a mask.
+#include "blending.h"
+#include "kernels_isa.h"
+
+namespace cotton::COTTON_ISA {
+namespace {
+
+template <class Real, int channels>
+void values_backward_tile(const Tile& tile, const Real* records, int stride, const Real* v_tile, Real* rows,
+                          int row_stride) {
+    using V = Vec<Real>;
+    alignas(64) Real transmittance[kTilePixels];
+    const uint32_t open = start(tile, transmittance);
+    Splat<Real> splat;
+    V sums[channels];
+    walk(
+        tile, records, stride, open, transmittance,
+        [&](const Real* record) {
+            splat = Splat<Real>::from(record, tile);
+            for (V& s : sums) s = V{};
+        },
+        [&](int i) {
+            const V before = load(transmittance + i);
+            Blend<Real> b;
+            if (!blend(splat, i, before, b)) return false;
+            const V weight = before * b.alpha;
+            for (int c = 0; c < channels; ++c) sums[c] = fma(weight, load(v_tile + c * kTilePixels + i), sums[c]);
+            store(transmittance + i, before * (1 - b.alpha));
+            return true;
+        },
+        [&](int64_t e) {
+            Real* row = rows + int64_t(tile.slots[e]) * row_stride;
+            for (int c = 0; c < channels; ++c) row[c] = sum<Real>(sums[c]);
+        },
+        [&](int64_t e) {
+            Real* row = rows + int64_t(tile.slots[e]) * row_stride;
+            for (int c = 0; c < channels; ++c) row[c] = 0;
+        });
+}
+
+}  // namespace
+
+template <class Real>
+typename Kernels<Real>::ValuesBackward values_backward(int channels) {
+    switch (channels) {
+        case 1:
+            return values_backward_tile<Real, 1>;
+        case 3:
+            return values_backward_tile<Real, 3>;
+        case 4:
+            return values_backward_tile<Real, 4>;
+        case 16:
+            return values_backward_tile<Real, 16>;
+        case 32:
+            return values_backward_tile<Real, 32>;
+        default:
+            return nullptr;
+    }
+}
+
+template Kernels<float>::ValuesBackward values_backward<float>(int);
+template Kernels<double>::ValuesBackward values_backward<double>(int);
+
+}  // namespace cotton::COTTON_ISA

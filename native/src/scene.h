@@ -1,0 +1,161 @@
+// The plain structs that the kernels and their callers share. `Real` is float in production and double in the tests.
+#pragma once
+
+#include <cstdint>
+
+namespace cotton {
+
+inline constexpr int kTile = 16;  // px, side of a tile
+inline constexpr int kTilePixels = 256;
+inline constexpr int kBlock = 4;  // px, side of a block; a tile has 4 x 4 blocks of 4 x 4 pixels
+inline constexpr int kBlockPixels = 16;
+inline constexpr double kAlphaCap = 0.99;  // largest alpha; beyond it the gradient is zero
+inline constexpr double kAlphaCut = 1.0 / 255.0;
+inline constexpr double kStop = 1e-4;     // a pixel takes no further Gaussian once its transmittance is at most this
+inline constexpr double kDilation = 0.3;  // px², added to both variances of every projected Gaussian
+inline constexpr double kMaxLogScale = 30.0;  // log scales are clamped to ± this
+
+// Pixel i of a tile lies in block i / 16 (row by row), there at (i % 4, i / 4 % 4).
+constexpr int pixel_x(int i) { return i / kBlockPixels % 4 * kBlock + i % 4; }
+constexpr int pixel_y(int i) { return i / kBlockPixels / 4 * kBlock + i / 4 % 4; }
+
+// A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn.
+struct View {
+    int width, height;
+    double fx, fy, cx, cy;
+    double rotation[9], translation[3];  // cam_from_scene, row major
+    double near_plane;
+
+    int tiles_x() const { return (width + kTile - 1) / kTile; }
+    int tiles_y() const { return (height + kTile - 1) / kTile; }
+    int64_t pixels() const { return int64_t(width) * height; }
+};
+
+// What is drawn: the colours of the spherical harmonics, or rows of `values`, or (both null) nothing but weights.
+template <class Real>
+struct Scene {
+    int64_t count;
+    const Real *means, *quats, *log_scales, *opacity_logits;  // (N,3) (N,4) (N,3) (N,)
+    const Real* sh;                                           // (N, sh_stored, 3) or null
+    int sh_stored, sh_degree;
+    const Real* values;  // (N, channels) or null
+    int channels;        // 3 with spherical harmonics, 0 with neither
+    bool with_depth;     // the view-space depth is one more channel, after the others
+};
+
+// A projected Gaussian is a row of Reals, 64-byte aligned. alpha = 2^(log2_opacity - u² - v²) with
+// u = p dx + q dy and v = r dy: the Cholesky factor of the scaled conic. Unlike a dx² + 2b dx dy + c dy² it never
+// cancels to a negative number, so needles stay exact.
+namespace field {
+enum : int { x, y, p, q, r, log2_opacity, cut_radius2, depth, values };
+}
+
+inline constexpr int record_stride(int channels) { return (field::values + channels + 15) / 16 * 16; }
+
+enum Cull : int { kNonFinite, kBehind, kDegenerate, kFaint, kOutside, kCullReasons };
+
+struct TileRect {
+    uint16_t x0, y0, x1, y1;  // in tiles, end exclusive
+    int64_t area() const { return int64_t(x1 - x0) * (y1 - y0); }
+};
+
+// Projected Gaussians, indexed by their row in the scene; rows that are not visible are left as they were.
+template <class Real>
+struct Projection {
+    Real* records;
+    int stride;
+    TileRect* rects;
+    float* radii_px;    // 3 standard deviations of the longer axis
+    uint32_t* visible;  // chunk [begin, end) writes its visible rows, ascending, from visible[begin] on
+};
+
+struct ProjectionCount {
+    int64_t visible;
+    int64_t rect_tiles;  // upper bound of the number of (tile, Gaussian) pairs
+    int64_t culled[kCullReasons];
+};
+
+// A tile that a Gaussian reaches; bit b of `blocks` is set when it reaches block b.
+struct Hit {
+    uint32_t tile, blocks;
+};
+struct HitRange {
+    uint32_t begin, count;
+};
+
+struct TileEntry {
+    uint32_t row, blocks;
+};
+
+// One tile's Gaussians, front to back. Gradients of entry e go to row slots[e] of a table with a row per pair.
+struct Tile {
+    const TileEntry* entries;
+    const uint32_t* slots;
+    int64_t count;
+    int x0, y0, width, height;  // px; width and height are those of the image
+};
+
+// One channel of an image: pixel (x, y) is at data[(y * image width + x) * stride].
+template <class Real>
+struct Plane {
+    Real* data;
+    int64_t stride;
+};
+
+// Row of the gradient table that training uses. With e = (u, v) and G = d loss / d log2 alpha, per pixel:
+// sums of G, G e, G e eᵀ, of the colour gradient, of the absolute gradient of the mean (AbsGS) and of the weight.
+namespace pair_gradient {
+enum : int { g, gu, gv, guu, guv, gvv, value0, value1, value2, abs_x, abs_y, weight, size = 16 };
+}
+
+// Row of the gradient by the parameters of one visible Gaussian; `colour` is the gradient by the colour where that is
+// positive. grad_px and abs_grad_px are the lengths of the (absolute) gradient by the projected mean in the units of
+// Kerbl et al.: pixels times half the image size.
+namespace row_gradient {
+enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, grad_px, abs_grad_px, size = 20 };
+}
+
+// Sums over views for density control, (N,) each.
+struct Statistics {
+    float *grad_px, *abs_grad_px, *max_radius_px, *weight;
+    int32_t* count;
+};
+
+struct LossSums {
+    double l1, ssim;
+};
+
+template <class Real>
+struct LossBand {
+    const Real *image, *target;  // one channel, H x W
+    const float* weight;         // H x W or null
+    int width, height, row_begin, row_end;
+    Real *d_mean, *d_square, *d_product;  // H x loss_row(W): derivatives of the SSIM by the local moments
+    Real* v_image;
+    Real* scratch;  // loss_scratch_size(width)
+    Real l1_factor, ssim_factor;
+};
+
+inline constexpr int64_t loss_row(int width) { return (int64_t(width) + 10 + 31) / 16 * 16; }
+inline constexpr int64_t loss_scratch_size(int width) { return loss_row(width) * (11 * 5 + 6); }
+
+struct LearningRates {
+    float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;
+};
+
+struct Moments {
+    float *means, *quats, *log_scales, *opacity_logits, *sh;
+};
+
+struct AdamRows {
+    float *means, *quats, *log_scales, *opacity_logits, *sh;
+    int sh_stored, sh_degree;
+    Moments first, second;
+    int32_t* steps;  // (N,) number of updates so far
+    LearningRates rates;
+    double centre[3];  // of the camera
+    Statistics statistics;
+    const float* radii_px;
+};
+
+}  // namespace cotton

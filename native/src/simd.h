@@ -1,0 +1,188 @@
+// Vectors of the instruction set that the including file is compiled for, by the GCC/Clang vector extensions.
+// Comparisons give integer vectors of 0 and -1; `mask ? a : b` selects.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+#include "scene.h"
+
+namespace cotton::COTTON_ISA {
+
+#if defined(__AVX512F__)
+inline constexpr int kVectorBytes = 64;
+#elif defined(__AVX2__)
+inline constexpr int kVectorBytes = 32;
+#else
+inline constexpr int kVectorBytes = 16;
+#endif
+
+template <class Real>
+struct VectorOf {
+    typedef Real type __attribute__((vector_size(kVectorBytes)));
+};
+template <class Real>
+using Vec = typename VectorOf<Real>::type;
+template <class Real>
+using Mask = decltype(Vec<Real>{} < Vec<Real>{});
+template <class Real>
+inline constexpr int kLanes = kVectorBytes / int(sizeof(Real));
+
+#define COTTON_INLINE static inline __attribute__((always_inline))
+
+template <class Real>
+COTTON_INLINE Vec<Real> broadcast(Real value) {
+    return Vec<Real>{} + value;
+}
+
+template <class Real>
+COTTON_INLINE Vec<Real> load(const Real* from) {
+    Vec<Real> result;
+    std::memcpy(&result, from, sizeof result);
+    return result;
+}
+
+template <class Real>
+COTTON_INLINE void store(Real* to, Vec<Real> value) {
+    std::memcpy(to, &value, sizeof value);
+}
+
+// fma: a b + c, rounded once where the instruction set can. lane_bits: one bit per true lane.
+#if defined(__AVX512F__)
+COTTON_INLINE Vec<float> fma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm512_fmadd_ps(a, b, c); }
+COTTON_INLINE Vec<double> fma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm512_fmadd_pd(a, b, c); }
+COTTON_INLINE unsigned lane_bits(Mask<float> m) { return _mm512_movepi32_mask((__m512i)m); }
+COTTON_INLINE unsigned lane_bits(Mask<double> m) { return _mm512_movepi64_mask((__m512i)m); }
+COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm512_maskz_sqrt_ps(0xffff, a); }
+COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm512_maskz_sqrt_pd(0xff, a); }
+#elif defined(__AVX2__)
+COTTON_INLINE Vec<float> fma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm256_fmadd_ps(a, b, c); }
+COTTON_INLINE Vec<double> fma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm256_fmadd_pd(a, b, c); }
+COTTON_INLINE unsigned lane_bits(Mask<float> m) { return unsigned(_mm256_movemask_ps((__m256)m)); }
+COTTON_INLINE unsigned lane_bits(Mask<double> m) { return unsigned(_mm256_movemask_pd((__m256d)m)); }
+COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm256_sqrt_ps(a); }
+COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm256_sqrt_pd(a); }
+#else
+template <class V>
+COTTON_INLINE V fma(V a, V b, V c) {
+    return a * b + c;
+}
+#if defined(__SSE4_1__)
+COTTON_INLINE unsigned lane_bits(Mask<float> m) { return unsigned(_mm_movemask_ps((__m128)m)); }
+COTTON_INLINE unsigned lane_bits(Mask<double> m) { return unsigned(_mm_movemask_pd((__m128d)m)); }
+COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm_sqrt_ps(a); }
+COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm_sqrt_pd(a); }
+#else
+template <class M>
+COTTON_INLINE unsigned lane_bits(M m) {
+    unsigned bits = 0;
+    for (int i = 0; i < int(sizeof(M) / sizeof(m[0])); ++i) bits |= unsigned(m[i] != 0) << i;
+    return bits;
+}
+COTTON_INLINE Vec<float> sqrt(Vec<float> a) {
+    for (int i = 0; i < kLanes<float>; ++i) a[i] = __builtin_sqrtf(a[i]);
+    return a;
+}
+COTTON_INLINE Vec<double> sqrt(Vec<double> a) {
+    for (int i = 0; i < kLanes<double>; ++i) a[i] = __builtin_sqrt(a[i]);
+    return a;
+}
+#endif
+#endif
+
+template <class M>
+COTTON_INLINE bool any(M m) {
+    return lane_bits(m) != 0;
+}
+
+template <class V>
+COTTON_INLINE V minimum(V a, V b) {
+    return a < b ? a : b;
+}
+
+template <class V>
+COTTON_INLINE V maximum(V a, V b) {
+    return a > b ? a : b;
+}
+
+template <class V>
+COTTON_INLINE V absolute(V a) {
+    return a < 0 ? -a : a;
+}
+
+// Sum of the lanes, pairwise in a fixed order.
+template <class Real>
+COTTON_INLINE Real sum(Vec<Real> value) {
+    Real lanes[kLanes<Real>];
+    std::memcpy(lanes, &value, sizeof value);
+    for (int half = kLanes<Real> / 2; half > 0; half /= 2) {
+        for (int i = 0; i < half; ++i) lanes[i] += lanes[i + half];
+    }
+    return lanes[0];
+}
+
+template <class Real>
+struct Exp2;
+
+// Minimax polynomial of 2^f on [-0.5, 0.5], relative error 2e-7 with rounding.
+template <>
+struct Exp2<float> {
+    using Int = int32_t;
+    static constexpr float magic = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+    static constexpr int shift = 23;
+    static constexpr float coefficients[] = {1.00000007f,   0.693146967f,   0.240221197f,
+                                             0.0555071331f, 0.00967554152f, 0.00132764602f};
+};
+
+// Taylor series of 2^f on [-0.5, 0.5], relative error below 1e-16.
+template <>
+struct Exp2<double> {
+    using Int = int64_t;
+    static constexpr double magic = 6755399441055744.0;  // 1.5 * 2^52
+    static constexpr int shift = 52;
+    static constexpr double coefficients[] = {1.0,
+                                              0.69314718055994529,
+                                              0.24022650695910069,
+                                              0.055504108664821576,
+                                              0.0096181291076284769,
+                                              0.0013333558146428441,
+                                              0.00015403530393381606,
+                                              1.5252733804059838e-05,
+                                              1.3215486790144305e-06,
+                                              1.0178086009239696e-07,
+                                              7.0549116208011209e-09,
+                                              4.4455382718708101e-10,
+                                              2.5678435993488196e-11,
+                                              1.3691488853904124e-12};
+};
+
+// 2^x for |x| below 126 (float) or 1022 (double).
+template <class Real>
+COTTON_INLINE Vec<Real> exp2(Vec<Real> x) {
+    using E = Exp2<Real>;
+    constexpr int n = int(sizeof E::coefficients / sizeof(Real));
+    const Vec<Real> shifted = x + E::magic;
+    const Vec<Real> f = x - (shifted - E::magic);
+    Vec<Real> result = broadcast(E::coefficients[n - 1]);
+    for (int k = n - 2; k >= 0; --k) result = fma(result, f, broadcast(E::coefficients[k]));
+    const Mask<Real> exponent = (Mask<Real>)shifted << E::shift;
+    return (Vec<Real>)((Mask<Real>)result + exponent);
+}
+
+// log2 of positive normal doubles: the series of atanh around 1, relative error about 1e-16.
+COTTON_INLINE Vec<double> log2(Vec<double> x) {
+    const Mask<double> bits = (Mask<double>)x;
+    constexpr int64_t sqrt_half = 0x3fe6a09e667f3bcd;
+    const Mask<double> exponent = (bits - sqrt_half) >> 52;
+    const Vec<double> mantissa = (Vec<double>)(bits - (exponent << 52));
+    const Vec<double> t = (mantissa - 1) / (mantissa + 1), t2 = t * t;
+    Vec<double> series = broadcast(1.0 / 21.0);
+    for (int k = 19; k >= 1; k -= 2) series = fma(series, t2, broadcast(1.0 / k));
+    return __builtin_convertvector(exponent, Vec<double>) + t * series * 2.8853900817779268;
+}
+
+}  // namespace cotton::COTTON_ISA

@@ -1,0 +1,153 @@
+#include "train.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "threads.h"
+
+namespace cotton {
+namespace {
+
+constexpr int kBandRows = 32;
+
+template <class Real>
+struct Scratch {
+    Buffer<Real> image, v_image, target, d_mean, d_square, d_product, bands, pair_rows, rows;
+};
+
+template <class Real>
+Scratch<Real>& scratch() {
+    thread_local Scratch<Real> kept;
+    return kept;
+}
+
+// Gradient by the image (planar) -> gradient by the parameters.
+template <class Real>
+bool parameter_gradient(Frame<Real>& frame, const Real* image, const Real* v_image) {
+    const auto& k = kernels<Real>();
+    Scratch<Real>& s = scratch<Real>();
+    const int64_t pixels = frame.view.pixels();
+    Plane<const Real> images[3], gradients[3];
+    for (int c = 0; c < 3; ++c) images[c] = {image + c * pixels, 1}, gradients[c] = {v_image + c * pixels, 1};
+    s.pair_rows.reserve(frame.pair_count * pair_gradient::size);
+    parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
+        k.backward(frame.tile(t), frame.records.data(), images, gradients, s.pair_rows.data());
+    });
+    s.rows.reserve(frame.visible_count * row_gradient::size);
+    const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
+    std::vector<char> finite(size_t(chunks), 0);
+    parallel_for(chunks, frame.threads, [&](int64_t c) {
+        const int64_t begin = c * kChunk, n = std::min(kChunk, frame.visible_count - begin);
+        finite[size_t(c)] = k.project_backward(frame.scene, frame.view, frame.visible.data() + begin, n,
+                                               frame.records.data(), frame.stride(), frame.ranges.data(),
+                                               s.pair_rows.data(), s.rows.data() + begin * row_gradient::size);
+    });
+    return std::all_of(finite.begin(), finite.end(), [](char f) { return f != 0; });
+}
+
+template <class Real>
+Real* render_planar(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Real* background,
+                    int threads) {
+    frame.prepare(scene, view, threads);
+    Real* image = scratch<Real>().image.reserve(3 * view.pixels());
+    Plane<Real> planes[3];
+    for (int c = 0; c < 3; ++c) planes[c] = {image + c * view.pixels(), 1};
+    frame.blend(background, planes, nullptr);
+    return image;
+}
+
+}  // namespace
+
+template <class Real>
+LossReport image_loss(const Real* image, const Target& target, int width, int height, int threads, Real* v_image) {
+    const auto& k = kernels<Real>();
+    Scratch<Real>& s = scratch<Real>();
+    const int64_t pixels = int64_t(width) * height, maps = 3 * height * loss_row(width);
+    const int64_t bands = (height + kBandRows - 1) / kBandRows;
+    s.target.reserve(3 * pixels);
+    s.d_mean.reserve(maps), s.d_square.reserve(maps), s.d_product.reserve(maps);
+    s.bands.reserve(3 * bands * loss_scratch_size(width));
+
+    double total_weight = double(pixels);
+    if (target.weight) {
+        total_weight = 0;
+        for (int64_t i = 0; i < pixels; ++i) total_weight += double(target.weight[i]);
+    }
+    const double norm = 1 / (3 * total_weight);
+    parallel_for(bands, threads, [&](int64_t b) {
+        const int64_t end = std::min<int64_t>(pixels, (b + 1) * kBandRows * width);
+        for (int64_t i = b * kBandRows * width; i < end; ++i) {
+            for (int c = 0; c < 3; ++c) s.target[c * pixels + i] = Real(target.rgb[3 * i + c]) * Real(1.0 / 255.0);
+        }
+    });
+    const auto band = [&](int64_t task) {
+        const int64_t channel = task / bands, b = task % bands, map = channel * height * loss_row(width);
+        return LossBand<Real>{image + channel * pixels,
+                              s.target.data() + channel * pixels,
+                              target.weight,
+                              width,
+                              height,
+                              int(b * kBandRows),
+                              int(std::min<int64_t>(height, (b + 1) * kBandRows)),
+                              s.d_mean.data() + map,
+                              s.d_square.data() + map,
+                              s.d_product.data() + map,
+                              v_image + channel * pixels,
+                              s.bands.data() + task * loss_scratch_size(width),
+                              Real((1 - target.dssim) * norm),
+                              Real(-target.dssim * norm)};
+    };
+    std::vector<LossSums> sums(size_t(3 * bands));
+    parallel_for(3 * bands, threads, [&](int64_t task) { sums[size_t(task)] = k.loss_forward(band(task)); });
+    parallel_for(3 * bands, threads, [&](int64_t task) { k.loss_backward(band(task)); });
+    LossReport report = {0, 0, 0};
+    for (const LossSums& sum : sums) report.l1 += sum.l1 * norm, report.ssim += sum.ssim * norm;
+    report.loss = (1 - target.dssim) * report.l1 + target.dssim * (1 - report.ssim);
+    return report;
+}
+
+template <class Real>
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Target& target,
+                                 const Real* background, int threads) {
+    const Real* image = render_planar(frame, scene, view, background, threads);
+    Real* v_image = scratch<Real>().v_image.reserve(3 * view.pixels());
+    const LossReport report = image_loss(image, target, view.width, view.height, threads, v_image);
+    const bool finite = std::isfinite(report.loss) && parameter_gradient(frame, image, v_image);
+    return {report, finite, scratch<Real>().rows.data()};
+}
+
+template <class Real>
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Real* v_image,
+                                 const Real* background, int threads) {
+    const Real* image = render_planar(frame, scene, view, background, threads);
+    Real* planar = scratch<Real>().v_image.reserve(3 * view.pixels());
+    for (int64_t i = 0; i < view.pixels(); ++i) {
+        for (int c = 0; c < 3; ++c) planar[c * view.pixels() + i] = v_image[3 * i + c];
+    }
+    const bool finite = parameter_gradient(frame, image, planar);
+    return {{0, 0, 0}, finite, scratch<Real>().rows.data()};
+}
+
+void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows) {
+    const double *r = frame.view.rotation, *t = frame.view.translation;
+    for (int k = 0; k < 3; ++k) rows.centre[k] = -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2]);
+    rows.radii_px = frame.radii_px.data();
+    const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
+    parallel_for(chunks, frame.threads, [&](int64_t c) {
+        const int64_t begin = c * kChunk, n = std::min(kChunk, frame.visible_count - begin);
+        kernels<float>().adam(rows, frame.visible.data() + begin, n, gradient.rows + begin * row_gradient::size);
+    });
+}
+
+template LossReport image_loss(const float*, const Target&, int, int, int, float*);
+template LossReport image_loss(const double*, const Target&, int, int, int, double*);
+template ViewGradient<float> view_gradient(Frame<float>&, const Scene<float>&, const View&, const Target&, const float*,
+                                           int);
+template ViewGradient<double> view_gradient(Frame<double>&, const Scene<double>&, const View&, const Target&,
+                                            const double*, int);
+template ViewGradient<float> view_gradient(Frame<float>&, const Scene<float>&, const View&, const float*, const float*,
+                                           int);
+template ViewGradient<double> view_gradient(Frame<double>&, const Scene<double>&, const View&, const double*,
+                                            const double*, int);
+
+}  // namespace cotton

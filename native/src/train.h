@@ -1,0 +1,44 @@
+// Loss, gradients and the optimiser step of one view.
+#pragma once
+
+#include "frame.h"
+
+namespace cotton {
+
+struct LossReport {
+    double loss, l1, ssim;
+};
+
+// The photograph that an image is compared with.
+struct Target {
+    const uint8_t* rgb;   // (H, W, 3)
+    const float* weight;  // (H, W) or null; the loss is the weighted mean
+    double dssim;         // λ
+};
+
+// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W) and its gradient, as large.
+template <class Real>
+LossReport image_loss(const Real* image, const Target& target, int width, int height, int threads, Real* v_image);
+
+// What one view asks of the parameters: a row_gradient row for each visible Gaussian.
+template <class Real>
+struct ViewGradient {
+    LossReport report;
+    bool finite;
+    const Real* rows;
+};
+
+// Renders the scene's spherical harmonics (3 channels, no depth) and carries the gradient of the loss back.
+template <class Real>
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Target&,
+                                 const Real* background, int threads);
+
+// The same for a given gradient by the image (H, W, 3).
+template <class Real>
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Real* v_image,
+                                 const Real* background, int threads);
+
+// Adam update of the Gaussians that the view shows, in place, and their statistics.
+void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows);
+
+}  // namespace cotton

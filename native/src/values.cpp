@@ -1,0 +1,144 @@
+#include "values.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "threads.h"
+
+namespace cotton {
+namespace {
+
+template <class Body>
+void each_pixel(const Tile& tile, const Body& body) {
+    for (int i = 0; i < kTilePixels; ++i) {
+        const int x = tile.x0 + pixel_x(i), y = tile.y0 + pixel_y(i);
+        if (x < tile.width && y < tile.height) body(i, int64_t(y) * tile.width + x);
+    }
+}
+
+// Runs body(i) for the visible Gaussians i = 0 .. visible_count - 1.
+template <class Real, class Body>
+void each_visible(const Frame<Real>& frame, const Body& body) {
+    const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
+    parallel_for(chunks, frame.threads, [&](int64_t chunk) {
+        for (int64_t i = chunk * kChunk; i < std::min(frame.visible_count, (chunk + 1) * kChunk); ++i) body(i);
+    });
+}
+
+// The mask ids of one tile except 0, ascending.
+std::vector<uint16_t> ids_in(const Tile& tile, const uint16_t* mask_ids) {
+    std::vector<uint16_t> ids;
+    each_pixel(tile, [&](int, int64_t pixel) {
+        if (mask_ids[pixel] != 0) ids.push_back(mask_ids[pixel]);
+    });
+    std::sort(ids.begin(), ids.end());
+    ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+    return ids;
+}
+
+}  // namespace
+
+template <class Real>
+void values_gradient(Frame<Real>& frame, int channels, const Real* v_image, Real* v_values) {
+    const auto kernel = kernels<Real>().values_backward(channels);
+    Buffer<Real> pairs;
+    pairs.reserve(frame.pair_count * channels);
+    parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
+        const Tile tile = frame.tile(t);
+        std::vector<Real> v_tile(size_t(channels * kTilePixels), Real(0));
+        each_pixel(tile, [&](int i, int64_t pixel) {
+            for (int c = 0; c < channels; ++c) v_tile[size_t(c * kTilePixels + i)] = v_image[pixel * channels + c];
+        });
+        kernel(tile, frame.records.data(), frame.stride(), v_tile.data(), pairs.data(), channels);
+    });
+    each_visible(frame, [&](int64_t i) {
+        const HitRange range = frame.ranges[frame.visible[i]];
+        Real* v = v_values + int64_t(frame.visible[i]) * channels;
+        for (int64_t slot = range.begin; slot < int64_t(range.begin) + range.count; ++slot) {
+            for (int c = 0; c < channels; ++c) v[c] += pairs[slot * channels + c];
+        }
+    });
+}
+
+std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_ids, float* total) {
+    // In each tile the sums over an indicator plane are the weights inside a mask; plane 0 is 1 everywhere.
+    constexpr int planes = 4;
+    const auto total_kernel = kernels<float>().values_backward(1);
+    const auto masks_kernel = kernels<float>().values_backward(planes);
+    struct SlotWeight {
+        uint32_t slot;
+        uint16_t id;
+        float weight;
+    };
+    Buffer<float> totals;
+    totals.reserve(frame.pair_count);
+    std::vector<std::vector<SlotWeight>> found(size_t(frame.tiles()));
+    parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
+        Tile tile = frame.tile(t);
+        const std::vector<uint16_t> ids = ids_in(tile, mask_ids);
+        std::vector<float> indicators(planes * kTilePixels, 1.0f);
+        if (ids.empty()) {
+            total_kernel(tile, frame.records.data(), frame.stride(), indicators.data(), totals.data(), 1);
+            return;
+        }
+        const uint32_t* slots = tile.slots;
+        std::vector<uint32_t> entry_order(size_t(tile.count));
+        std::iota(entry_order.begin(), entry_order.end(), 0u);
+        tile.slots = entry_order.data();
+        std::vector<float> sums(size_t(tile.count * planes));
+        for (size_t first = 0; first < ids.size(); first += planes - 1) {
+            const size_t n = std::min(ids.size() - first, size_t(planes - 1));
+            std::fill(indicators.begin() + kTilePixels, indicators.end(), 0.0f);
+            each_pixel(tile, [&](int i, int64_t pixel) {
+                for (size_t k = 0; k < n; ++k) {
+                    if (mask_ids[pixel] == ids[first + k]) indicators[(k + 1) * kTilePixels + size_t(i)] = 1.0f;
+                }
+            });
+            masks_kernel(tile, frame.records.data(), frame.stride(), indicators.data(), sums.data(), planes);
+            for (int64_t e = 0; e < tile.count; ++e) {
+                totals[slots[e]] = sums[size_t(e * planes)];
+                for (size_t k = 0; k < n; ++k) {
+                    const float weight = sums[size_t(e * planes) + k + 1];
+                    if (weight > 0) found[size_t(t)].push_back({slots[e], ids[first + k], weight});
+                }
+            }
+        }
+    });
+    each_visible(frame, [&](int64_t i) {
+        const HitRange range = frame.ranges[frame.visible[i]];
+        total[frame.visible[i]] =
+            std::accumulate(totals.data() + range.begin, totals.data() + range.begin + range.count, 0.0f);
+    });
+
+    // Slots ascend with the rows: counting the finds of each slot puts them in the order of the rows.
+    std::vector<int64_t> begin(size_t(frame.pair_count) + 1, 0);
+    for (const auto& tile : found) {
+        for (const SlotWeight& f : tile) ++begin[f.slot + 1];
+    }
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    std::vector<SlotWeight> by_slot(size_t(begin.back()));
+    std::vector<int64_t> position(begin.begin(), begin.end() - 1);
+    for (const auto& tile : found) {
+        for (const SlotWeight& f : tile) by_slot[size_t(position[f.slot]++)] = f;
+    }
+    std::vector<MaskWeight> weights;
+    for (int64_t i = 0; i < frame.visible_count; ++i) {
+        const HitRange range = frame.ranges[frame.visible[i]];
+        const auto first = by_slot.begin() + begin[range.begin],
+                   last = by_slot.begin() + begin[range.begin + range.count];
+        std::stable_sort(first, last, [](const SlotWeight& a, const SlotWeight& b) { return a.id < b.id; });
+        for (auto f = first; f != last; ++f) {
+            if (f != first && f->id == (f - 1)->id) {
+                weights.back().weight += f->weight;
+            } else {
+                weights.push_back({frame.visible[i], f->id, f->weight});
+            }
+        }
+    }
+    return weights;
+}
+
+template void values_gradient(Frame<float>&, int, const float*, float*);
+template void values_gradient(Frame<double>&, int, const double*, double*);
+
+}  // namespace cotton

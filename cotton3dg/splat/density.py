@@ -33,8 +33,8 @@ class Renewal:
     gaussians: Gaussians
     rows: NDArray[np.int64]
     """(M,) row of the former Gaussians that each one continues or was split from."""
-    fresh: NDArray[np.bool_]
-    """(M,) whether it is a child of a split; its optimiser moments start at zero."""
+    n_continued: int
+    """The first so many go on unchanged; the others are children of splits, whose optimiser starts afresh."""
     n_pruned: int
     n_split: int
 
@@ -57,10 +57,9 @@ def renewed(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
     chosen_mask[chosen] = True
     whole, parents = kept[~chosen_mask[kept]], np.sort(chosen)
     rows = np.concatenate([whole, parents, parents])
-    fresh = np.arange(len(rows)) >= len(whole)
     first, second = split(gaussians[parents])
     parts = [gaussians[whole], first, second]
-    return Renewal(concatenated(parts), rows, fresh, len(gaussians) - len(kept), len(parents))
+    return Renewal(concatenated(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
 
 
 def worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:

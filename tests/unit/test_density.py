@@ -43,8 +43,8 @@ def test_the_neediest_are_split_until_the_count_is_met() -> None:
     renewal = renewed(gaussians, np.ones(10, bool), need, 13)
     assert len(renewal.gaussians) == 13
     assert (renewal.n_split, renewal.n_pruned) == (3, 0)
-    assert sorted(set(renewal.rows[renewal.fresh])) == [7, 8, 9]
-    np.testing.assert_array_equal(renewal.gaussians.means[~renewal.fresh], gaussians.means[:7])
+    assert sorted(set(renewal.rows[renewal.n_continued :])) == [7, 8, 9]
+    np.testing.assert_array_equal(renewal.gaussians.means[: renewal.n_continued], gaussians.means[:7])
     np.testing.assert_array_equal(renewal.gaussians.sh, gaussians.sh[renewal.rows])
 
 

@@ -1,0 +1,203 @@
+"""Fitting Gaussians to photos: the training loop of 3D Gaussian splatting on a budget.
+
+Loss, optimiser and learning rates follow Kerbl et al. 2023. Resolution and number of Gaussians grow together (coarse
+to fine, after DashGaussian, Chen et al. 2025), because early steps at full size cost most and teach least.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.progress import Progress, silent
+from ..core.scene import Gaussians
+from ..errors import StageFailed
+from ..options import TrainOptions
+from . import density
+from .metrics import focus
+from .ops import AdamState, DensityStatistics, LearningRates, StepReport, train_step
+from .views import View
+
+COARSEST_SIDE_PX = 200
+"""Images are not reduced below this: there is nothing left to learn from."""
+
+LEVEL_SHARES = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
+"""Share of the steps at each resolution, coarse to fine, by the number of resolutions."""
+
+DENSIFY_FROM, DENSIFY_UNTIL = 0.05, 0.6
+"""Shares of the steps between which the number of Gaussians changes."""
+
+N_RENEWALS = 25
+"""How often it changes, unless that would be more than once for each image."""
+
+SH_RAISED_EVERY = 0.15
+"""Share of the steps after which the degree of the colour rises by one."""
+
+MOST_REJECTED = 0.02
+"""Share of the steps that may be rejected for a non-finite loss before training counts as failed."""
+
+
+FEWEST_REJECTED = 10
+"""So many rejected steps are tolerated in the shortest training."""
+
+RECORDED_EVERY = 50
+"""Steps between two entries of the history."""
+
+CLOSEST = 0.15
+"""Nothing solid is nearer to a camera than this share of the cameras' distance from what they look at."""
+
+
+@dataclass
+class Fit:
+    """The model and what is known about its making."""
+
+    gaussians: Gaussians
+    history: list[dict[str, Any]] = field(default_factory=list)
+    """Every RECORDED_EVERY steps: step, seconds, cpu_seconds, n_gaussians, width_px, loss (mean since the last)."""
+    rejected: list[tuple[int, str]] = field(default_factory=list)
+    """Steps and images whose loss was not finite; they changed nothing."""
+    culled: dict[str, int] = field(default_factory=dict)
+    """Gaussians skipped for being numerically unusable, by reason, over all steps."""
+    n_pruned: int = 0
+    n_split: int = 0
+
+
+Watch = Callable[[int, Gaussians], None]
+"""Called after every step with the number of steps done and the current Gaussians, which it must not change."""
+
+
+def fit(
+    start: Gaussians,
+    views: Sequence[View],
+    options: TrainOptions,
+    progress: Progress = silent,
+    watch: Watch | None = None,
+) -> Fit:
+    """Train `start` on `views`; the same arguments give the same result, bit by bit, on one machine and build.
+
+    Raises:
+        ValueError: `start` is larger than the budget.
+        StageFailed: the loss was not finite in more than MOST_REJECTED of the steps, or every Gaussian was lost.
+    """
+    if len(start) > options.max_gaussians:
+        raise ValueError(f"{len(start)} Gaussians to start from, but a budget of {options.max_gaussians}")
+    centres = np.array([view.camera.centre for view in views])
+    _, radius_su = focus([view.camera for view in views])
+    levels = resolutions(views, options.steps)
+    renewals = renewal_steps(options.steps, len(views))
+    result = Fit(density.concatenated([start]))
+    adam, statistics = AdamState.zeros(start), DensityStatistics.zeros(len(start))
+    began, cpu_began = time.perf_counter(), time.process_time()
+    losses: list[float] = []
+    for step, image in enumerate(image_order(len(views), options.steps, options.seed)):
+        view = next(level for until, level in levels if step < until)[image]
+        report = train_step(
+            result.gaussians,
+            adam,
+            statistics,
+            view.camera,
+            view.image,
+            sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
+            background=(0.0, 0.0, 0.0),
+            learning_rates=learning_rates(step / options.steps, radius_su),
+            dssim=options.dssim,
+        )
+        losses += [report.loss] if report.finite else []
+        _note(result, report, step, view.camera.name, options.steps)
+        if step + 1 in renewals:
+            share = (renewals.index(step + 1) + 1) / len(renewals)
+            renewal = _renewal(result.gaussians, statistics, centres, radius_su, len(start), share, options)
+            if len(renewal.gaussians) == 0:
+                raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
+            result.n_pruned += renewal.n_pruned
+            result.n_split += renewal.n_split
+            result.gaussians = renewal.gaussians
+            adam = adam[renewal.rows[: renewal.n_continued]].extended(2 * renewal.n_split)
+            statistics = DensityStatistics.zeros(len(result.gaussians))
+        if (step + 1) % RECORDED_EVERY == 0 or step + 1 == options.steps:
+            result.history.append(
+                {
+                    "step": step + 1,
+                    "seconds": round(time.perf_counter() - began, 3),
+                    "cpu_seconds": round(time.process_time() - cpu_began, 3),
+                    "n_gaussians": len(result.gaussians),
+                    "width_px": view.camera.width,
+                    "loss": float(np.mean(losses)) if losses else math.nan,
+                }
+            )
+            losses.clear()
+            progress(
+                step + 1, options.steps, f"loss {result.history[-1]['loss']:.4f}, {len(result.gaussians)} Gaussians"
+            )
+        if watch:
+            watch(step + 1, result.gaussians)
+    return result
+
+
+def resolutions(views: Sequence[View], steps: int) -> list[tuple[int, list[View]]]:
+    """The views from coarse to fine, each resolution with the step that ends its use."""
+    side = max(max(view.image.shape) for view in views)
+    factors = [factor for factor in (4, 2, 1) if factor == 1 or side / factor >= COARSEST_SIDE_PX]
+    untils = np.rint(np.cumsum(LEVEL_SHARES[len(factors)]) * steps).astype(int).tolist()
+    return [
+        (until, [view.limited(side / factor) for view in views]) for until, factor in zip(untils, factors, strict=True)
+    ]
+
+
+def renewal_steps(steps: int, n_views: int) -> range:
+    """Numbers of finished steps after which the density is controlled."""
+    interval = max(n_views, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_RENEWALS))
+    return range(round(DENSIFY_FROM * steps) + interval, round(DENSIFY_UNTIL * steps) + 1, interval)
+
+
+def image_order(n_views: int, steps: int, seed: int) -> list[int]:
+    """Index of the view of each step: all views once, in random order, then all again in another."""
+    rng = np.random.default_rng(seed)
+    epochs = [rng.permutation(n_views) for _ in range(math.ceil(steps / n_views))]
+    return np.concatenate(epochs)[:steps].tolist()
+
+
+def learning_rates(progress: float, radius_su: float) -> LearningRates:
+    """Rates of Kerbl et al. 2023 at `progress` in 0..1; that of the means decays by 100 and grows with the scene."""
+    return LearningRates(
+        means=1.6e-4 * radius_su * 0.01**progress,
+        quats=1e-3,
+        log_scales=5e-3,
+        opacity_logits=5e-2,
+        sh0=2.5e-3,
+        sh_rest=2.5e-3 / 20,
+    )
+
+
+def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> None:
+    """Count what one step skipped or rejected."""
+    for reason, n in report.culled.items():
+        result.culled[reason] = result.culled.get(reason, 0) + int(n)
+    if not report.finite:
+        result.rejected.append((step, name))
+        if len(result.rejected) > max(FEWEST_REJECTED, MOST_REJECTED * steps):
+            raise StageFailed(
+                f"the loss was not finite in {len(result.rejected)} of {step + 1} steps, last for {name}; "
+                "leave out that image or run again with another seed"
+            )
+
+
+def _renewal(
+    gaussians: Gaussians,
+    statistics: DensityStatistics,
+    centres: NDArray,
+    radius_su: float,
+    start: int,
+    share: float,
+    options: TrainOptions,
+) -> density.Renewal:
+    need = density.splitting_need(statistics.abs_grad_px, statistics.count)
+    keep = density.worth_keeping(gaussians, centres, CLOSEST * radius_su)
+    count = density.scheduled_count(start, options.max_gaussians, share)
+    return density.renewed(gaussians, keep, need, count)

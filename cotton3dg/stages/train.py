@@ -1,0 +1,126 @@
+"""Train a Gaussian model on the undistorted images."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..errors import BadInput
+from ..files.colmap import read_cameras, read_points
+from ..files.images import read_image, write_image
+from ..files.ply import write_gaussians
+from ..options import TrainOptions
+from ..splat.fit import Fit, fit
+from ..splat.initialise import starting_gaussians
+from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
+from ..splat.views import View
+from ..workspace import Workspace, json_text
+
+VERSION = 1
+
+LOW_PSNR_DB = 22.0
+"""Below this the render is visibly blurred, and traits measured on it are doubtful."""
+
+COMPARISONS = 4
+"""Held-out views saved beside their renders."""
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [workspace.undistorted]
+
+
+def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
+    """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
+    views = load_views(workspace, options.max_side)
+    points, colours, _, _ = read_points(workspace.undistorted / "sparse")
+    training, held_out = hold_out(views, options.holdout)
+    result = fit(starting_gaussians(points, colours, training, options), training, options, progress)
+    centre, radius_su = focus([view.camera for view in views])
+    qualities = [view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
+    metrics = _metrics(result, qualities)
+    with workspace.writing("train") as folder:
+        write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
+        (folder / workspace.metrics_json.name).write_text(json_text(metrics), encoding="utf-8")
+        for i in np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int)):
+            pair = np.concatenate([held_out[i].image, qualities[i].rendered], axis=1)
+            write_image(folder / f"held_out_{Path(qualities[i].name).stem}.jpg", pair)
+    return _outcome(metrics)
+
+
+def load_views(workspace: Workspace, max_side: int) -> list[View]:
+    """The undistorted images with their cameras in order of name, at most `max_side` px long.
+
+    Raises:
+        MissingInput: the sfm stage has not run.
+        BadInput: an image cannot be decoded or has another size than its camera.
+    """
+    workspace.require(workspace.undistorted / "sparse", "sfm")
+    views = []
+    for camera in read_cameras(workspace.undistorted / "sparse"):
+        image = read_image(workspace.require(workspace.undistorted_image(camera.name), "sfm"))
+        if image.shape[:2] != (camera.height, camera.width):
+            raise BadInput(f"{camera.name} has another size than its camera; run `cotton3dg sfm` again")
+        views.append(View(camera, image).limited(max_side))
+    return views
+
+
+def hold_out(views: list[View], every: int) -> tuple[list[View], list[View]]:
+    """Training and held-out views: every `every`-th from the first is held out, none for 0 or if none would be left."""
+    held_out = views[::every] if every > 1 else []
+    return [view for i, view in enumerate(views) if every <= 1 or i % every], held_out
+
+
+def _metrics(result: Fit, qualities: list[ViewQuality]) -> dict[str, Any]:
+    def mean(values: list[float]) -> float:
+        finite = [value for value in values if math.isfinite(value)]
+        return float(np.mean(finite)) if finite else math.nan
+
+    last = result.history[-1]
+    return {
+        "psnr_db": mean([quality.psnr_db for quality in qualities]),
+        "ssim": mean([quality.ssim for quality in qualities]),
+        "plant_psnr_db": mean([quality.plant_psnr_db for quality in qualities]),
+        "plant_ssim": mean([quality.plant_ssim for quality in qualities]),
+        "plant_region": f"pixels whose rendered surface is within {PLANT_REGION} of the orbit radius of its focus",
+        "n_gaussians": len(result.gaussians),
+        "steps": last["step"],
+        "seconds": last["seconds"],
+        "cpu_seconds": last["cpu_seconds"],
+        "n_pruned": result.n_pruned,
+        "n_split": result.n_split,
+        "culled": result.culled,
+        "rejected_steps": [{"step": step, "image": name} for step, name in result.rejected],
+        "held_out": [
+            {
+                "image": quality.name,
+                "psnr_db": quality.psnr_db,
+                "ssim": quality.ssim,
+                "plant_psnr_db": quality.plant_psnr_db,
+                "plant_ssim": quality.plant_ssim,
+                "plant_share": quality.plant_share,
+            }
+            for quality in qualities
+        ],
+        "history": result.history,
+    }
+
+
+def _outcome(metrics: dict[str, Any]) -> StageOutcome:
+    summary = {
+        key: metrics[key] if isinstance(metrics[key], int) else round(metrics[key], 2)
+        for key in ("psnr_db", "plant_psnr_db", "n_gaussians", "steps", "seconds", "cpu_seconds")
+    }
+    flags, warnings = [], []
+    if metrics["psnr_db"] < LOW_PSNR_DB:
+        flags.append("low_psnr")
+        warnings.append(f"renders differ from the photos (PSNR {metrics['psnr_db']:.1f} dB); try --preset paper")
+    if metrics["rejected_steps"]:
+        flags.append("training_steps_rejected")
+        n = len(metrics["rejected_steps"])
+        warnings.append(f"{n} training steps had a loss that was not finite; metrics.json names their images")
+    return StageOutcome(summary, tuple(flags), tuple(warnings))

@@ -1,0 +1,176 @@
+"""The training loop on small scenes with a known answer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.errors import StageFailed
+from cotton3dg.options import TrainOptions
+from cotton3dg.splat import fit as fit_module
+from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions
+from cotton3dg.splat.initialise import initial_gaussians
+from cotton3dg.splat.metrics import psnr_db, to_uint8
+from cotton3dg.splat.ops import StepReport, render
+from cotton3dg.splat.views import View
+
+OPTIONS = TrainOptions(steps=300, max_gaussians=400, sh_degree=0)
+
+
+def orbit_camera(angle: float, width: int = 64, height: int = 48) -> Camera:
+    centre = 4 * np.array([np.cos(angle), np.sin(angle), 0.3])
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.column_stack([rotation, -rotation @ centre])
+    return Camera(f"{angle:.3f}", width, height, width, width, width / 2, height / 2, pose)
+
+
+def truth() -> Gaussians:
+    """300 opaque coloured blobs in a ball of radius 1."""
+    rng = np.random.default_rng(7)
+    points = rng.normal(size=(300, 3))
+    points *= rng.uniform(0.2, 1.0, (300, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    gaussians = initial_gaussians(points, rng.integers(0, 256, (300, 3)).astype(np.uint8), 0, 300, 0)
+    gaussians.opacity_logits[:] = 2.0
+    gaussians.log_scales[:] = np.log(rng.uniform(0.05, 0.12, (300, 3)))
+    return gaussians
+
+
+def scene(n_views: int = 12) -> tuple[Gaussians, list[View], View]:
+    """A poor start (half of the points, displaced, grey), training views and a held-out one."""
+    model, rng = truth(), np.random.default_rng(8)
+    views = []
+    for angle in [*np.linspace(0, 2 * np.pi, n_views, endpoint=False), 0.2]:
+        camera = orbit_camera(angle)
+        views.append(View(camera, to_uint8(render(model, camera).image)))
+    points = model.means[::2] + rng.normal(0, 0.03, (150, 3))
+    return initial_gaussians(points, np.full((150, 3), 128, np.uint8), 0, 400, 0), views[:-1], views[-1]
+
+
+def quality_db(gaussians: Gaussians, view: View) -> float:
+    return psnr_db(to_uint8(render(gaussians, view.camera).image), view.image)
+
+
+def test_psnr_of_a_held_out_view_rises() -> None:
+    start, views, held_out = scene()
+    before = quality_db(start, held_out)
+    result = fit(start, views, OPTIONS)
+    assert quality_db(result.gaussians, held_out) > before + 5
+    assert result.history[-1]["loss"] < 0.5 * result.history[0]["loss"]
+    assert result.history[-1]["step"] == OPTIONS.steps
+    assert result.rejected == []
+
+
+def test_the_start_is_left_alone_and_two_runs_are_identical() -> None:
+    start, views, _ = scene()
+    before = start.sha256()
+    options = dataclasses.replace(OPTIONS, steps=80)
+    first, second = fit(start, views, options), fit(start, views, options)
+    assert start.sha256() == before
+    assert first.gaussians.sha256() == second.gaussians.sha256() != before
+    other = fit(start, views, dataclasses.replace(options, seed=1))
+    assert other.gaussians.sha256() != first.gaussians.sha256()
+
+
+def test_the_budget_is_never_exceeded_and_is_used() -> None:
+    start, views, _ = scene()
+    counts = []
+    options = dataclasses.replace(OPTIONS, max_gaussians=200)
+    result = fit(start, views, options, watch=lambda step, gaussians: counts.append(len(gaussians)))
+    assert len(counts) == options.steps
+    assert max(counts) <= 200
+    assert counts[0] == 150
+    assert len(result.gaussians) > 180
+    assert result.n_split > 0
+
+
+def test_a_start_above_the_budget_is_refused() -> None:
+    start, views, _ = scene()
+    with pytest.raises(ValueError, match="budget of 100"):
+        fit(start, views, dataclasses.replace(OPTIONS, max_gaussians=100))
+
+
+def spoilt_steps(monkeypatch: pytest.MonkeyPatch, spoilt: set[int]) -> None:
+    """Let the steps with these numbers end in a loss that is not finite."""
+    honest, calls = fit_module.train_step, iter(range(10**6))
+
+    def step(gaussians, *arguments, **options):
+        if next(calls) in spoilt:
+            return StepReport(np.nan, np.nan, np.nan, 0, 0, {}, finite=False)
+        return honest(gaussians, *arguments, **options)
+
+    monkeypatch.setattr(fit_module, "train_step", step)
+
+
+def test_steps_with_a_non_finite_loss_are_counted_with_their_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, views, _ = scene()
+    spoilt_steps(monkeypatch, {3, 17})
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=40))
+    order = image_order(len(views), 40, OPTIONS.seed)
+    assert result.rejected == [(step, views[order[step]].camera.name) for step in (3, 17)]
+    assert result.gaussians.finite_rows.all()
+    assert all(np.isfinite(entry["loss"]) for entry in result.history)
+
+
+def test_too_many_rejected_steps_end_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, views, _ = scene()
+    spoilt_steps(monkeypatch, set(range(5, 60)))
+    with pytest.raises(StageFailed, match="not finite"):
+        fit(start, views, dataclasses.replace(OPTIONS, steps=60))
+
+
+def test_poisoned_gaussians_are_counted_and_dropped() -> None:
+    start, views, held_out = scene()
+    start.means[3, 1], start.log_scales[5, 0], start.sh[7, 0, 2] = np.nan, np.inf, np.nan
+    result = fit(start, views, OPTIONS)
+    assert result.culled["non_finite"] > 0
+    assert result.n_pruned >= 3
+    assert result.gaussians.finite_rows.all()
+    assert quality_db(result.gaussians, held_out) > 20
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_the_size_of_the_scene_does_not_matter(factor: float) -> None:
+    start, views, held_out = scene()
+
+    def scaled(view: View) -> View:
+        pose = view.camera.cam_from_scene * np.array([1, 1, 1, factor])
+        return View(dataclasses.replace(view.camera, cam_from_scene=pose), view.image)
+
+    start = dataclasses.replace(
+        start, means=start.means * np.float32(factor), log_scales=start.log_scales + np.float32(np.log(factor))
+    )
+    result = fit(start, [scaled(view) for view in views], OPTIONS)
+    assert quality_db(result.gaussians, scaled(held_out)) > 20
+
+
+def test_every_image_is_used_once_an_epoch() -> None:
+    order = image_order(7, 30, 3)
+    assert len(order) == 30
+    assert sorted(order[:7]) == sorted(order[7:14]) == list(range(7))
+    assert order[:7] != order[7:14]
+    assert order == image_order(7, 30, 3) != image_order(7, 30, 4)
+
+
+def test_resolution_grows_to_full_size() -> None:
+    view = View(orbit_camera(0.0, 960, 540), np.zeros((540, 960, 3), np.uint8))
+    levels = resolutions([view], 1000)
+    assert [views[0].camera.width for _, views in levels] == [240, 480, 960]
+    assert [until for until, _ in levels] == sorted({until for until, _ in levels})
+    assert levels[-1][0] == 1000
+    assert [len(resolutions([view.limited(side)], 10)) for side in (64, 480)] == [1, 2]
+
+
+@pytest.mark.parametrize(("steps", "n_views"), [(1, 1), (10, 100), (3000, 87), (30000, 130)])
+def test_density_is_controlled_at_most_once_an_epoch(steps: int, n_views: int) -> None:
+    renewals = renewal_steps(steps, n_views)
+    assert renewals.step >= n_views
+    assert all(0 < step <= steps for step in renewals)
+
+
+def test_the_rate_of_the_means_decays_and_grows_with_the_scene() -> None:
+    assert learning_rates(1.0, 2.0).means < 0.1 * learning_rates(0.0, 2.0).means
+    assert learning_rates(0.5, 2.0).means == pytest.approx(2 * learning_rates(0.5, 1.0).means)

@@ -21,7 +21,7 @@ def filmed(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions
         times = frame + options.blur * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
         light = np.mean(
             [
-                render(scene, path.at(time), supersampling=1, k1=k1, shift=(float(x), float(y)))
+                render(scene, path.at(time), supersampling=1, k1=k1, shift=(float(x), float(y)), footprint_px=0.5)
                 for time, (x, y) in zip(times, places, strict=True)
             ],
             axis=0,

@@ -78,6 +78,7 @@ def render(
     supersampling: int = 2,
     k1: float = 0.0,
     shift: tuple[float, float] = (0.0, 0.0),
+    footprint_px: float = 0.0,
 ) -> Float32:
     """(H, W, 3) linear light.
 
@@ -86,11 +87,12 @@ def render(
         supersampling: rays a pixel in each direction; pixels that show the plant get twice as many.
         k1: radial distortion of the lens (OpenCV); 0 = none.
         shift: px that all rays are moved by.
+        footprint_px: what a ray stands for, so how far textures are filtered; 0 = the distance of the rays.
     """
     n, h, w = supersampling, camera.height, camera.width
     y, x = np.mgrid[: h * n, : w * n].astype(np.float32)
     directions = _directions(camera, (x.ravel() + 0.5) / n + shift[0], (y.ravel() + 0.5) / n + shift[1], k1)
-    light, on_plant = _light(scene, camera, directions, 1 / n)
+    light, on_plant = _light(scene, camera, directions, footprint_px or 1 / n)
     image = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
 
     # Twigs and fibres are finer than a pixel; textured panels are not, for they are prefiltered.

@@ -126,10 +126,10 @@ def _walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
         corner = -inwards * np.append(half, 0) - x * np.append(half, 0) + (0, 0, floor + height)
         length = 2 * half[wall % 2]
         build.panel(corner, x * length, (0, 0, -height), paint)
-        for _ in range(int(rng.integers(4, 8))):
+        for layer in range(int(rng.integers(4, 8))):
             size = rng.uniform((0.25, 0.25), (0.85, 0.75))
             along, down = rng.uniform((0.1, 0.15), (length - 0.1 - size[0], height - 1.0 - 0.3 * size[1]))
-            place = corner + x * along - (0, 0, down) + 0.006 * inwards
+            place = corner + x * along - (0, 0, down) + (0.006 + 0.003 * layer) * inwards
             tilt = rng.normal(0, 0.02)
             across = x * np.cos(tilt) + np.array([0, 0, np.sin(tilt)])
             downwards = x * np.sin(tilt) - np.array([0, 0, np.cos(tilt)])

@@ -56,7 +56,7 @@ def dense_points(
 
     small = [view.limited(FLOW_SIDE_PX) for view in views]
     grey = [cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY) for view in small]
-    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     depths: list[list[NDArray[np.float64]]] = [[np.full(len(_grid(view.camera)), np.nan)] for view in small]
     for i, j in neighbouring_pairs([view.camera for view in views], points):
         if grey[i].shape != grey[j].shape or min(grey[i].shape) < SMALLEST_SIDE_PX:

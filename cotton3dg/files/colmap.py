@@ -14,9 +14,10 @@ from ..errors import BadInput, MissingInput
 
 log = logging.getLogger("cotton3dg")
 
-SIMPLE_PINHOLE, PINHOLE = 0, 1
-PARAMETER_COUNTS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12)
-"""Number of parameters of each of COLMAP's camera models, by its id."""
+PARAMETER_COUNTS = {0: 3, 1: 4}
+"""Of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
+MAX_COORDINATE = 1e12
+"""su; beyond it, as with NaN, a pose or point is lost rather than far."""
 
 
 class _Reader:
@@ -79,7 +80,7 @@ def read_cameras(model_dir: Path) -> list[Camera]:
         _, *pose, camera_id = reader.fields("I7dI")
         name = reader.name()
         reader.skip(24 * reader.count(24))
-        if not np.isfinite(pose).all() or not np.linalg.norm(pose[:4]) > 0:
+        if not (np.abs(pose) < MAX_COORDINATE).all() or not np.abs(pose[:4]).max() > 1e-6:
             log.warning("sfm: the pose of %s is not finite; the image is left out", name)
             continue
         if camera_id not in pinholes:
@@ -100,10 +101,10 @@ def _read_pinholes(path: Path) -> dict[int, tuple[int, int, tuple[float, float, 
     pinholes = {}
     for _ in range(reader.count(24)):
         camera_id, model, width, height = reader.fields("iiQQ")
-        if model not in (SIMPLE_PINHOLE, PINHOLE):
+        if model not in PARAMETER_COUNTS:
             raise reader.bad("holds a camera with lens distortion where undistorted images are needed")
         values = reader.fields(f"{PARAMETER_COUNTS[model]}d")
-        fx, fy, cx, cy = (values[0], *values) if model == SIMPLE_PINHOLE else values
+        fx, fy, cx, cy = (values[0], *values) if len(values) == 3 else values
         if not (np.isfinite(values).all() and fx > 0 and fy > 0 and 0 < width <= 65535 and 0 < height <= 65535):
             raise reader.bad("holds a camera of impossible size or focal length")
         pinholes[camera_id] = (width, height, (fx, fy, cx, cy))
@@ -116,7 +117,7 @@ def read_points(
     """Triangulated points of a model; those that are not finite are left out.
 
     Returns:
-        xyz (P, 3) su, RGB (P, 3), mean reprojection error (P,) px, and number of images (P,) of each point, in the
+        xyz (P, 3) su, RGB (P, 3), mean reprojection error (P,) px or -1 where unknown, and number of images (P,) of each point, in the
         order of their ids.
     Raises:
         MissingInput: the file is not there.
@@ -132,5 +133,5 @@ def read_points(
         lengths[row] = reader.count(8)
         reader.skip(8 * int(lengths[row]))
     order = np.argsort(ids, kind="stable")
-    order = order[np.isfinite(xyz[order]).all(axis=1)]
-    return xyz[order], rgb[order], np.nan_to_num(errors[order], nan=-1.0), lengths[order]
+    order = order[(np.abs(xyz[order]) < MAX_COORDINATE).all(axis=1)]
+    return xyz[order], rgb[order], np.where(np.isfinite(errors[order]), errors[order], -1.0), lengths[order]

@@ -178,7 +178,7 @@ def read_frames(
     pixel_format, kind, depth = ("rgb48le", "<u2", 2) if facts.is_hdr else ("rgb24", "u1", 1)
     stream = (
         _stream(path)
-        .filter("select", "+".join(f"eq(n,{index})" for index in indices))
+        .filter("select", _balanced_sum([f"eq(n,{index})" for index in indices]))
         .filter("scale", width, height, flags="area+accurate_rnd+full_chroma_int+full_chroma_inp")
         .filter("format", pixel_format)
     )
@@ -212,6 +212,13 @@ def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[
         clean = [key for key in key_frames if key >= start + DECODER_DELAY_FRAMES]
         intact[max(0, start - 1) : clean[0] if clean else None] = False
     return np.nan_to_num(np.array(timestamps, np.float64), nan=-np.inf), intact, tuple(errors)
+
+
+def _balanced_sum(terms: list[str]) -> str:
+    """Terms added up in pairs of pairs, because ffmpeg refuses expressions nested more than a hundred deep."""
+    while len(terms) > 1:
+        terms = [f"({'+'.join(terms[i : i + 2])})" for i in range(0, len(terms), 2)]
+    return terms[0]
 
 
 def _number(text: str) -> float:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -143,7 +144,8 @@ class DensityStatistics:
     @staticmethod
     def zeros(count: int) -> DensityStatistics:
         """Nothing seen yet."""
-        return DensityStatistics(*(np.zeros(count, np.float32) for _ in range(4)), np.zeros(count, np.int32))
+        grad_px, abs_grad_px, max_radius_px, weight = np.zeros((4, count), np.float32)
+        return DensityStatistics(grad_px, abs_grad_px, max_radius_px, weight, np.zeros(count, np.int32))
 
     def as_arrays(self) -> tuple[NDArray[Any], ...]:
         """In the order of the fields."""
@@ -237,10 +239,8 @@ def render_values(
     view = _view(gaussians, camera, near_su)
     parts = []
     for begin, end, width in _channel_groups(channels):
-        part = _padded(values[:, begin:end], width), _padded(backdrop[None, begin:end], width)[0]
-        parts.append(
-            _within_memory(lambda p=part: _native.render_values(_arrays(gaussians), p[0], view, p[1], threads))  # type: ignore[misc]
-        )
+        rows, behind = _padded(values[:, begin:end], width), _padded(backdrop[begin:end], width)
+        parts.append(_within_memory(partial(_native.render_values, _arrays(gaussians), rows, view, behind, threads)))
     image = parts[0][0] if len(parts) == 1 else np.concatenate([part[0] for part in parts], axis=2)
     return Rendered(np.ascontiguousarray(image[..., :channels]), parts[0][1], parts[0][2], **parts[0][3])
 
@@ -254,14 +254,10 @@ def values_gradient(
     """
     channels = v_image.shape[2]
     view = _view(gaussians, camera, near_su)
-    parts = [
-        _within_memory(
-            lambda v=_padded(v_image[..., begin:end], width): _native.values_gradient(  # type: ignore[misc]
-                _arrays(gaussians), view, v, threads
-            )
-        )
-        for begin, end, width in _channel_groups(channels)
-    ]
+    parts = []
+    for begin, end, width in _channel_groups(channels):
+        v = _padded(v_image[..., begin:end], width)
+        parts.append(_within_memory(partial(_native.values_gradient, _arrays(gaussians), view, v, threads)))
     return np.ascontiguousarray(np.concatenate(parts, axis=1)[:, :channels])
 
 
@@ -315,8 +311,7 @@ def loss_and_gradients(
             threads,
         )
     )
-    parameters = ("means", "quats", "log_scales", "opacity_logits", "sh")
-    return LossGradients(**report, **{f"v_{name}" if name in parameters else name: a for name, a in gradients.items()})
+    return LossGradients(**report, **gradients)
 
 
 def train_step(

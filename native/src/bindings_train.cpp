@@ -71,8 +71,9 @@ py::dict gradient_arrays(const Frame<Real>& frame, const ViewGradient<Real>& gra
     }
     kernels<Real>().sh_gradient(frame.scene, frame.view, frame.visible.data(), frame.visible_count, gradient.rows,
                                 sh.mutable_data());
-    return py::dict("means"_a = means, "quats"_a = quats, "log_scales"_a = log_scales, "opacity_logits"_a = logits,
-                    "sh"_a = sh, "grad_px"_a = grad_px, "abs_grad_px"_a = abs_grad_px, "weight"_a = weight);
+    return py::dict("v_means"_a = means, "v_quats"_a = quats, "v_log_scales"_a = log_scales,
+                    "v_opacity_logits"_a = logits, "v_sh"_a = sh, "grad_px"_a = grad_px, "abs_grad_px"_a = abs_grad_px,
+                    "weight"_a = weight);
 }
 
 py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,

@@ -1,0 +1,46 @@
+"""Small made scenes for the tests of the native core."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cotton3dg import _native
+from cotton3dg.core.scene import Camera, Gaussians
+
+NEAR = 0.05
+
+
+def scene(count: int, seed: int, coefficients: int = 16) -> Gaussians:
+    """Gaussians around the origin, within reach of `camera_at`."""
+    rng = np.random.default_rng(seed)
+    return Gaussians(
+        rng.uniform(-1, 1, (count, 3)).astype(np.float32),
+        rng.normal(size=(count, 4)).astype(np.float32),
+        np.log(rng.uniform(0.03, 0.3, (count, 3))).astype(np.float32),
+        rng.normal(0.5, 1.5, count).astype(np.float32),
+        rng.normal(0, 0.3, (count, coefficients, 3)).astype(np.float32),
+    )
+
+
+def camera_at(width: int, height: int, angle: float = 0.0, distance: float = 3.0) -> Camera:
+    """A camera that looks at the origin from `distance` su, turned around the vertical; its centre is off-axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    pose = np.concatenate([rotation, [[0.0], [0.0], [distance]]], axis=1)
+    focal = 1.1 * max(width, height)
+    return Camera("view", width, height, focal, 0.97 * focal, 0.48 * width, 0.53 * height, pose)
+
+
+def native_view(camera: Camera, near_su: float = NEAR) -> _native.View:
+    return _native.View(
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_scene, near_su
+    )
+
+
+def arrays_of(gaussians: Gaussians) -> _native.Arrays:
+    g = gaussians
+    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
+
+
+def double(gaussians: Gaussians) -> _native.Arrays:
+    return tuple(a.astype(np.float64) for a in arrays_of(gaussians))  # type: ignore[return-value]

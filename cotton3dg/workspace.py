@@ -47,6 +47,11 @@ class Workspace:
     def images_input(self) -> Path:
         return self.root / "images"
 
+    @property
+    def masks_input(self) -> Path:
+        """Boll masks that the user made, for the import back end."""
+        return self.root / "own_masks"
+
     def capture(self) -> Path:
         """The user's video, or the `images` folder.
 

@@ -1,0 +1,158 @@
+"""Where around the plant is lint: single images vote in space, which no image can decide alone.
+
+A white poster behind the plant looks like lint in one image and not in the next; a place in space where most views see
+lint is lint. This is shape from silhouette (Laurentini 1994) with soft silhouettes, and with votes in place of an
+intersection, because burs and branches hide every boll from some side. Lengths are relative to the radius R of
+the orbit, because nothing has a unit yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float32, Float64
+from .split_touching import split_touching
+from .views import Orbit
+
+REACH = 0.4
+"""Radius of the searched space, R: walls and shelves stand outside the circle of the cameras, plants well inside."""
+COARSE = 0.01
+"""Pitch of the first search, R: a boll of 4-5 cm filmed from 1.3-1.6 m is three voxels wide."""
+REFINED = 3
+"""Fine voxels along a coarse one."""
+IN_VIEW = 0.6
+"""Least share of the views that have a voxel in their image; the plant is meant to be in all."""
+CONTRAST = 0.6
+"""Least contrast of a boll's best voxels: the share of the views that see lint there, beyond those that see white
+through empty space anyway."""
+CLEARANCE = 0.04
+"""Height above the table below which nothing is a boll, R: the clamp, labels, fallen locks."""
+
+
+@dataclass(frozen=True)
+class LintVolume:
+    """Voxels that are lint, each of one boll."""
+
+    centres: Float32
+    """(N, 3) su."""
+    bolls: NDArray[np.int32]
+    """(N,) 1 ... B."""
+    contrasts: Float32
+    """(N,) 1 where all views see lint, 0 where as many see white as through the empty space around."""
+    pitch: float
+    """su."""
+
+    def confidence(self, boll: int) -> float:
+        """0..1, the highest contrast in a boll."""
+        return float(np.clip(self.contrasts[self.bolls == boll].max(), 0, 1))
+
+
+def find_bolls(
+    scores: Sequence[NDArray], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None = None
+) -> LintVolume:
+    """Find the lint inside the orbit and divide it into bolls.
+
+    Args:
+        scores: (H, W) of each view, 0..1, how much each pixel looks like lint.
+        cameras: of these views.
+        table: (4,) plane, height above it = a x + b y + c z + d; None when there is none.
+    """
+    contrasts, scene_from_voxel = vote(scores, cameras, orbit, table)
+    labels = split_touching(contrasts, CONTRAST)
+    voxels = np.argwhere(labels > 0)
+    centres = voxels @ scene_from_voxel[:, :3].T + scene_from_voxel[:, 3]
+    where = tuple(voxels.T)
+    return LintVolume(centres.astype(np.float32), labels[where], contrasts[where], COARSE / REFINED * orbit.radius)
+
+
+def vote(
+    scores: Sequence[NDArray], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None
+) -> tuple[Float32, Float64]:
+    """Contrasts (X, Y, Z) of fine voxels, 0 where nothing is to be expected, and the affine map (3, 4) of their indices
+    into the scene. Arguments as of `find_bolls`.
+    """
+    from scipy import ndimage
+
+    axis = orbit.axis if table is None else np.asarray(table[:3])
+    pitch = COARSE * orbit.radius
+    half = round(REACH / COARSE)
+    scene_from_cell = np.column_stack([pitch * _level_axes(axis).T, orbit.centre])
+    cells = np.stack(np.meshgrid(*[np.arange(-half, half + 1, dtype=np.float32)] * 3, indexing="ij"), -1)
+    allowed = np.hypot(cells[..., 0], cells[..., 1]) <= half
+    if table is not None:
+        height = _mapped(cells, scene_from_cell) @ table[:3].astype(np.float32) + np.float32(table[3])
+        allowed &= height > CLEARANCE * orbit.radius
+    shares = np.zeros(allowed.shape, np.float32)
+    shares[allowed], in_view = mean_score(_mapped(cells[allowed], scene_from_cell), scores, cameras)
+    allowed[allowed] = in_view >= IN_VIEW
+    usual = _usual_share(shares, allowed)
+    hopeful = ndimage.binary_dilation(allowed & (_contrast(shares, usual) > CONTRAST / 2)) & allowed
+    coarse = np.argwhere(hopeful)
+    if not len(coarse):
+        return np.zeros((1, 1, 1), np.float32), scene_from_cell
+
+    corner = coarse.min(axis=0)
+    thirds = np.stack(np.meshgrid(*[np.arange(REFINED)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    fine = ((coarse - corner)[:, None] * REFINED + thirds).reshape(-1, 3)
+    first = corner - half + (1 - REFINED) / (2 * REFINED)
+    scene_from_voxel = np.column_stack(
+        [scene_from_cell[:, :3] / REFINED, scene_from_cell[:, :3] @ first + scene_from_cell[:, 3]]
+    )
+    shares, in_view = mean_score(_mapped(fine.astype(np.float32), scene_from_voxel), scores, cameras)
+    contrasts = np.zeros((coarse.max(axis=0) - corner + 1) * REFINED, np.float32)
+    # A view that does not see a voxel is no witness for it.
+    contrasts[tuple(fine.T)] = in_view * _contrast(shares, np.repeat(usual[hopeful], REFINED**3))
+    return contrasts, scene_from_voxel
+
+
+def mean_score(points: Float32, scores: Sequence[NDArray], cameras: Sequence[Camera]) -> tuple[Float32, Float32]:
+    """Mean score of (N, 3) points over the views that have them in their image, and the share of views that do."""
+    total, seen = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
+    for score, camera in zip(scores, cameras, strict=True):
+        columns, lines, inside = pixels_of(points, camera)[:3]
+        total[inside] += score[lines[inside], columns[inside]]
+        seen += inside
+    return total / np.maximum(seen, 1), seen / max(len(cameras), 1)
+
+
+def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray, NDArray, NDArray, Float32]:
+    """Columns and lines of the pixels that (N, 3) points fall on, whether these are in the image, and depths in su."""
+    x, y, z = (points @ row[:3] + row[3] for row in camera.cam_from_scene.astype(np.float32))
+    ahead = z > 0
+    z = np.where(ahead, z, 1)
+    columns, lines = x / z * np.float32(camera.fx) + np.float32(camera.cx), y / z * np.float32(camera.fy)
+    lines += np.float32(camera.cy)
+    inside = ahead & (columns >= 0) & (columns < camera.width) & (lines >= 0) & (lines < camera.height)
+    return np.where(inside, columns, 0).astype(np.int32), np.where(inside, lines, 0).astype(np.int32), inside, z
+
+
+def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
+    """What empty space around each voxel looks like: an opening that removes all that is narrower than 0.09 R."""
+    from scipy import ndimage
+
+    weights = ndimage.gaussian_filter(allowed.astype(np.float32), 1.5)
+    smooth = ndimage.gaussian_filter(np.where(allowed, shares, 0), 1.5) / np.maximum(weights, 1e-6)
+    low = ndimage.minimum_filter(np.where(allowed, smooth, 1), 9)
+    opened = ndimage.maximum_filter(np.where(allowed, low, 0), 9)
+    return np.clip(opened, 0, 0.95)
+
+
+def _mapped(points: Float32, affine: Float64) -> Float32:
+    """(..., 3) points through a (3, 4) affine map."""
+    return points @ affine[:, :3].T.astype(np.float32) + affine[:, 3].astype(np.float32)
+
+
+def _contrast(shares: Float32, usual: Float32) -> Float32:
+    """1 where all views see lint, 0 where as many see white as through the empty space around."""
+    return (shares - usual) / (1 - usual)
+
+
+def _level_axes(axis: Float64) -> Float64:
+    """(3, 3) rows: two directions across a unit `axis`, and the axis."""
+    x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis])

@@ -42,11 +42,15 @@ def alpha_volume(points: NDArray, alpha: float) -> Measured:
         return Measured(np.nan, reason)
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import Delaunay
+    from scipy.spatial import ConvexHull, Delaunay
 
-    mesh = Delaunay(centred)
+    # What is much finer than the ball makes no difference to it; the hull's corners keep the set solid.
+    extent = float(np.ptp(centred, axis=0).max())
+    cells = np.floor(centred / np.clip(alpha / 5, extent / 1e5, extent / 40)).astype(np.int64)
+    firsts = np.unique(cells @ [1, 1 << 20, 1 << 40], return_index=True)[1]
+    mesh = Delaunay(centred[np.union1d(firsts, ConvexHull(centred).vertices)])
     n = len(mesh.simplices)
-    corners = centred[mesh.simplices]
+    corners = mesh.points[mesh.simplices]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     # Face k of a tetrahedron lies opposite to its corner k; beyond the hull is one node, number n.
     faces = np.stack([np.delete(corners, k, axis=1) for k in range(4)], axis=1)
@@ -70,18 +74,17 @@ def calliper_diameter(points: NDArray) -> Measured:
 
 
 def solid_points(points: NDArray) -> tuple[NDArray[np.float64], str]:
-    """The distinct points in float64, centred, and why they span no volume ('' when they do)."""
+    """The points in float64, centred, and why they span no volume ('' when they do)."""
     points = np.asarray(points, np.float64).reshape(-1, 3)
     if not np.isfinite(points).all():
         return points, "not_finite"
     if len(points) < 4:
         return points, "too_few_points"
-    # Centred before anything else: far from the origin the hull's determinants would cancel.
-    points = np.unique(points - points.mean(axis=0), axis=0)
-    points -= points.mean(axis=0)
-    spread = np.linalg.svd(points, compute_uv=False) if len(points) > 2 else np.zeros(3)
-    if len(points) < 4 or spread[0] <= 0:
+    if (np.ptp(points, axis=0) == 0).all():
         return points, "coincident_points"
+    # Centred before anything else: far from the origin the hull's determinants would cancel.
+    points = points - points.mean(axis=0)
+    spread = np.linalg.svd(points, compute_uv=False)
     if spread[1] <= FLAT * spread[0]:
         return points, "collinear_points"
     if spread[2] <= FLAT * spread[0]:

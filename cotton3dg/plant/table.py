@@ -213,10 +213,13 @@ def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle
     box = min_area_rectangle((corners - half) * CELL * radius)
     if box.sides[1] < 0.1 * radius:
         return None
-    turned = np.vstack([box.axes @ axes[:2], axes[2]])
     inside = (np.stack([x, y], 1) + 0.5 - half) * CELL * radius @ box.axes.T
-    sides = [_half_covered(inside[:, k], CELL * radius) for k in (0, 1)]
-    return Rectangle(turned, origin, np.concatenate(sides))
+    limits = np.stack([_half_covered(inside[:, k], CELL * radius) for k in (0, 1)])
+    # Cells are coarse: the sides go to the outermost points within them.
+    along = places[part[cells[:, 1], cells[:, 0]], :2] @ box.axes.T
+    along = along[((along >= limits[:, 0]) & (along <= limits[:, 1])).all(axis=1)]
+    sides = np.stack([along.min(axis=0), along.max(axis=0)], axis=1)
+    return Rectangle(np.vstack([box.axes @ axes[:2], axes[2]]), origin, sides.ravel())
 
 
 def _half_covered(values: Float64, step: float) -> Float64:

@@ -1,0 +1,95 @@
+"""The scale stage on a made room: COLMAP model, photos and Gaussians in, scale.json and pictures out."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from table_scene import POSE, gaussians_at, orbit, photo, table_points_cm
+
+from cotton3dg.errors import MissingInput, NoScale
+from cotton3dg.files.images import read_image, write_image
+from cotton3dg.files.ply import write_gaussians
+from cotton3dg.files.scale import read_scale
+from cotton3dg.options import ScaleOptions
+from cotton3dg.stages import scale
+from cotton3dg.workspace import Workspace
+
+CAMERAS = orbit(16, 320, 180)
+
+
+def write_colmap(folder, cameras, points):
+    folder.mkdir(parents=True)
+    c = cameras[0]
+    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, c.width, c.height, c.fx, c.fy, c.cx, c.cy))
+    images = [struct.pack("<Q", len(cameras))]
+    for number, camera in enumerate(cameras, 1):
+        x, y, z, w = Rotation.from_matrix(camera.rotation).as_quat()
+        row = struct.pack("<I7dI", number, w, x, y, z, *camera.cam_from_scene[:, 3], 1)
+        images.append(row + camera.name.encode() + b"\0" + struct.pack("<Q", 0))
+    (folder / "images.bin").write_bytes(b"".join(images))
+    rows = [struct.pack("<Q3d3BdQ", n, *point, 128, 128, 128, 0.5, 0) for n, point in enumerate(points, 1)]
+    (folder / "points3D.bin").write_bytes(struct.pack("<Q", len(points)) + b"".join(rows))
+
+
+@pytest.fixture(scope="module")
+def photos():
+    return [photo(camera) for camera in CAMERAS]
+
+
+@pytest.fixture
+def workspace(tmp_path, photos):
+    workspace = Workspace(tmp_path)
+    points = POSE.scene(table_points_cm(np.random.default_rng(0)))
+    write_colmap(workspace.undistorted / "sparse", CAMERAS, points)
+    (workspace.undistorted / "images").mkdir()
+    for camera, image in zip(CAMERAS, photos, strict=True):
+        write_image(workspace.undistorted_image(camera.name), image)
+    workspace.gaussians_ply.parent.mkdir()
+    write_gaussians(workspace.gaussians_ply, gaussians_at(table_points_cm(np.random.default_rng(1), 500), 0.3))
+    return workspace
+
+
+def test_the_table_gives_the_scale(workspace):
+    outcome = scale.run(workspace, ScaleOptions())
+    found = read_scale(workspace.scale_json)
+    assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.005)
+    assert found.source == "table"
+    assert outcome.flags == ()
+    evidence = json.loads(workspace.scale_json.read_text())["evidence"]
+    assert evidence["aspect"] == pytest.approx(2.0, rel=0.02)
+    assert evidence["fill"] > 0.8
+    assert len(evidence["edge_residuals_px"]) == 4
+    pictures = sorted(path.name for path in workspace.scale_json.parent.glob("*.jpg"))
+    assert pictures == ["table_0.jpg", "table_1.jpg", "table_2.jpg"]
+    assert read_image(workspace.scale_json.parent / "table_0.jpg").shape == (180, 320, 3)
+
+
+def test_another_size_of_table_gives_another_scale(workspace):
+    scale.run(workspace, ScaleOptions(table_length_cm=240.0, table_width_cm=120.0))
+    assert read_scale(workspace.scale_json).cm_per_su == pytest.approx(2 * POSE.cm_per_su, rel=0.005)
+
+
+def test_a_table_of_another_shape_leaves_no_scale_but_a_warning(workspace):
+    outcome = scale.run(workspace, ScaleOptions(table_length_cm=100.0, table_width_cm=100.0))
+    assert read_scale(workspace.scale_json) is None
+    assert outcome.flags == ("no_scale",)
+    assert "table" in outcome.warnings[0]
+    with pytest.raises(NoScale, match="table") as error:
+        scale.run(workspace, ScaleOptions(table_length_cm=100.0, table_width_cm=100.0, require_scale=True))
+    assert error.value.exit_code == 5
+
+
+def test_none_is_none(workspace):
+    outcome = scale.run(workspace, ScaleOptions(method="none"))
+    assert read_scale(workspace.scale_json) is None
+    assert outcome.flags == ("no_scale",)
+    assert outcome.warnings == ()
+    with pytest.raises(NoScale):
+        scale.run(workspace, ScaleOptions(method="none", require_scale=True))
+
+
+def test_it_says_what_is_missing(tmp_path):
+    with pytest.raises(MissingInput, match="cotton3dg sfm"):
+        scale.run(Workspace(tmp_path), ScaleOptions())

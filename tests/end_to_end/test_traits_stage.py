@@ -1,0 +1,166 @@
+"""The traits stage on a made plant: files of the stages before in, tables out."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
+
+from cotton3dg.core.measurements import Scale
+from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.files.ply import read_gaussians, write_gaussians
+from cotton3dg.files.scale import scale_facts
+from cotton3dg.files.tables import BOLLS, TRAITS
+from cotton3dg.options import TraitsOptions
+from cotton3dg.stages import traits
+from cotton3dg.workspace import Workspace, json_text
+
+BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3
+
+
+def write_bolls(workspace, labels):
+    workspace.bolls_json.parent.mkdir(exist_ok=True)
+    gaussians = read_gaussians(workspace.gaussians_ply)
+    bolls = [
+        {"id": k, "centre_su": gaussians.means[labels == k].mean(0), "diameter_su": 0.1, "views": ["000000.jpg"] * k,
+         "confidence": 0.75, "flags": ["split"] if k == 2 else []}
+        for k in range(1, labels.max() + 1)
+    ]  # fmt: skip
+    workspace.bolls_json.write_text(json_text({"gaussians_sha256": gaussians.sha256(), "bolls": bolls}))
+    np.save(workspace.labels_npy, labels.astype(np.int32))
+
+
+def write_scale(workspace, facts):
+    workspace.scale_json.parent.mkdir(exist_ok=True)
+    workspace.scale_json.write_text(json_text(facts))
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    folder = tmp_path / "plant_017"
+    folder.mkdir()
+    workspace = Workspace(folder)
+    gaussians, labels = plant_scene()
+    workspace.gaussians_ply.parent.mkdir()
+    write_gaussians(workspace.gaussians_ply, gaussians)
+    write_bolls(workspace, labels)
+    up = POSE.rotation[:, 2]
+    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
+    write_scale(workspace, scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners)))
+    workspace.sfm_json.parent.mkdir()
+    workspace.sfm_json.write_text(json.dumps({"n_frames": 100, "registered": [f"{k}" for k in range(93)]}))
+    workspace.metrics_json.write_text(json.dumps({"psnr_db": 31.4159}))
+    workspace.write_record("sfm", {"status": "ok", "seconds": 100.25, "flags": ["few_frames_registered"]})
+    workspace.write_record("train", {"status": "ok", "seconds": 200.5, "flags": ["low_psnr", "few_frames_registered"]})
+    return workspace
+
+
+def rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_plant_has_its_row(workspace):
+    outcome = traits.run(workspace, TraitsOptions())
+    (row,) = rows(workspace.traits_csv)
+    assert list(row) == [column.name for column in TRAITS]
+    assert row["plant_id"] == "plant_017"
+    assert row["boll_count"] == "4"
+    assert float(row["boll_volume_cm3"]) == pytest.approx(4 * BOLL_CM3, rel=0.05)
+    assert float(row["boll_volume_mean_cm3"]) == pytest.approx(BOLL_CM3, rel=0.05)
+    assert float(row["plant_height_cm"]) == pytest.approx(70.0, abs=0.3)
+    assert float(row["canopy_size_cm"]) == pytest.approx(
+        (float(row["canopy_length_cm"]) + float(row["canopy_width_cm"])) / 2, abs=0.011
+    )
+    assert (row["scale_source"], row["scale_error_pct"]) == ("table", "0.200")
+    assert (row["n_frames"], row["registered_pct"], row["psnr_db"]) == ("100", "93.0", "31.42")
+    assert row["seconds"] == "300.8"
+    assert row["qc_flags"] == "few_frames_registered;low_psnr"
+    assert row["version"]
+    assert outcome.summary["boll_count"] == 4
+
+
+def test_each_boll_has_its_row_in_the_plant_frame(workspace):
+    traits.run(workspace, TraitsOptions())
+    bolls = rows(workspace.bolls_csv)
+    assert list(bolls[0]) == [column.name for column in BOLLS]
+    assert [row["boll_id"] for row in bolls] == ["1", "2", "3", "4"]
+    for row, centre in zip(bolls, BOLLS_CM, strict=True):
+        assert [float(row[f"{axis}_cm"]) for axis in "xyz"] == pytest.approx(centre - FOOT_CM, abs=0.4)
+        assert float(row["volume_cm3"]) == pytest.approx(BOLL_CM3, rel=0.05)
+        assert float(row["diameter_cm"]) == pytest.approx(2 * BOLL_RADIUS_CM, rel=0.02)
+        assert row["n_gaussians"] == "400"
+        assert row["n_views"] == row["boll_id"]
+        assert row["confidence"] == "0.750"
+    assert [row["qc_flags"] for row in bolls] == ["", "split", "", ""]
+
+
+def test_columns_are_described_beside_the_tables(workspace):
+    traits.run(workspace, TraitsOptions())
+    described = rows(workspace.traits_csv.with_name("columns.csv"))
+    assert [(row["table"], row["column"]) for row in described] == [
+        *(("traits.csv", column.name) for column in TRAITS),
+        *(("bolls.csv", column.name) for column in BOLLS),
+    ]
+
+
+def test_without_a_scale_metric_cells_are_blank(workspace):
+    write_scale(workspace, {"source": "none", "reason": "no table"})
+    traits.run(workspace, TraitsOptions())
+    (row,) = rows(workspace.traits_csv)
+    assert row["boll_count"] == "4"
+    assert row["scale_source"] == "none"
+    assert row["scale_error_pct"] == ""
+    assert {row[column.name] for column in TRAITS if column.name.endswith(("_cm", "_cm3"))} == {""}
+    for boll in rows(workspace.bolls_csv):
+        assert {boll[column.name] for column in BOLLS if column.name.endswith(("_cm", "_cm3"))} == {""}
+        assert boll["n_gaussians"] == "400"
+
+
+def test_a_plant_without_bolls_has_none(workspace):
+    write_bolls(workspace, np.zeros(len(read_gaussians(workspace.gaussians_ply)), int))
+    traits.run(workspace, TraitsOptions())
+    (row,) = rows(workspace.traits_csv)
+    assert (row["boll_count"], row["boll_volume_cm3"], row["boll_volume_mean_cm3"]) == ("0", "0.00", "")
+    assert float(row["plant_height_cm"]) > 50
+    assert rows(workspace.bolls_csv) == []
+
+
+def test_a_plant_may_have_another_name_and_a_byte_order_mark(workspace):
+    traits.run(workspace, TraitsOptions(plant_id="=A1", excel=True))
+    assert workspace.traits_csv.read_bytes().startswith(b"\xef\xbb\xbfplant_id,")
+    with workspace.traits_csv.open(newline="", encoding="utf-8-sig") as file:
+        assert next(csv.DictReader(file))["plant_id"] == "'=A1"
+
+
+def test_bolls_of_another_model_are_refused(workspace):
+    table = json.loads(workspace.bolls_json.read_text())
+    workspace.bolls_json.write_text(json.dumps(table | {"gaussians_sha256": "0" * 64}))
+    with pytest.raises(BadInput, match="cotton3dg cluster"):
+        traits.run(workspace, TraitsOptions())
+
+
+def test_what_is_missing_is_named(workspace):
+    workspace.scale_json.unlink()
+    with pytest.raises(MissingInput, match="cotton3dg scale"):
+        traits.run(workspace, TraitsOptions())
+
+
+def test_a_turned_scene_gives_the_same_traits(workspace):
+    """Nothing depends on how structure from motion happened to lay the axes."""
+    traits.run(workspace, TraitsOptions())
+    (before,) = rows(workspace.traits_csv)
+    turned = type(POSE)(3.7, Rotation.from_euler("xyz", (-30, 70, 10), degrees=True).as_matrix(), POSE.shift * 2)
+    gaussians, labels = plant_scene(pose=turned)
+    write_gaussians(workspace.gaussians_ply, gaussians)
+    write_bolls(workspace, labels)
+    up = turned.rotation[:, 2]
+    corners = turned.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
+    write_scale(workspace, scale_facts(Scale(3.7, 0.002, "table", up, np.append(up, -up @ corners[0]), corners)))
+    traits.run(workspace, TraitsOptions())
+    (after,) = rows(workspace.traits_csv)
+    for column in TRAITS:
+        if column.name.endswith(("_cm", "_cm3")) and column.name != "plant_height_obb_cm":
+            assert float(after[column.name]) == pytest.approx(float(before[column.name]), rel=0.01)

@@ -1,0 +1,150 @@
+"""Telling the plant from everything else, and measuring it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from table_scene import (
+    BOLL_RADIUS_CM,
+    BOLLS_CM,
+    FOOT_CM,
+    POSE,
+    gaussians_at,
+    joined,
+    plant_points_cm,
+    plant_scene,
+    table_points_cm,
+)
+
+from cotton3dg.core.bolls import BollInstance
+from cotton3dg.core.measurements import Scale
+from cotton3dg.plant.isolate import connected, isolate_plant, stem_axis, table_coordinates
+from cotton3dg.plant.measure import measure_bolls, measure_silhouette, summarise_plant
+
+UP = POSE.rotation[:, 2]
+CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
+SCALE = Scale(POSE.cm_per_su, 0.002, "table", UP, np.append(UP, -UP @ CORNERS[0]), CORNERS)
+
+
+def bolls_of(gaussians, labels):
+    return [
+        BollInstance(k, np.flatnonzero(labels == k), ("a", "b"), gaussians.means[labels == k].mean(0).astype(float),
+                     0.1, 0.9)
+        for k in range(1, labels.max() + 1)
+    ]  # fmt: skip
+
+
+def test_table_coordinates():
+    places = np.array([[0, 0, 0], [12, -7, 30.0]])
+    assert table_coordinates(SCALE, POSE.scene(places)) == pytest.approx(places, abs=1e-6)
+
+
+def test_the_plant_is_all_of_the_plant_and_nothing_else():
+    gaussians, labels = plant_scene()
+    n_plant = len(plant_points_cm(np.random.default_rng(0))[0])
+    plant = isolate_plant(gaussians, SCALE, 4.0, labels > 0)
+    above_clamp = POSE.cm(gaussians.means)[:n_plant, 2] > 5.0
+    assert plant.rows[:n_plant][above_clamp].all()
+    # What is left of the scene's 60 floaters and 3,000 other points in mid-air.
+    assert plant.rows[n_plant:].sum() <= 5
+    assert plant.stem_found
+    assert POSE.cm(plant.foot[None])[0] == pytest.approx(FOOT_CM, abs=0.2)
+
+
+def test_a_leaning_stem_is_continued_down_to_the_table():
+    stem = np.linspace([0, 0, 0.0], [6, -3, 30], 150) + [10, 5, 0]
+    plant = isolate_plant(gaussians_at(stem, 0.2), SCALE, 4.0, np.zeros(150, bool))
+    assert POSE.cm(plant.foot[None])[0] == pytest.approx([10, 5, 0], abs=0.2)
+
+
+def test_without_a_stem_the_bolls_stand_for_the_plant():
+    bolls, labels = plant_points_cm(np.random.default_rng(0))
+    bolls, labels = bolls[labels > 0], labels[labels > 0]
+    bolls = bolls[:, :] + [0, 0, 10]
+    plant = isolate_plant(gaussians_at(bolls, 0.2), SCALE, 4.0, labels > 0)
+    assert plant.rows.all()
+    assert not plant.stem_found
+
+
+def test_an_empty_table_has_no_plant():
+    table = gaussians_at(table_points_cm(np.random.default_rng(0))[:5000], 0.1)
+    assert isolate_plant(table, SCALE, 4.0, np.zeros(len(table), bool)) is None
+
+
+def test_stem_axis_of_two_posts_is_the_taller_one():
+    tall = np.linspace([0, 0, 5.0], [0, 0, 13.0], 40)
+    short = np.repeat(np.linspace([9, 0, 5.0], [9, 0, 8.0], 40), 3, axis=0)
+    base, top = stem_axis(np.vstack([short, tall]), 5.0)
+    assert base == pytest.approx([0, 0, 0], abs=1e-6)
+    assert top == pytest.approx([0, 0, 13.0], abs=1e-6)
+
+
+def test_parts_are_bridged_and_specks_are_not():
+    stem = np.linspace([0, 0, 0.0], [0, 0, 20], 60)
+    branch = np.linspace([2.5, 0, 10], [10, 0, 10], 30)
+    speck = np.linspace([-2.5, 0, 10], [-3.5, 0, 10], 5)
+    far = np.linspace([0, 9.0, 10], [0, 15, 10], 40)
+    bodies = np.concatenate([stem, branch, speck, far])[:, None]
+    seeds = np.zeros(len(bodies), bool)
+    seeds[0] = True
+    assert connected(bodies, seeds).tolist() == [True] * 90 + [False] * 45
+
+
+def test_height_and_canopy_of_the_plant():
+    gaussians, labels = plant_scene()
+    plant = isolate_plant(gaussians, SCALE, 4.0, labels > 0)
+    size = measure_silhouette(gaussians, plant, SCALE)
+    assert size.height_cm == pytest.approx(70.0, abs=0.3)
+    # Bolls stick out to 31 cm in x and y, turned against each other.
+    surface = BOLLS_CM[:, :2]
+    spread = np.ptp(surface, axis=0) + 2 * BOLL_RADIUS_CM
+    assert (size.length_cm + size.width_cm) / 2 == pytest.approx(spread.mean(), rel=0.15)
+    assert size.length_cm >= size.width_cm
+    assert size.height_obb_cm > 55
+
+
+def test_bolls_have_their_volume_place_and_diameter():
+    gaussians, labels = plant_scene()
+    foot = POSE.scene(FOOT_CM[None])[0]
+    traits = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot)
+    for boll, centre in zip(traits, BOLLS_CM, strict=True):
+        assert boll.volume_cm3 == pytest.approx(4 / 3 * np.pi * BOLL_RADIUS_CM**3, rel=0.05)
+        assert boll.alpha_volume_cm3 == pytest.approx(boll.volume_cm3, rel=0.05)
+        assert boll.diameter_cm == pytest.approx(2 * BOLL_RADIUS_CM, rel=0.02)
+        assert boll.centre_cm == pytest.approx(centre - FOOT_CM, abs=0.3)
+        assert boll.n_views == 2
+
+
+def test_without_a_scale_only_counts_are_given():
+    gaussians, labels = plant_scene()
+    traits = measure_bolls(gaussians, bolls_of(gaussians, labels), None, None)
+    assert [boll.n_gaussians for boll in traits] == [400] * 4
+    row = summarise_plant(traits, None, False)
+    assert row.boll_count == 4
+    metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm3"))]
+    assert len(metric) == 7
+    assert np.isnan(metric).all()
+    assert row.flags == ()
+
+
+def test_no_bolls_have_no_volume_and_unknown_ones_no_known():
+    empty = summarise_plant([], None, True)
+    assert (empty.boll_count, empty.boll_volume_cm3) == (0, 0.0)
+    assert np.isnan(empty.boll_volume_mean_cm3)
+    gaussians, labels = plant_scene()
+    whole = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, None)
+    broken = replace(whole[0], volume_cm3=np.nan)
+    some = summarise_plant([broken, *whole[1:]], None, True)
+    assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in whole[1:]))
+    assert some.boll_volume_mean_cm3 == pytest.approx(some.boll_volume_cm3 / 3)
+    assert some.flags == ("bolls_without_volume",)
+    none = summarise_plant([broken], None, True)
+    assert np.isnan(none.boll_volume_cm3)
+
+
+def test_extra_gaussians_far_away_change_nothing():
+    gaussians, labels = plant_scene()
+    more = joined(gaussians, gaussians_at(np.array([[300.0, 0, 50], [0, 0, 400], [0, 0, -60]]), 0.3))
+    before = isolate_plant(gaussians, SCALE, 4.0, labels > 0)
+    after = isolate_plant(more, SCALE, 4.0, np.append(labels > 0, [False] * 3))
+    assert (after.rows == np.append(before.rows, [False] * 3)).all()

@@ -1,0 +1,53 @@
+"""From Gaussians to points on the surface of a body."""
+
+import numpy as np
+import pytest
+from table_scene import gaussians_at, joined
+
+from cotton3dg.core.scene import Gaussians
+from cotton3dg.plant.box import fibonacci_directions
+from cotton3dg.plant.hull import convex_volume
+from cotton3dg.plant.surface import surface_points, surface_rows
+
+BALL_CM = 2.5 * fibonacci_directions(500)
+
+
+def test_points_lie_on_the_ellipsoids():
+    turn = np.array([[np.cos(0.4), 0, 0, np.sin(0.4)]], np.float32) * 3
+    one = Gaussians(
+        np.array([[1, 2, 3]], np.float32), turn, np.log(np.array([[3, 2, 1]], np.float32)), np.zeros(1, np.float32),
+        np.zeros((1, 1, 3), np.float32),
+    )  # fmt: skip
+    points = surface_points(one, 2.0, 500) - [1, 2, 3]
+    c, s = np.cos(0.8), np.sin(0.8)
+    own = points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert np.linalg.norm(own / [6, 4, 2], axis=1) == pytest.approx(np.ones(500), rel=1e-5)
+
+
+def test_a_body_of_gaussians_has_the_volume_of_its_surface():
+    body = gaussians_at(BALL_CM, 0.2)
+    points = surface_points(body[surface_rows(body)], 1.0) * 37.0
+    assert convex_volume(points).value == pytest.approx(4 / 3 * np.pi * 2.7**3, rel=0.02)
+
+
+def test_haze_strays_and_giants_are_left_out():
+    body = gaussians_at(BALL_CM, 0.2)
+    haze = gaussians_at(BALL_CM[:20] * 1.5, 0.2, opacity=0.05)
+    stray = gaussians_at(np.array([[9.0, 0, 0], [0, -7, 0]]), 0.2)
+    giant = gaussians_at(BALL_CM[:3], 3.0)
+    rows = surface_rows(joined(body, haze, stray, giant))
+    assert rows[:500].all()
+    assert not rows[500:].any()
+
+
+def test_unseen_gaussians_are_left_out():
+    body = gaussians_at(BALL_CM, 0.2)
+    weights = np.full(500, 20.0)
+    weights[:7] = 0.3
+    assert np.flatnonzero(~surface_rows(body, weights)).tolist() == list(range(7))
+
+
+def test_nothing_left_is_no_error():
+    body = gaussians_at(BALL_CM, 0.2, opacity=0.01)
+    assert not surface_rows(body).any()
+    assert surface_points(body[:0], 1.0).shape == (0, 3)

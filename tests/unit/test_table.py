@@ -1,0 +1,104 @@
+"""The table in a made room: from points alone and with photos."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from table_scene import POSE, Pose, orbit, photo, table_points_cm
+
+from cotton3dg.plant.rectangle import Rectangle, fit_rim
+from cotton3dg.plant.table import NoTable, TableFit, find_table, level_planes, outlined, scale_from_table
+from cotton3dg.plant.views import fit_orbit
+
+CAMERAS = orbit(20, 320, 180)
+
+
+@pytest.fixture(scope="module")
+def images():
+    return [photo(camera) for camera in CAMERAS]
+
+
+def points(seed=0, pose=POSE, **settings):
+    return pose.scene(table_points_cm(np.random.default_rng(seed), **settings))
+
+
+def rectangle_cm(sides, turn_deg=0.0, lift_cm=0.0):
+    turn = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
+    return Rectangle(
+        turn.T @ POSE.rotation.T, POSE.scene(np.array([[0, 0, lift_cm]]))[0], np.array(sides, float) / POSE.cm_per_su
+    )
+
+
+def test_points_alone_give_the_scale_to_two_percent():
+    fit = find_table(points(), CAMERAS)
+    assert isinstance(fit, TableFit)
+    scale = scale_from_table(fit, 120, 60)
+    assert scale.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.02)
+    assert scale.up @ POSE.rotation[:, 2] > np.cos(np.radians(0.3))
+    assert fit.rim is None
+
+
+def test_photos_give_the_scale_to_three_parts_in_a_thousand(images):
+    fit = find_table(points(), CAMERAS, images, CAMERAS)
+    scale = scale_from_table(fit, 120, 60)
+    assert scale.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.003)
+    assert scale.relative_error < 0.01
+    corners = POSE.cm(scale.corners)
+    assert np.abs(corners) == pytest.approx(np.tile([60, 30, 0], (4, 1)), abs=0.3)
+    # The first camera stands at +x; z of the frame points up.
+    assert scale.table_frame @ POSE.rotation == pytest.approx(np.eye(3), abs=0.01)
+    assert scale.height_cm(POSE.scene(np.array([[10, 5, 33.0]]))) == pytest.approx([33.0], abs=0.2)
+
+
+def test_the_rim_is_found_from_a_poor_start(images):
+    fit = fit_rim(rectangle_cm([-57, 63, -32, 29], turn_deg=1.5, lift_cm=0.2), CAMERAS, images)
+    found = POSE.cm(fit.rectangle.corners)
+    assert found == pytest.approx(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0]]), abs=0.4)
+    assert max(fit.residual_px) < 0.5
+    assert min(fit.support) > 0.7
+
+
+def test_a_rim_that_no_photo_shows_is_none(images):
+    turned_away = [camera for camera in CAMERAS if POSE.cm(camera.centre[None])[0][0] > 65]
+    seen = [image for camera, image in zip(CAMERAS, images, strict=True) if camera in turned_away]
+    assert fit_rim(rectangle_cm([-60, 60, -30, 30]), turned_away, seen) is None
+
+
+def test_the_floor_and_the_clamp_are_no_table():
+    planes = level_planes(points(), fit_orbit(CAMERAS))
+    heights = [plane[:3] @ POSE.scene(np.zeros((1, 3)))[0] + plane[3] for plane in planes]
+    assert abs(heights[0] * POSE.cm_per_su) < 0.2
+    assert all(plane[:3] @ POSE.rotation[:, 2] > 0.99 for plane in planes)
+
+
+def test_the_size_of_the_scene_does_not_matter():
+    for factor in (1e-3, 1e3):
+        pose = Pose(POSE.cm_per_su * factor, POSE.rotation, POSE.shift)
+        fit = find_table(points(pose=pose), orbit(20, 320, 180, pose=pose))
+        assert scale_from_table(fit, 120, 60).cm_per_su == pytest.approx(pose.cm_per_su, rel=0.02)
+
+
+def test_a_table_of_another_shape_is_refused(images):
+    square = find_table(points(), CAMERAS, images, CAMERAS, aspect=1.0)
+    assert isinstance(square, NoTable)
+    assert "2.00 to 1" in square.reason
+
+
+def test_no_table_is_said():
+    air = POSE.scene(np.random.default_rng(0).uniform([-90, -90, -60], [90, 90, 90], (3000, 3)))
+    assert isinstance(find_table(air, CAMERAS), NoTable)
+
+
+def test_same_seed_same_table():
+    first, second = (find_table(points(), CAMERAS, seed=3) for _ in range(2))
+    assert first.rectangle.corners.tobytes() == second.rectangle.corners.tobytes()
+
+
+def test_the_outline_is_drawn_on_the_rim(images):
+    drawn = outlined(images[0], CAMERAS[0], rectangle_cm([-60, 60, -30, 30]))
+    changed = np.argwhere((drawn != images[0]).any(-1))
+    assert len(changed) > 200
+    # Magenta: less green than before wherever the line was drawn, and next to the corners of the table.
+    assert (drawn[tuple(changed.T)][:, 1] <= images[0][tuple(changed.T)][:, 1]).all()
+    corners, _ = CAMERAS[0].project(POSE.scene(np.array([[-60, -30, 0], [-60, 30, 0.0]])))
+    for corner in corners:
+        assert np.linalg.norm(changed[:, ::-1] + 0.5 - corner, axis=1).min() < 2

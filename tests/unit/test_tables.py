@@ -1,0 +1,61 @@
+"""CSV as a spreadsheet and a parser read it."""
+
+import csv
+import io
+
+from cotton3dg.files.tables import BOLLS, TRAITS, Column, columns_text, csv_text
+
+CONTRACT = {
+    "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "
+    "canopy_size_cm, canopy_length_cm, canopy_width_cm, scale_source, scale_error_pct, n_frames, registered_pct, "
+    "psnr_db, seconds, qc_flags, version",
+    "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
+    "n_views, confidence, qc_flags",
+}
+COLUMNS = (Column("name", "", "a name"), Column("size", "cm", "a size", 2), Column("flags", "", "some flags"))
+
+
+def read(text):
+    return list(csv.DictReader(io.StringIO(text, newline="")))
+
+
+def test_columns_are_those_of_the_contract():
+    assert ", ".join(c.name for c in TRAITS) == CONTRACT["traits.csv"]
+    assert ", ".join(c.name for c in BOLLS) == CONTRACT["bolls.csv"]
+    assert all(c.name.isascii() for c in TRAITS + BOLLS)
+
+
+def test_quotes_commas_and_newlines_survive():
+    name = 'row 3, "left"\nplot 7'
+    text = csv_text(COLUMNS, [{"name": name, "size": 1.0, "flags": ()}])
+    assert read(text) == [{"name": name, "size": "1.00", "flags": ""}]
+    assert text.startswith("name,size,flags\r\n")
+    assert text.endswith("\r\n")
+
+
+def test_numbers_have_a_dot_and_blanks_where_there_is_none():
+    sizes = [1234.5678, -0.001, float("nan"), float("inf"), None, 0.0]
+    cells = [row["size"] for row in read(csv_text(COLUMNS, [{"name": "a", "size": s, "flags": ()} for s in sizes]))]
+    assert cells == ["1234.57", "0.00", "", "", "", "0.00"]
+
+
+def test_flags_are_joined():
+    assert read(csv_text(COLUMNS, [{"name": "a", "size": None, "flags": ("few", "dark")}]))[0]["flags"] == "few;dark"
+
+
+def test_byte_order_mark_only_for_excel():
+    assert csv_text(COLUMNS, []).encode() == b"name,size,flags\r\n"
+    assert csv_text(COLUMNS, [], excel=True).encode() == b"\xef\xbb\xbfname,size,flags\r\n"
+
+
+def test_every_column_is_described():
+    rows = read(columns_text({"traits.csv": TRAITS, "bolls.csv": BOLLS}))
+    assert [row["column"] for row in rows] == [c.name for c in TRAITS + BOLLS]
+    assert all(row["description"] for row in rows)
+    terms = {row["column"]: row["crop_ontology"] for row in rows if row["crop_ontology"]}
+    assert terms == {"boll_count": "CO_358:0001327", "plant_height_cm": "CO_358:0001138"}
+    for row in rows:
+        if row["column"].endswith("_cm3"):
+            assert row["unit"] == "cm3"
+        elif row["column"].endswith("_cm"):
+            assert row["unit"] == "cm"

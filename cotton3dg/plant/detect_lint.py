@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float32, Float64
-from .lint_volume import LintVolume, find_bolls, pixels_of
+from .lint_volume import find_bolls
+from .paint_bolls import paint_bolls
 from .table import level_planes
 from .views import Orbit
 
@@ -23,16 +24,8 @@ SHADE = (0.2, 0.6)
 """Luminance, relative to the image's white, at which lint is impossible and certain."""
 CHROMA = (12.0, 22.0)
 """CIELAB chroma at which lint is certain and impossible: cream-coloured lint, colour cast and chroma subsampling."""
-LIKELY = 0.25
-"""Score of a pixel that is painted where lint is expected."""
-GROWTH, CORE = 3.0, 0.5
-"""How far a mask may go beyond the silhouette of its voxels, and the edge of this that is left open, in voxels."""
-SPECK = 9
-"""Pixels of the smallest piece of a mask."""
 FLOOR = 0.1
 """Least height of the orbit's centre, which is amid the plant, above what the plant stands on, R."""
-BACKGROUND = 65536
-"""Marker of what is no boll; ids have 16 bits."""
 
 
 def detect_lint(
@@ -94,67 +87,6 @@ def lint_score(image: NDArray[np.uint8]) -> Float32:
     white = max(float(np.percentile(pale, 99.5)), 1e-3)
     bright = np.clip((luminance / white - SHADE[0]) / (SHADE[1] - SHADE[0]), 0, 1)
     return bright * np.clip((CHROMA[1] - chroma) / (CHROMA[1] - CHROMA[0]), 0, 1)
-
-
-def paint_bolls(
-    image: NDArray[np.uint8], score: Float32, camera: Camera, volume: LintVolume
-) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Masks of the bolls of a volume in one image.
-
-    The volume says which boll is where, to within a voxel or two; the image's own edges say where it ends: watershed
-    (Meyer 1992) between pixels that must be a boll and pixels that cannot be one.
-
-    Returns:
-        ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
-    """
-    import cv2
-
-    expected, pitch_px = silhouettes(camera, volume)
-    if not expected.any():
-        return expected, {}
-    lint = score > LIKELY
-    reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(GROWTH * pitch_px) + 1,) * 2)
-    markers = np.where(cv2.dilate(expected, reach) > 0, 0, BACKGROUND).astype(np.int32)
-    markers[~lint] = BACKGROUND
-    size = 2 * max(1, round(CORE * pitch_px)) + 1
-    core = np.ones((size, size), np.uint8)
-    same = cv2.erode(expected, core) == cv2.dilate(expected, core)
-    sure = same & (expected > 0) & lint
-    markers[sure] = expected[sure]
-    ids = cv2.watershed(image, markers)
-    ids = np.where((ids > 0) & (ids < BACKGROUND) & lint, ids, 0).astype(np.uint16)
-    ids = without_specks(ids)
-    return ids, {int(boll): volume.confidence(boll) for boll in np.unique(ids[ids > 0])}
-
-
-def silhouettes(camera: Camera, volume: LintVolume) -> tuple[NDArray[np.uint16], float]:
-    """Number of the boll in front at each pixel (H, W), 0 = none, and the median width of a voxel in px."""
-    columns, lines, inside, depths = pixels_of(volume.centres, camera)
-    ids = np.zeros((camera.height, camera.width), np.uint16)
-    # Painted from far to near: of pixels assigned twice numpy keeps the last.
-    order = np.flatnonzero(inside)
-    order = order[np.argsort(-depths[order], kind="stable")]
-    if not len(order):
-        return ids, 1.0
-    pitch_px = float(np.median(volume.pitch * camera.fx / depths[order]))
-    half = int(np.ceil(pitch_px / 2))
-    offsets = np.arange(-half, half + 1)
-    y = np.clip(lines[order, None, None] + offsets[:, None], 0, camera.height - 1)
-    x = np.clip(columns[order, None, None] + offsets[None, :], 0, camera.width - 1)
-    ids[y, x] = volume.bolls[order, None, None]
-    return ids, pitch_px
-
-
-def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """`ids` without pieces of fewer than `SPECK` pixels."""
-    import cv2
-
-    kept = ids.copy()
-    for boll in np.unique(ids[ids > 0]):
-        _, pieces, facts, _ = cv2.connectedComponentsWithStats((ids == boll).astype(np.uint8), connectivity=8)
-        small = facts[:, cv2.CC_STAT_AREA] < SPECK
-        kept[small[pieces] & (ids == boll)] = 0
-    return kept
 
 
 def draw_overlay(image: NDArray[np.uint8], ids: NDArray[np.uint16]) -> NDArray[np.uint8]:

@@ -89,7 +89,7 @@ def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
     half = np.array([rng.uniform(2.4, 2.8), rng.uniform(2.3, 2.7)])
     floor = -TABLE_HEIGHT
     build.panel((-half[0], half[1], floor), (2 * half[0], 0, 0), (0, -2 * half[1], 0), _floor(rng))
-    _walls(build, half, floor, 2.55)
+    _walls(build, half, floor, 3.0)
     _shelf(build, half, floor, int(rng.integers(4)))
     for _ in range(int(rng.integers(5, 9))):
         _floor_box(build, half, floor)
@@ -128,7 +128,7 @@ def _walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
         build.panel(corner, x * length, (0, 0, -height), paint)
         for layer in range(int(rng.integers(4, 8))):
             size = rng.uniform((0.25, 0.25), (0.85, 0.75))
-            along, down = rng.uniform((0.1, 0.15), (length - 0.1 - size[0], height - 1.0 - 0.3 * size[1]))
+            along, down = rng.uniform((0.1, 0.3), (length - 0.1 - size[0], height - 1.0 - 0.3 * size[1]))
             place = corner + x * along - (0, 0, down) + (0.006 + 0.003 * layer) * inwards
             tilt = rng.normal(0, 0.02)
             across = x * np.cos(tilt) + np.array([0, 0, np.sin(tilt)])

@@ -57,6 +57,7 @@ class BollInstance:
     indices: NDArray[np.int64]
     """(n,) ascending Gaussian indices."""
     views: tuple[str, ...]
+    """Images whose masks show it."""
     centre: NDArray[np.float64]
     """(3,) su."""
     diameter_su: float

@@ -49,7 +49,7 @@ def read_lifted(path: Path) -> LiftedMasks:
             )
             selections = tuple(BollSelection(views[v], int(m), rows, held) for v, m, rows, held in named)
             sha256 = str(arrays["gaussians_sha256"])
-    except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
         raise BadInput(f"{path.name} is damaged ({error}); make it again with `cotton3dg segment`") from error
     if seen.shape != (len(views), len(candidates)) or foreground.shape != candidates.shape:
         raise BadInput(f"{path.name} has arrays of different length; make it again with `cotton3dg segment`")
@@ -99,5 +99,5 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
             for boll in table["bolls"]
         ]
         return bolls, str(table["gaussians_sha256"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
         raise BadInput(f"{bolls_json.name} is damaged ({error}); make it again with `cotton3dg cluster`") from error

@@ -18,6 +18,8 @@ from .boll_shape import MIN_GAUSSIANS, compact_part, extent, numbered
 
 VOLUME_CAP = 3.0
 """Largest bounding volume of a cluster in medians of one mask's, which covers the visible half of a boll."""
+LEAST_CONFIDENCE = 0.2
+"""Crumbs of halved and hidden masks gather too; whatever fewer than a fifth of the views find that could is no boll."""
 
 
 def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float = 0.6) -> list[BollInstance]:
@@ -58,7 +60,8 @@ def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float
         names = tuple(lifted.views[view] for view in seen_by)
         able = (lifted.seen[:, np.searchsorted(lifted.candidates, rows)] > 0).mean(axis=1) >= 0.3
         confidence = min(len(names) / max(int(able.sum()), 1), 1.0)
-        bolls.append(BollInstance(0, rows, names, centre, float(size.mean()), confidence))
+        if confidence >= LEAST_CONFIDENCE:
+            bolls.append(BollInstance(0, rows, names, centre, float(size.mean()), confidence))
     return numbered(bolls, up)
 
 

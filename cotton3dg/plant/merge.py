@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..core.bolls import BollInstance, LiftedMasks
-from .boll_shape import MIN_GAUSSIANS, compact_part, extent, numbered, pieces
+from .boll_shape import compact_part, extent, numbered, pieces
 
 Float32 = NDArray[np.float32]
 
@@ -33,6 +33,12 @@ FIT_WIDTH = 1.3
 2."""
 FIT_EVIDENCE = 1.0
 """What fitting is worth: as much as three views for, or somewhat more than one against."""
+
+LEAST_GAUSSIANS = 5
+"""In a mask that takes part and in a boll. A small boll of a coarse model has no more than twenty, and what several
+views agree upon needs no strength of numbers."""
+FEW_VIEWS = 3
+"""Bolls found by fewer views are flagged: two views may agree by chance."""
 
 
 class _Votes:
@@ -178,7 +184,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray) -> list[BollIn
     everyone = np.ones(len(sizes), bool)
     verdicts = votes.verdicts(votes.held, everyone)
     usable = ~_holds_several(votes, verdicts, points)
-    nodes = np.flatnonzero(usable & (sizes >= MIN_GAUSSIANS))
+    nodes = np.flatnonzero(usable & (sizes >= LEAST_GAUSSIANS))
     verdicts = votes.verdicts(votes.held[:, nodes], usable)
     evidence = _evidence(verdicts, len(sizes))
     groups = moved(evidence, contract(evidence.copy()))
@@ -200,7 +206,7 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) 
 def _mask_width(votes: _Votes, mask: int, points: NDArray) -> float:
     """Longest width of the Gaussians a mask holds; 0 when they are too few to tell."""
     rows = votes.held[:, [mask]].nonzero()[0]
-    return float(extent(points[rows])[1][0]) if len(rows) >= MIN_GAUSSIANS else 0.0
+    return float(extent(points[rows])[1][0]) if len(rows) >= LEAST_GAUSSIANS else 0.0
 
 
 def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -270,7 +276,7 @@ def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int6
     for group in np.unique(labels[labels >= 0]):
         rows = np.flatnonzero(labels == group)
         rows = rows[compact_part(points[rows])]
-        if len(rows) >= MIN_GAUSSIANS:
+        if len(rows) >= LEAST_GAUSSIANS:
             shaped[rows] = group
             widths[int(group)] = extent(points[rows])[1][0]
     flags: dict[int, str] = {}
@@ -301,14 +307,17 @@ def _instances(
     if not len(names):
         return []
     sets = sparse.csr_matrix(labels[:, None] == names, dtype=np.float32)
+    found = votes.verdicts(sets, np.ones(len(usable), bool)) != -1
     verdicts = votes.verdicts(sets, usable)
     bolls = []
     for k, name in enumerate(names):
         rows = labels == name
         centre, widths = extent(points[rows])
-        agree, says = verdicts[k] >= 0, verdicts[k] != -1
-        views = tuple(lifted.views[view] for view in np.flatnonzero(agree))
-        confidence = float(agree.sum() / max(says.sum(), 1))
-        flag = (flags[int(name)],) if int(name) in flags else ()
-        bolls.append(BollInstance(0, lifted.candidates[rows], views, centre, float(widths.mean()), confidence, flag))
+        views = tuple(lifted.views[view] for view in np.flatnonzero(found[k]))
+        confidence = float((verdicts[k] >= 0).sum() / max((verdicts[k] != -1).sum(), 1))
+        doubts = [flags[int(name)]] if int(name) in flags else []
+        doubts += ["disputed"] if confidence < 0.5 else []
+        doubts += ["few_views"] if len(views) < FEW_VIEWS else []
+        diameter = float(widths.mean())
+        bolls.append(BollInstance(0, lifted.candidates[rows], views, centre, diameter, confidence, tuple(doubts)))
     return bolls

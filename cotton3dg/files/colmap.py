@@ -117,8 +117,8 @@ def read_points(
     """Triangulated points of a model; those that are not finite are left out.
 
     Returns:
-        xyz (P, 3) su, RGB (P, 3), mean reprojection error (P,) px or -1 where unknown, and number of images (P,) of each point, in the
-        order of their ids.
+        xyz (P, 3) su, RGB (P, 3), mean reprojection error (P,) px or -1 where unknown, and number of images (P,) of
+        each point, in the order of their ids.
     Raises:
         MissingInput: the file is not there.
         BadInput: it is damaged.

@@ -59,6 +59,8 @@ def exif_focal_length_px(path: Path) -> float | None:
     """Focal length of a photo as its EXIF says, in pixels of the photo; None when it says nothing."""
     import pycolmap
 
+    if path.suffix.lower() not in (".jpg", ".jpeg"):
+        return None
     camera = pycolmap.infer_camera_from_image(path)
     return float(camera.mean_focal_length()) if camera.has_prior_focal_length else None
 

@@ -59,9 +59,6 @@ def reconstruct(
     pairs_file.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in pairs))
     _match(database, pairs_file, settings)
 
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = settings.n_threads
-    options.random_seed = settings.seed
     n_placed = 0
 
     def placed() -> None:
@@ -69,7 +66,9 @@ def reconstruct(
         n_placed += 1
         progress(min(len(names) + n_placed, 2 * len(names)), 2 * len(names), "placing cameras")
 
-    models = pycolmap.incremental_mapping(database, image_folder, work_folder, options, next_image_callback=placed)
+    models = pycolmap.incremental_mapping(
+        database, image_folder, work_folder, _mapping_options(settings), next_image_callback=placed
+    )
     kept = [_without_lost_images(model) for model in models.values()]
     return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
@@ -112,6 +111,24 @@ def _match(database: Path, pairs_file: Path, settings: ReconstructionSettings) -
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = settings.seed
     pycolmap.match_image_pairs(database, options, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def _mapping_options(settings: ReconstructionSettings) -> Any:
+    """COLMAP's defaults, but less patience in between: half the time, and the last adjustment sets all straight.
+
+    Adjusting all cameras each time the model has grown by 30 % instead of 10 %, and stopping when the cost falls by
+    less than 1e-5, changed poses by less than a tenth of their error.
+    """
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = settings.n_threads
+    options.random_seed = settings.seed
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
+    options.ba_global_max_refinements = 2
+    options.ba_global_function_tolerance = 1e-5
+    options.ba_local_function_tolerance = 1e-4
+    return options
 
 
 def _without_lost_images(model: Any) -> Any:

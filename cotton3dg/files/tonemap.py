@@ -21,9 +21,9 @@ _BT709_FROM_BT2020 = np.array(
 def tone_mapped(rgb: NDArray[np.uint16], transfer: str) -> NDArray[np.uint8]:
     """Map full-range BT.2020 PQ or HLG video to sRGB.
 
-    Light is scaled so that diffuse white becomes 1, its primaries are converted, and highlights above 0.8 are
-    compressed smoothly by the extended Reinhard curve per pixel, which keeps hue. The same curve serves all frames, so
-    that a point keeps its colour along the video.
+    Light is scaled so that diffuse white becomes 1, its primaries are converted, and a pixel whose largest component
+    exceeds 0.8 is scaled down as a whole, which keeps its hue. The same curve serves all frames, so that a point keeps
+    its colour along the video.
 
     Args:
         rgb: (H, W, 3) non-linear, 16 bits full range.

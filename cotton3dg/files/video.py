@@ -164,9 +164,7 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[NDArra
     return Scan(timestamps_s, intact & (timestamps_s > latest), measures, errors)
 
 
-def read_frames(
-    path: Path, facts: VideoFacts, indices: list[int], max_side: int, name: str = ""
-) -> Iterator[NDArray[np.uint8]]:
+def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int) -> Iterator[NDArray[np.uint8]]:
     """Decode the frames of the given numbers (ascending, as counted by `scan`), at most `max_side` px long.
 
     Yields:

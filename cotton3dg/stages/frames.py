@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ..plant import capture
 from ..workspace import Workspace, json_text, write_text_atomically
 
 VERSION = 1
+Picture = NDArray[np.uint8]
 
 SCAN_SIDE = 640
 """Frames are judged at this size, px."""
@@ -57,7 +59,7 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
     n_expected = round(facts.duration_s * facts.fps) if facts.duration_s * facts.fps > 0 else 0
     n_scanned = 0
 
-    def measure(grey: NDArray[np.uint8]) -> float:
+    def measure(grey: Picture) -> float:
         nonlocal n_scanned
         n_scanned += 1
         progress(min(n_scanned, n_expected), n_expected + options.count, "looking for sharp frames")
@@ -96,12 +98,13 @@ def _checked_scan(
         raise BadInput(f"{path.name}: no frame can be decoded; copy it again from the phone")
     times = scan.timestamps_s[np.isfinite(scan.timestamps_s)]
     length_s = float(times.max() - times.min()) * (1 + 1 / max(1, len(times) - 1))
-    share = (length_s / facts.duration_s if facts.duration_s > 0 else 1.0) * n_intact / n
-    if share < MIN_INTACT_SHARE:
-        whole = f"{facts.duration_s:.1f} s" if facts.duration_s > 0 else f"{n} frames"
+    # A header without a duration cannot say that something is missing.
+    claimed_s = facts.duration_s if facts.duration_s > 0 else length_s
+    share = (length_s / claimed_s if claimed_s > 0 else 1.0) * n_intact / n
+    if share < MIN_INTACT_SHARE and claimed_s >= MIN_VIDEO_S:
         raise BadInput(
-            f"{path.name} is damaged: {n_intact} intact frames ({share:.0%} of {whole}, {MIN_INTACT_SHARE:.0%} needed);"
-            " copy it again from the phone"
+            f"{path.name} is damaged: {n_intact} intact frames ({share:.0%} of {claimed_s:.1f} s,"
+            f" {MIN_INTACT_SHARE:.0%} needed); copy it again from the phone"
         )
     if length_s < MIN_VIDEO_S or n_intact < MIN_FRAMES:
         raise CaptureFailed(
@@ -122,7 +125,7 @@ def _from_photos(source: Path, options: FramesOptions, folder: Path, progress: P
     indices = capture.spread_indices(len(found), options.count)
     focal_lengths_px: list[float | None] = []
 
-    def pictures():  # type: ignore[no-untyped-def]
+    def pictures() -> Iterator[Picture]:
         shape: tuple[int, ...] = ()
         for index in indices:
             picture = images.read_image(found[index])
@@ -153,11 +156,15 @@ def _from_photos(source: Path, options: FramesOptions, folder: Path, progress: P
     return _Taken(description, motions, warnings=(warning,) if few else ())
 
 
-def _written(pictures, indices: list[int], folder: Path, progress: Progress):  # type: ignore[no-untyped-def]
+def _written(
+    pictures: Iterator[Picture], indices: list[int], folder: Path, progress: Progress
+) -> tuple[list[dict[str, Any]], tuple[float, ...]]:
     """Save RGB images one by one; what there is to know of each, and the motion from each to the next."""
     import cv2
 
-    entries, motions, before = [], [], None
+    entries: list[dict[str, Any]] = []
+    motions: list[float] = []
+    before: Picture | None = None
     for number, (index, picture) in enumerate(zip(indices, pictures, strict=True)):
         name = f"{number:06d}.jpg"
         images.write_image(folder / name, picture)

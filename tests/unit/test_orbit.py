@@ -14,7 +14,7 @@ def test_ordered_pairs_close_the_ring():
 
 
 def test_every_image_has_neighbours_on_both_sides():
-    degree = [sum(i == k or j == k for i, j in image_pairs(100, 8, ordered=True)) for k in range(100)]
+    degree = [sum(k in (i, j) for i, j in image_pairs(100, 8, ordered=True)) for k in range(100)]
     assert min(degree) == 16
 
 

@@ -1,4 +1,4 @@
-"""Videos read through ffmpeg. Every frame of the made clips carries its number, so that none is mistaken for another."""
+"""Videos read through ffmpeg. Every frame of the made clips carries its number, so that none passes for another."""
 
 import subprocess
 

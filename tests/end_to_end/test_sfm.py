@@ -1,0 +1,204 @@
+"""From a clip to cameras: a textured room with a box in it, filmed on a full turn, with exact truth."""
+
+import json
+import subprocess
+
+import cv2
+import numpy as np
+import pytest
+
+from cotton3dg import pipeline
+from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
+from cotton3dg.files import video
+from cotton3dg.files.colmap import read_cameras, read_points
+from cotton3dg.files.images import read_image, write_image
+from cotton3dg.workspace import Workspace
+
+WIDTH, HEIGHT, FOCAL_PX = 400, 300, 380.0
+RADIUS = 1.3
+N_FILMED, N_TAKEN = 60, 30
+OPTIONS = {"frames": {"count": N_TAKEN}, "sfm": {"max_features": 1500, "overlap": 6}}
+
+
+def textures():
+    """(12, 512, 512, 3): six faces of the room, six of the box; blobs of all sizes."""
+    rng = np.random.default_rng(1)
+    sizes = (8, 32, 96, 256)
+    layers = [
+        np.array([cv2.resize(rng.random((size, size, 3), np.float32), (512, 512)) for _ in range(12)]) for size in sizes
+    ]
+    return (np.mean(layers, axis=0) * 440 - 90).clip(0, 255).astype(np.uint8)
+
+
+def pose(angle):
+    """Camera on the circle, looking at the centre: cam_from_scene rotation rows and centre."""
+    centre = np.array([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 0.35 + 0.05 * np.sin(3 * angle)])
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward]), centre
+
+
+def render(faces, angle):
+    """Cast a ray a pixel onto the inside of the room (4 x 4 x 2.4) and the outside of the box (0.8 x 0.6 x 0.7)."""
+    rotation, centre = pose(angle)
+    x, y = np.meshgrid(
+        (np.arange(WIDTH) + 0.5 - WIDTH / 2) / FOCAL_PX, (np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL_PX
+    )
+    rays = np.stack([x, y, np.ones_like(x)], axis=2) @ rotation
+    picture = None
+    for first, half in ((0, np.array([2, 2, 1.2])), (6, np.array([0.4, 0.3, 0.35]))):
+        near = np.minimum((-half - centre) / rays, (half - centre) / rays)
+        far = np.maximum((-half - centre) / rays, (half - centre) / rays)
+        if first:
+            axis, t = near.argmax(axis=2), near.max(axis=2)
+            hit = t < far.min(axis=2)
+        else:
+            axis, t = far.argmin(axis=2), far.min(axis=2)
+            hit = np.ones_like(t, bool)
+        points = (centre + rays * t[..., None]) / half
+        along = np.take_along_axis(points, axis[..., None], axis=2)[..., 0]
+        u = np.where(axis == 0, points[..., 1], points[..., 0])
+        v = np.where(axis == 2, points[..., 1], points[..., 2])
+        u, v = ((w.clip(-1, 1) + 1) / 2 * 510 for w in (u, v))
+        face = first + 2 * axis + (along > 0)
+        colours = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        for index in range(first, first + 6):
+            mapped = cv2.remap(faces[index], u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+            colours[face == index] = mapped[face == index]
+        picture = colours if picture is None else np.where(hit[..., None], colours, picture)
+    return picture
+
+
+def film(path, frames):
+    command = [video.ffmpeg_binary(), "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-r", "24"]
+    command += ["-s", f"{WIDTH}x{HEIGHT}", "-i", "pipe:0", "-pix_fmt", "yuv420p", "-crf", "12", str(path)]
+    subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), check=True)
+
+
+@pytest.fixture(scope="module")
+def angles():
+    return np.linspace(0, 2 * np.pi, N_FILMED, endpoint=False)
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory, angles):
+    """A workspace after frames and sfm."""
+    root = tmp_path_factory.mktemp("plant")
+    faces = textures()
+    film(root / "video.mp4", [render(faces, angle) for angle in angles])
+    workspace = Workspace(root)
+    options = pipeline.stage_options(workspace, overrides=OPTIONS)
+    pipeline.run(workspace, options, ("frames", "sfm"))
+    return workspace
+
+
+def cameras_of(plant):
+    return read_cameras(plant.undistorted / "sparse")
+
+
+def similarity(source, target):
+    """Scale, rotation, translation that map points onto points best (Umeyama 1991)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    signs = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * signs) @ vt
+    scale = (s * signs).sum() / (a**2).sum()
+    return scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0)
+
+
+def test_poses_are_those_of_the_film(plant, angles):
+    cameras = cameras_of(plant)
+    entries = {entry["name"]: entry for entry in json.loads(plant.frames_json.read_text())["images"]}
+    assert len(cameras) == N_TAKEN
+    truth = [pose(angles[entries[camera.name]["source_index"]]) for camera in cameras]
+    centres = np.array([centre for _, centre in truth])
+    scale, rotation, translation = similarity(np.array([camera.centre for camera in cameras]), centres)
+    for camera, (true_rotation, true_centre) in zip(cameras, truth, strict=True):
+        assert np.linalg.norm(scale * rotation @ camera.centre + translation - true_centre) < 0.01 * RADIUS
+        turn = camera.rotation @ rotation.T @ true_rotation.T
+        assert np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 0.3
+    assert cameras[0].fx == pytest.approx(FOCAL_PX, rel=0.01)
+
+
+def test_sfm_json_tells_the_truth(plant):
+    told = json.loads(plant.sfm_json.read_text())
+    assert told["registered_pct"] == 100 and told["unregistered"] == []
+    assert told["orbit_coverage_deg"] > 330 and told["orbit_largest_gap_deg"] < 30
+    assert told["mean_reprojection_error_px"] < 0.8
+    record = plant.read_record("sfm")
+    assert record["flags"] == [] and record["warnings"] == []
+
+
+def test_undistorted_images_fit_their_cameras(plant):
+    """Points that stand on the walls in the model show the colours of the undistorted images where they project."""
+    cameras = cameras_of(plant)
+    xyz, rgb, errors, lengths = read_points(plant.undistorted / "sparse")
+    assert len(xyz) > 500 and (errors >= 0).all() and (lengths >= 2).all()
+    camera = cameras[3]
+    picture = read_image(plant.undistorted_image(camera.name))
+    assert picture.shape == (camera.height, camera.width, 3)
+    pixels, depths = camera.project(xyz)
+    seen = (depths > 0) & ((pixels >= 1) & (pixels < (camera.width - 1, camera.height - 1))).all(axis=1)
+    at = pixels[seen].astype(int)
+    error = np.abs(picture[at[:, 1], at[:, 0]].astype(int) - rgb[seen]).mean(axis=1)
+    shuffled = np.abs(picture[at[:, 1], at[:, 0]].astype(int) - np.roll(rgb[seen], 1, axis=0)).mean(axis=1)
+    assert np.median(error) < 0.5 * np.median(shuffled)
+
+
+def test_other_programs_find_their_files(plant):
+    transforms = json.loads((plant.sfm_model / "transforms.json").read_text())
+    assert len(transforms["frames"]) == N_TAKEN
+    assert all((plant.sfm_model / frame["file_path"]).is_file() for frame in transforms["frames"])
+    assert np.load(plant.sfm_model / "poses_bounds.npy", allow_pickle=False).shape == (N_TAKEN, 17)
+    left_over = {path.name for path in plant.sfm_model.iterdir()} | {path.name for path in plant.undistorted.iterdir()}
+    assert not [name for name in left_over if name.endswith((".db", ".sh", ".txt")) or name == "stereo"]
+
+
+def frames_only(tmp_path, pictures, ordered=True):
+    """A workspace whose frames are given."""
+    workspace = Workspace(tmp_path)
+    with workspace.writing("frames") as folder:
+        for number, picture in enumerate(pictures):
+            write_image(folder / f"{number:06d}.jpg", picture)
+        (folder / "frames.json").write_text(json.dumps({"ordered": ordered}))
+    return workspace
+
+
+def run_sfm(workspace):
+    from cotton3dg.stages import sfm
+
+    options = pipeline.stage_options(workspace, overrides=OPTIONS)["sfm"]
+    return sfm.run(workspace, options, lambda *_: None)
+
+
+def test_unrelated_images_are_refused_with_advice(tmp_path):
+    rng = np.random.default_rng(0)
+    workspace = frames_only(tmp_path, [rng.integers(0, 255, (120, 160, 3), np.uint8) for _ in range(12)])
+    with pytest.raises(CaptureFailed, match=r"0 of 12 frames registered \(40 % needed\); .*--frames"):
+        run_sfm(workspace)
+    assert not workspace.sfm_model.exists()
+
+
+def test_turning_on_the_spot_is_refused(tmp_path):
+    """Without a baseline there is no depth; the same picture, shifted, must not become a model."""
+    rng = np.random.default_rng(0)
+    wide = cv2.resize(rng.integers(0, 255, (120, 240, 3), np.uint8), (960, 480))
+    workspace = frames_only(tmp_path, [wide[90:390, 20 * n : 20 * n + 400] for n in range(14)])
+    with pytest.raises(CaptureFailed, match="registered"):
+        run_sfm(workspace)
+
+
+def test_flat_images_are_refused(tmp_path):
+    workspace = frames_only(tmp_path, [np.full((120, 160, 3), 90, np.uint8)] * 10)
+    with pytest.raises(CaptureFailed, match="0 of 10"):
+        run_sfm(workspace)
+
+
+def test_missing_and_damaged_frames_are_named(tmp_path):
+    with pytest.raises(MissingInput, match="cotton3dg frames"):
+        run_sfm(Workspace(tmp_path))
+    workspace = frames_only(tmp_path, [np.full((120, 160, 3), 90, np.uint8)] * 10)
+    workspace.frames_json.write_text("{")
+    with pytest.raises(BadInput, match=r"frames\.json is damaged"):
+        run_sfm(workspace)

@@ -61,6 +61,7 @@ class BollInstance:
     centre: NDArray[np.float64]
     """(3,) su."""
     diameter_su: float
+    """Mean width of its Gaussians' centres; the surface lies outside of them."""
     confidence: float
     """0..1, the share of the views that see the boll and agree on it."""
     flags: tuple[str, ...] = ()

@@ -73,7 +73,7 @@ def _check_registered(models: list[Any], names: list[str]) -> None:
     if n < MIN_REGISTERED or 100 * n < MIN_REGISTERED_PCT * len(names):
         raise CaptureFailed(
             f"{n} of {len(names)} frames registered ({MIN_REGISTERED_PCT:.0f} % needed); film one slow full turn with"
-            f" the whole plant in view, or try --frames {2 * len(names)}"
+            f" the whole plant in view, or try --set frames.count={2 * len(names)}"
         )
 
 

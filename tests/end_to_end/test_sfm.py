@@ -175,7 +175,7 @@ def run_sfm(workspace):
 def test_unrelated_images_are_refused_with_advice(tmp_path):
     rng = np.random.default_rng(0)
     workspace = frames_only(tmp_path, [rng.integers(0, 255, (120, 160, 3), np.uint8) for _ in range(12)])
-    with pytest.raises(CaptureFailed, match=r"0 of 12 frames registered \(40 % needed\); .*--frames"):
+    with pytest.raises(CaptureFailed, match=r"0 of 12 frames registered \(40 % needed\); .*--set frames.count=24"):
         run_sfm(workspace)
     assert not workspace.sfm_model.exists()
 

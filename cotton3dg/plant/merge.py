@@ -188,7 +188,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray) -> list[BollIn
     verdicts = votes.verdicts(votes.held[:, nodes], usable)
     evidence = _evidence(verdicts, len(sizes))
     groups = moved(evidence, contract(evidence.copy()))
-    groups, labels = _reconciled(votes, usable, nodes, groups, points)
+    labels = _reconciled(votes, usable, nodes, groups, points)
     labels, flags = _shaped(labels, points)
     return numbered(_instances(lifted, votes, usable, labels, flags, points), up)
 
@@ -230,27 +230,29 @@ def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) ->
 
 def _reconciled(
     votes: _Votes, usable: NDArray[np.bool_], nodes: NDArray[np.int64], groups: NDArray[np.int64], points: NDArray
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> NDArray[np.int64]:
     """Join groups that are parts of one boll, now that each is known by the Gaussians of all its views.
 
     Halves that no view sees together have no evidence between them; they are joined when they fit into one boll of
     ordinary size, unless views speak against it.
+
+    Returns:
+        (F,) group of each candidate, -1 = none.
     """
-    for _ in range(5):
+    while True:
         labels = _vote(votes, nodes, groups)
         names = np.unique(labels[labels >= 0])
         if len(names) < 2:
-            break
+            return labels
         sets = sparse.csr_matrix(labels[:, None] == names, dtype=np.float32)
         evidence = _evidence(votes.verdicts(sets, usable), votes.held.shape[1])
         joined = contract(evidence + FIT_EVIDENCE * _fits([points[labels == name] for name in names]))
         if len(np.unique(joined)) == len(names):
-            break
+            return labels
         target = np.arange(groups.max() + 1)
         for part in np.unique(joined):
             target[names[joined == part]] = names[joined == part].min()
         groups = target[groups]
-    return groups, labels
 
 
 def _fits(parts: list[NDArray]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ MIN_GAUSSIANS = 10
 """Least number of Gaussians in an object (the seed paper's min_samples)."""
 SEPARATION = 0.75
 """Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
-0.5 for the halves of one ball and 0.65 for those of an irregular one."""
+0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked."""
 
 
 def extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -34,6 +34,13 @@ FIT_WIDTH = 1.3
 FIT_EVIDENCE = 1.0
 """What fitting is worth: as much as three views for, or somewhat more than one against."""
 
+CORE_SHARE = 0.5
+"""Share of its weight in a boll's masks that makes a Gaussian the boll's."""
+EDGE_SHARE = 0.3
+"""... and that suffices when no boll has so much: masks often stop short of the shaded side."""
+WIDE = 1.5
+"""Bolls this many times as wide as the usual one are taken for several if their shape says so; touching pairs are 1.4
+to 2 times as wide, large bolls up to 1.3 times."""
 LEAST_GAUSSIANS = 5
 """In a mask that takes part and in a boll. A small boll of a coarse model has no more than twenty, and what several
 views agree upon needs no strength of numbers."""
@@ -209,11 +216,11 @@ def _mask_width(votes: _Votes, mask: int, points: NDArray) -> float:
     return float(extent(points[rows])[1][0]) if len(rows) >= LEAST_GAUSSIANS else 0.0
 
 
-def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
+def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], share: float) -> NDArray[np.int64]:
     """(F,) group of each candidate, -1 = none.
 
-    A group of at least two views claims a Gaussian when its masks hold half of the Gaussian's weight in its own views;
-    of several claims the one with the most weight wins.
+    A group of at least two views claims a Gaussian when its masks hold `share` of the Gaussian's weight in its own
+    views; of several claims the one with the most weight wins.
     """
     n_masks, n_views = votes.held.shape[1], len(votes.seen)
     n_groups = int(groups.max(initial=-1)) + 1
@@ -224,7 +231,7 @@ def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) ->
     views_of[votes.view_of[nodes], groups] = 1
     held = (votes.weights @ masks_of).toarray()
     seen = votes.seen.T @ views_of
-    claims = np.where((held >= 0.5 * seen) & (views_of.sum(axis=0) >= 2), held, 0)
+    claims = np.where((held >= share * seen) & (views_of.sum(axis=0) >= 2), held, 0)
     return np.where(claims.max(axis=1) > 0, claims.argmax(axis=1), -1)
 
 
@@ -240,19 +247,21 @@ def _reconciled(
         (F,) group of each candidate, -1 = none.
     """
     while True:
-        labels = _vote(votes, nodes, groups)
+        labels = _vote(votes, nodes, groups, CORE_SHARE)
         names = np.unique(labels[labels >= 0])
         if len(names) < 2:
-            return labels
+            break
         sets = sparse.csr_matrix(labels[:, None] == names, dtype=np.float32)
         evidence = _evidence(votes.verdicts(sets, usable), votes.held.shape[1])
         joined = contract(evidence + FIT_EVIDENCE * _fits([points[labels == name] for name in names]))
         if len(np.unique(joined)) == len(names):
-            return labels
+            break
         target = np.arange(groups.max() + 1)
         for part in np.unique(joined):
             target[names[joined == part]] = names[joined == part].min()
         groups = target[groups]
+    edge = _vote(votes, nodes, groups, EDGE_SHARE)
+    return np.where((labels < 0) & np.isin(edge, names), edge, labels)
 
 
 def _fits(parts: list[NDArray]) -> NDArray[np.bool_]:
@@ -284,14 +293,14 @@ def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int6
     flags: dict[int, str] = {}
     usual = float(np.median(list(widths.values()))) if widths else 0.0
     for group, width in widths.items():
-        if width > 1.25 * usual:
+        if width > WIDE * usual:
             rows = np.flatnonzero(shaped == group)
             parts = pieces(points[rows], usual)
             if parts is not None:
                 names = np.array([group, *(int(shaped.max()) + np.arange(1, parts.max() + 1))])
                 shaped[rows] = names[parts]
                 flags |= {int(name): "parted_by_shape" for name in names}
-            elif width > 1.5 * usual:
+            else:
                 flags[group] = "large"
     return shaped, flags
 

@@ -25,7 +25,7 @@ VOXEL_CM = 0.8
 """Gaussians in the same or touching voxels are connected: about the thickness of a branch."""
 BRIDGE_CM = 3.0
 """Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
-MIN_PART = 12
+MIN_PART = 4
 """Gaussians of a part beyond a gap; smaller ones are floaters."""
 STEM_LAYERS = 8
 """Layers of 1 cm above the clamp in which the stem is sought."""

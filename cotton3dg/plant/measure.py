@@ -13,10 +13,11 @@ from ..core.scene import Float64, Gaussians
 from .box import min_area_rectangle, oriented_box
 from .hull import alpha_volume, calliper_diameter, convex_volume
 from .isolate import Plant
-from .surface import surface_points, surface_rows
+from .outline import opaque_hull
+from .surface import surface_of_volume, surface_points, surface_rows
 
-SURFACE_SIGMAS = 1.0
-"""The surface of a trained body lies so many standard deviations around its Gaussians."""
+SURFACE_SIGMAS = 1.5
+"""The surface of a trained plant lies about so many standard deviations around its Gaussians."""
 TOP_PERCENTILE = 99.9
 """A floater is no top: what one point in a thousand exceeds."""
 ALPHA = 0.25
@@ -26,14 +27,21 @@ ALPHA = 0.25
 def measure_bolls(
     gaussians: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, foot: Float64 | None
 ) -> list[BollTraits]:
-    """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN."""
+    """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
+
+    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
+    volume the Gaussians' ellipsoids are blown up until their hull is that large.
+    """
     traits = []
     for boll in bolls:
         own = gaussians[boll.indices]
         cm = scale.cm_per_su if scale else np.nan
-        surface = surface_points(own[surface_rows(own)], SURFACE_SIGMAS)
-        volume, diameter = convex_volume(surface), calliper_diameter(surface)
-        rolled = alpha_volume(surface, ALPHA * diameter.value) if np.isfinite(diameter.value) else volume
+        own = own[surface_rows(own)]
+        body = opaque_hull(own)
+        volume, diameter = convex_volume(body), calliper_diameter(body)
+        rolled = volume
+        if not volume.reason:
+            rolled = alpha_volume(surface_of_volume(own, volume.value), ALPHA * diameter.value)
         centre = np.full(3, np.nan)
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Gaussians, rotations
 from .box import fibonacci_directions
+from .hull import convex_volume
 
 MIN_OPACITY = 0.1
 """Fainter Gaussians carry haze, not surface."""
@@ -37,6 +38,17 @@ def surface_points(gaussians: Gaussians, sigmas: float, samples: int = 32) -> ND
     on_sphere = fibonacci_directions(samples)
     offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), gaussians.scales[:, None, :] * on_sphere)
     return (gaussians.means[:, None, :] + sigmas * offsets).reshape(-1, 3)
+
+
+def surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:
+    """Points on the ellipsoids that are as large as makes their common convex hull have a volume, su."""
+    low, high = 0.0, 4.0
+    # To 4 / 2^8 standard deviations.
+    for _ in range(8):
+        middle = (low + high) / 2
+        inside = convex_volume(surface_points(gaussians, middle)).value < volume
+        low, high = (middle, high) if inside else (low, middle)
+    return surface_points(gaussians, high)
 
 
 def _not_above(values: NDArray, among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:

@@ -90,14 +90,15 @@ def find_table(
         first = _first_rectangle(points, plane, orbit)
         if first is None:
             continue
-        rim = fit_rim(first, image_cameras, images) if images else None
-        rectangle = along_long_side(rim.rectangle if rim else first, cameras)
-        fill, inliers = _coverage(rectangle, points, orbit.radius)
-        fit = TableFit(rectangle, fill, inliers, rim)
-        doubt = _doubt(fit, aspect)
-        if not doubt:
-            return fit
-        refused = refused if refused.reason else NoTable(doubt)
+        for guess in (first, *(_completed(first, aspect) if images else ())):
+            rim = fit_rim(guess, image_cameras, images) if images else None
+            rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
+            fill, inliers = _coverage(rectangle, points, orbit.radius)
+            fit = TableFit(rectangle, fill, inliers, rim)
+            doubt = _doubt(fit, aspect)
+            if not doubt:
+                return fit
+            refused = refused if refused.reason else NoTable(doubt)
     return refused if refused.reason else NoTable("no plane is bounded like a table")
 
 
@@ -188,8 +189,9 @@ def _fitted_plane(points: Float64, up: Float64) -> Float64:
 
 
 def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
-    """The rectangle around the connected part of a plane that lies nearest to the orbit's axis; None for a speck."""
+    """The rectangle around the largest connected part of a plane; None for a speck."""
     import cv2
+    from scipy.spatial import cKDTree
 
     axes = _level_axes(plane[:3])
     origin = orbit.centre - (plane[:3] @ orbit.centre + plane[3]) * plane[:3]
@@ -200,8 +202,11 @@ def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle
     cells = np.floor(places[:, :2] / (CELL * radius)).astype(int) + half
     covered = np.zeros((2 * half, 2 * half), np.uint8)
     covered[cells[:, 1], cells[:, 0]] = 1
-    # Weak texture leaves holes; floaters beyond the rim are single cells.
-    closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
+    # Weak texture leaves holes, the wider the sparser the points are; floaters beyond the rim are single cells.
+    spots = np.argwhere(covered)
+    spacing = np.median(cKDTree(spots).query(spots, k=2)[0][:, 1]) if len(spots) > 1 else 1.0
+    size = 2 * int(np.clip(3 * spacing, 3, 12)) + 1
+    closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     parts = cv2.connectedComponents(opened)[1]
     sizes = np.bincount(parts.ravel())
@@ -220,6 +225,22 @@ def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle
     along = along[((along >= limits[:, 0]) & (along <= limits[:, 1])).all(axis=1)]
     sides = np.stack([along.min(axis=0), along.max(axis=0)], axis=1)
     return Rectangle(np.vstack([box.axes @ axes[:2], axes[2]]), origin, sides.ravel())
+
+
+def _completed(first: Rectangle, aspect: float) -> list[Rectangle]:
+    """What a table of known shape may be when points cover only a part of it: the short way prolonged to either end."""
+    length, width = first.length, first.width
+    if length > aspect * width * (1 - ASPECT_TOLERANCE):
+        # Covered along its whole length: the width is what lacks.
+        side, lacking = 2, length / aspect - width
+    else:
+        side, lacking = 0, aspect * width - length
+    guesses = []
+    for move in ((-1.0, 0.0), (0.0, 1.0), (-0.5, 0.5)):
+        sides = first.sides.copy()
+        sides[side : side + 2] += lacking * np.array(move)
+        guesses.append(Rectangle(first.axes, first.origin, sides))
+    return guesses
 
 
 def _half_covered(values: Float64, step: float) -> Float64:

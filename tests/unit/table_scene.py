@@ -14,6 +14,8 @@ FOOT_CM = np.array([4.0, -3.0, 0.0])
 TOP_CM, REACH_CM = 70.0, 18.0
 BOLLS_CM = np.array([[4.0, -3.0, 67.5], [22.0 - 2.5, -3.0, 50.0], [4.0, 12.5, 40.0], [-11.5, -3.0, 35.0]])
 BOLL_RADIUS_CM = 2.5
+SHELL_CM = 0.33
+"""Gaussians of 0.2 cm so far inside render as a ball of the full radius."""
 
 
 @dataclass(frozen=True)
@@ -145,13 +147,13 @@ def plant_points_cm(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         branch = branch[np.abs(along - 6) > 1] if along[-1] > 8 else branch
         direction = rng.normal(size=(400, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        parts += [branch, centre + (BOLL_RADIUS_CM - 0.2) * direction]
+        parts += [branch, centre + (BOLL_RADIUS_CM - SHELL_CM) * direction]
         labels += [np.zeros(len(branch), int), np.full(400, number)]
     return np.concatenate(parts), np.concatenate(labels)
 
 
 def plant_scene(seed: int = 0, pose: Pose = POSE) -> tuple[Gaussians, np.ndarray]:
-    """Gaussians of the whole scene with floaters, and the boll of each; bolls' surfaces lie at one sigma."""
+    """Gaussians of the whole scene with floaters, and the boll of each."""
     rng = np.random.default_rng(seed)
     plant, labels = plant_points_cm(rng)
     floaters = rng.uniform([-50, -50, 8], [50, 50, 90], (60, 3))

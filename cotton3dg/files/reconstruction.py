@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from ..core.progress import Progress, silent
 
-FEATURE_SIDE = 1280
-"""Features are looked for at this size, px: finer detail of a phone's image is mostly noise and compression."""
 PEAK_THRESHOLD = 0.002
 """A third of COLMAP's: a dark room's low contrast then still gives features (2110 instead of 19 in a frame with a tenth
 of the light), and where light is plenty `max_features` is the limit anyway."""
@@ -25,6 +23,8 @@ class ReconstructionSettings:
     """What structure from motion may spend, and what is known beforehand."""
 
     max_features: int
+    max_side: int
+    """Features are looked for at this size, px."""
     seed: int
     focal_length_px: float | None = None
     """A prior, e.g. from EXIF; without one 1.2 times the longer side."""
@@ -81,7 +81,7 @@ def _find_features(image_folder: Path, names: list[str], database: Path, setting
 
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = settings.n_threads
-    options.max_image_size = FEATURE_SIDE
+    options.max_image_size = settings.max_side
     options.sift.max_num_features = settings.max_features
     # Octave -1 would double the image first: four times the work for the finest, least repeatable features.
     options.sift.first_octave = 0

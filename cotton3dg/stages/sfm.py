@@ -21,9 +21,16 @@ from ..workspace import Workspace, json_text
 
 VERSION = 1
 
+VIDEO_FEATURE_SIDE = 1280
+"""px; finer detail of a phone's video is mostly noise and compression."""
+PHOTO_EFFORT = 2
+"""Photos are sharper than a video's frames and stand farther apart: they get this factor of features and size."""
 MIN_REGISTERED_PCT = 40.0
 FEW_REGISTERED_PCT = 80.0
 MIN_REGISTERED = 3
+MIN_COVERAGE_DEG = 90.0
+"""Below it traits would be those of one side; and a camera that only turns on the spot can pass for a short arc, its
+rotation explained by a wrong lens."""
 MAX_GAP_DEG = 60.0
 """Beyond this gap in the orbit, sides of bolls were never seen."""
 
@@ -38,21 +45,28 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
     names = [path.name for path in workspace.frame_images()]
     if len(names) < MIN_REGISTERED:
         raise CaptureFailed(f"{len(names)} images in frames; film one slow full turn around the plant")
-    settings = ReconstructionSettings(options.max_features, options.seed, described.get("focal_length_px"))
-    pairs = image_pairs(len(names), options.overlap, bool(described.get("ordered", True)))
+    ordered = bool(described.get("ordered", True))
+    effort = 1 if ordered else PHOTO_EFFORT
+    settings = ReconstructionSettings(
+        max_features=effort * options.max_features,
+        max_side=effort * VIDEO_FEATURE_SIDE,
+        seed=options.seed,
+        focal_length_px=described.get("focal_length_px"),
+    )
+    pairs = image_pairs(len(names), options.overlap, ordered)
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)
             _check_registered(models, names)
-            model = models[0]
-        model.write_binary(folder)
+        description = _description(models, names)
+        _check_coverage(description)
+        models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
         np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
-        description = _description(models, names)
         (folder / "sfm.json").write_text(json_text(description), encoding="utf-8")
     return _outcome(description)
 
@@ -77,18 +91,26 @@ def _check_registered(models: list[Any], names: list[str]) -> None:
         )
 
 
+def _check_coverage(description: dict[str, Any]) -> None:
+    covered_deg = description["orbit_coverage_deg"]
+    if not covered_deg >= MIN_COVERAGE_DEG:
+        raise CaptureFailed(
+            f"the camera went {covered_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film one"
+            " slow full turn, walking around the plant"
+        )
+
+
 def _description(models: list[Any], names: list[str]) -> dict[str, Any]:
     """What sfm.json says: how good the model is and what it misses."""
     model = models[0]
     registered, centres, forwards = poses(model)
     path = orbit(centres, forwards)
     camera = next(iter(model.cameras.values()))
-    lost = set(registered)
     return {
         "n_frames": len(names),
         "registered": registered,
         "registered_pct": 100 * len(registered) / len(names),
-        "unregistered": [name for name in names if name not in lost],
+        "unregistered": sorted(set(names) - set(registered)),
         "n_models": len(models),
         "n_points": model.num_points3D(),
         "mean_reprojection_error_px": model.compute_mean_reprojection_error(),

@@ -117,7 +117,7 @@ def test_poses_are_those_of_the_film(plant, angles):
     for camera, (true_rotation, true_centre) in zip(cameras, truth, strict=True):
         assert np.linalg.norm(scale * rotation @ camera.centre + translation - true_centre) < 0.01 * RADIUS
         turn = camera.rotation @ rotation.T @ true_rotation.T
-        assert np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 0.3
+        assert np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 0.5
     assert cameras[0].fx == pytest.approx(FOCAL_PX, rel=0.01)
 
 
@@ -181,11 +181,16 @@ def test_unrelated_images_are_refused_with_advice(tmp_path):
 
 
 def test_turning_on_the_spot_is_refused(tmp_path):
-    """Without a baseline there is no depth; the same picture, shifted, must not become a model."""
+    """Without a baseline there is no depth; COLMAP then bends the lens until a short arc fits."""
     rng = np.random.default_rng(0)
-    wide = cv2.resize(rng.integers(0, 255, (120, 240, 3), np.uint8), (960, 480))
-    workspace = frames_only(tmp_path, [wide[90:390, 20 * n : 20 * n + 400] for n in range(14)])
-    with pytest.raises(CaptureFailed, match="registered"):
+    wall = cv2.resize(rng.integers(0, 255, (100, 160, 3), np.uint8), (1200, 750))
+    k, k_wall = (np.array([[FOCAL_PX, 0, x], [0, FOCAL_PX, y], [0, 0, 1]]) for x, y in ((200, 150), (600, 375)))
+    pictures = []
+    for yaw in np.radians(np.linspace(-18, 18, 14)):
+        turn = cv2.Rodrigues(np.array([0.1 * yaw, yaw, 0.0]))[0]
+        pictures.append(cv2.warpPerspective(wall, k @ turn @ np.linalg.inv(k_wall), (WIDTH, HEIGHT)))
+    workspace = frames_only(tmp_path, pictures)
+    with pytest.raises(CaptureFailed, match=r"of 14 frames registered|degrees around"):
         run_sfm(workspace)
 
 

@@ -48,7 +48,7 @@ class Rendered:
     """(tile, Gaussian) pairs."""
     n_visible: int
     culled: dict[str, int]
-    """Gaussians not drawn, by reason: non_finite, behind, degenerate, faint, outside."""
+    """Gaussians not drawn, by reason: non_finite (or a colour beyond 1e6), behind, degenerate, faint, outside."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def render(
     degree = gaussians.sh_degree if sh_degree is None else sh_degree
     view = _view(gaussians, camera, near_su)
     image, transmittance, depth, counts = _within_memory(
-        lambda: _native.render(_arrays(gaussians), view, degree, np.array(background, np.float32), threads)
+        lambda: _native.render(_contiguous(gaussians), view, degree, np.array(background, np.float32), threads)
     )
     return Rendered(image, transmittance, depth, **counts)
 
@@ -240,7 +240,9 @@ def render_values(
     parts = []
     for begin, end, width in _channel_groups(channels):
         rows, behind = _padded(values[:, begin:end], width), _padded(backdrop[begin:end], width)
-        parts.append(_within_memory(partial(_native.render_values, _arrays(gaussians), rows, view, behind, threads)))
+        parts.append(
+            _within_memory(partial(_native.render_values, _contiguous(gaussians), rows, view, behind, threads))
+        )
     image = parts[0][0] if len(parts) == 1 else np.concatenate([part[0] for part in parts], axis=2)
     return Rendered(np.ascontiguousarray(image[..., :channels]), parts[0][1], parts[0][2], **parts[0][3])
 
@@ -257,7 +259,7 @@ def values_gradient(
     parts = []
     for begin, end, width in _channel_groups(channels):
         v = _padded(v_image[..., begin:end], width)
-        parts.append(_within_memory(partial(_native.values_gradient, _arrays(gaussians), view, v, threads)))
+        parts.append(_within_memory(partial(_native.values_gradient, _contiguous(gaussians), view, v, threads)))
     return np.ascontiguousarray(np.concatenate(parts, axis=1)[:, :channels])
 
 
@@ -271,7 +273,9 @@ def accumulate_weights(
 ) -> Accumulated:
     """Sum every Gaussian's blending weights over the view and inside each mask of `mask_ids` (H, W), 0 = background."""
     view = _view(gaussians, camera, near_su)
-    return Accumulated(*_within_memory(lambda: _native.accumulate_weights(_arrays(gaussians), view, mask_ids, threads)))
+    return Accumulated(
+        *_within_memory(lambda: _native.accumulate_weights(_contiguous(gaussians), view, mask_ids, threads))
+    )
 
 
 def image_loss(
@@ -301,7 +305,7 @@ def loss_and_gradients(
     view = _view(gaussians, camera, near_su)
     report, gradients, _ = _within_memory(
         lambda: _native.gradients(
-            _arrays(gaussians),
+            _contiguous(gaussians),
             view,
             degree,
             np.array(background, np.float32),
@@ -390,6 +394,11 @@ def rasterize_values(
 def _arrays(gaussians: Gaussians) -> _native.Arrays:
     g = gaussians
     return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
+
+
+def _contiguous(gaussians: Gaussians) -> _native.Arrays:
+    means, quats, log_scales, opacity_logits, sh = map(np.ascontiguousarray, _arrays(gaussians))
+    return means, quats, log_scales, opacity_logits, sh
 
 
 def _view(gaussians: Gaussians, camera: Camera, near_su: float | None) -> _native.View:

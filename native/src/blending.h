@@ -36,9 +36,8 @@ struct Splat {
 template <class Real>
 struct Blend {
     Vec<Real> u, v;
-    Vec<Real> raw;    // alpha before the cap
+    Vec<Real> raw;    // alpha before the cap, where taken
     Vec<Real> alpha;  // 0 where the pixel does not take the Gaussian
-    Mask<Real> taken;
 };
 
 // Returns false when no pixel of the vector at `i` takes the Gaussian.
@@ -48,11 +47,11 @@ COTTON_INLINE bool blend(const Splat<Real>& g, int i, Vec<Real> transmittance, B
     const Vec<Real> dx = load(pixel_centres<Real>.x + i) - g.x, dy = load(pixel_centres<Real>.y + i) - g.y;
     b.u = fma(g.p, dx, g.q * dy);
     b.v = g.r * dy;
-    const Vec<Real> power = fma(-b.u, b.u, fma(-b.v, b.v, g.log2_opacity));
-    b.taken = (power >= cut) & (transmittance > Real(kStop));
-    if (!any(b.taken)) return false;
-    b.raw = exp2<Real>(maximum(power, broadcast(cut)));
-    b.alpha = b.taken ? minimum(b.raw, broadcast(Real(kAlphaCap))) : Vec<Real>{};
+    const Vec<Real> power = fnma(b.u, b.u, fnma(b.v, b.v, g.log2_opacity));
+    const Mask<Real> taken = (power >= cut) & (transmittance > Real(kStop));
+    if (!any(taken)) return false;
+    b.raw = exp2<Real>(power);  // of no meaning, but harmless, where not taken
+    b.alpha = taken ? minimum(b.raw, broadcast(Real(kAlphaCap))) : Vec<Real>{};
     return true;
 }
 

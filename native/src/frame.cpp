@@ -120,11 +120,17 @@ void Frame<Real>::bin() {
     const int64_t tile_count = tiles(), parts = threads;
     std::vector<int64_t> positions(size_t(parts * tile_count), 0);
     const auto part_begin = [&](int64_t part) { return visible_count * part / parts; };
+    const auto hits_of = [&](uint32_t row) {
+        return hits_.data() + hit_offset_[size_t(row / kChunk)] + ranges[row].begin;
+    };
     const auto each_hit = [&](int64_t part, const auto& body) {
+        constexpr int64_t ahead = 16;
         for (int64_t i = part_begin(part); i < part_begin(part + 1); ++i) {
+            if (i + 2 * ahead < visible_count) __builtin_prefetch(&ranges[order_[i + 2 * ahead]]);
+            if (i + ahead < visible_count) __builtin_prefetch(hits_of(order_[i + ahead]));
             const uint32_t row = order_[i];
             const HitRange range = ranges[row];
-            const Hit* hit = hits_.data() + hit_offset_[size_t(row / kChunk)] + range.begin;
+            const Hit* hit = hits_of(row);
             for (uint32_t j = 0; j < range.count; ++j) body(row, range.begin + j, hit[j]);
         }
     };

@@ -29,7 +29,7 @@ bool parameters_finite(const Scene<Real>& scene, int64_t row) {
     return total + scene.opacity_logits[row] * Real(0) == 0;
 }
 
-// Writes the channels of a record; returns whether they are finite.
+// Writes the channels of a record; returns whether they are finite and, for colours, within kMaxColour.
 template <class Real>
 bool write_values(const Scene<Real>& scene, const double centre[3], int64_t row, double depth, Real* to) {
     if (scene.values) {
@@ -39,13 +39,13 @@ bool write_values(const Scene<Real>& scene, const double centre[3], int64_t row,
         with_degree(scene.sh_degree,
                     [&]<int degree>() { sh_colour<degree>(scene.sh + 3 * scene.sh_stored * row, direction.unit, to); });
     }
-    Real total = 0;
-    for (int c = 0; c < scene.channels; ++c) total += to[c] * Real(0);
-    if (scene.sh) {
-        for (int c = 0; c < 3; ++c) to[c] = to[c] > 0 ? to[c] : 0;
+    bool usable = true;
+    for (int c = 0; c < scene.channels; ++c) {
+        usable &= scene.sh ? to[c] <= Real(kMaxColour) && to[c] >= Real(-kMaxColour) : to[c] - to[c] == 0;
+        if (scene.sh) to[c] = to[c] > 0 ? to[c] : 0;
     }
     if (scene.with_depth) to[scene.channels] = Real(depth);
-    return total == 0;
+    return usable;
 }
 
 }  // namespace

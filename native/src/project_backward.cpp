@@ -119,18 +119,20 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
         namespace pg = pair_gradient;
         const Pack gu = moment(pg::gu), gv = moment(pg::gv), guu = moment(pg::guu), guv = moment(pg::guv),
                    gvv = moment(pg::gvv);
-        // With F = (p q; 0 r), Fᵀ F = kScale2 Σ⁻¹ and e = F d: v_mean = 2 Fᵀ ΣGe, v_Σ = Fᵀ (ΣG e eᵀ) F / kScale2.
-        const Pack v_mean[2] = {2 * p * gu, 2 * (q * gu + r * gv)};
-        const Pack v_cov[3] = {p * p * guu / kScale2, p * (q * guu + r * guv) / kScale2,
-                               (q * q * guu + 2 * q * r * guv + r * r * gvv) / kScale2};
+        // With F = (p q; 0 r), Fᵀ F = kScale2 Σ⁻¹ and e = F d, and since ln alpha = ln 2 (log2 opacity - |e|²):
+        // v_mean = 2 ln 2 Fᵀ ΣGe and v_Σ = ln 2 Fᵀ (ΣG e eᵀ) F / kScale2, where kScale2 = 1 / (2 ln 2).
+        const Pack v_mean[2] = {2 * kLn2 * p * gu, 2 * kLn2 * (q * gu + r * gv)};
+        constexpr double scale = kLn2 / kScale2;
+        const Pack v_cov[3] = {scale * p * p * guu, scale * p * (q * guu + r * guv),
+                               scale * (q * q * guu + 2 * q * r * guv + r * r * gvv)};
         const ParameterGradient g = footprint_backward(view, f, v_mean, v_cov);
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, pack);
         const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
-        const Pack v_logit = moment(pg::g) * (odds_against / (1 + odds_against)) * kLog2E;
+        const Pack v_logit = moment(pg::g) * (odds_against / (1 + odds_against));
         const double half[2] = {0.5 * view.width, 0.5 * view.height};
         const Pack nx = v_mean[0] * half[0], ny = v_mean[1] * half[1];
-        const Pack ax = 2 * moment(pg::abs_x) * half[0], ay = 2 * moment(pg::abs_y) * half[1];
+        const Pack ax = 2 * kLn2 * moment(pg::abs_x) * half[0], ay = 2 * kLn2 * moment(pg::abs_y) * half[1];
         const Pack grad_px = sqrt(nx * nx + ny * ny), abs_grad_px = sqrt(ax * ax + ay * ay);
 
         for (int lane = 0; lane < pack.count; ++lane) {

@@ -87,13 +87,13 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
 
     Splat<Real> splat;
     const Real* values = nullptr;
-    V sums[pair_gradient::weight + 1];
+    V sums[pair_gradient::size] = {};
     walk(
         tile, records, record_stride(channels), open, transmittance,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;
-            for (V& s : sums) s = V{};
+            for (int k = 0; k <= pair_gradient::weight; ++k) sums[k] = V{};
         },
         [&](int i) {
             using namespace pair_gradient;
@@ -107,12 +107,11 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
                 cg = fma(v, broadcast(values[c]), cg);
                 sums[value0 + c] = fma(w, v, sums[value0 + c]);
             }
-            const V rest = fma(-w, cg, load(to_come + i));
+            const V rest = fnma(w, cg, load(to_come + i));
             store(to_come + i, rest);
             store(transmittance + i, before * through);
             const V v_alpha = before * cg - rest / through;
-            const Mask<Real> passes = b.taken & (b.raw <= Real(kAlphaCap));
-            const V v_power = passes ? v_alpha * b.alpha * Real(0.6931471805599453) : V{};
+            const V v_power = v_alpha * (b.raw <= Real(kAlphaCap) ? b.alpha : V{});
             const V gu_i = v_power * b.u, gv_i = v_power * b.v;
             sums[g] += v_power;
             sums[gu] += gu_i;
@@ -127,8 +126,8 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
         },
         [&](int64_t e) {
             Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;
-            for (int k = 0; k <= pair_gradient::weight; ++k) row[k] = sum<Real>(sums[k]);
-            row[pair_gradient::abs_x] *= splat.p[0];
+            sums[pair_gradient::abs_x] *= splat.p;
+            for (int k = 0; k < pair_gradient::size; k += kLanes<Real>) store(row + k, sums_of_lanes<Real>(sums + k));
         },
         [&](int64_t e) {
             Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;

@@ -11,8 +11,9 @@ inline constexpr int kBlock = 4;  // px, side of a block; a tile has 4 x 4 block
 inline constexpr int kBlockPixels = 16;
 inline constexpr double kAlphaCap = 0.99;  // largest alpha; beyond it the gradient is zero
 inline constexpr double kAlphaCut = 1.0 / 255.0;
-inline constexpr double kStop = 1e-4;     // a pixel takes no further Gaussian once its transmittance is at most this
-inline constexpr double kDilation = 0.3;  // px², added to both variances of every projected Gaussian
+inline constexpr double kStop = 1e-4;      // a pixel takes no further Gaussian once its transmittance is at most this
+inline constexpr double kDilation = 0.3;   // px², added to both variances of every projected Gaussian
+inline constexpr double kMaxColour = 1e6;  // a colour beyond it (1 is white) would overflow in the loss: culled
 inline constexpr double kMaxLogScale = 30.0;  // log scales are clamped to ± this
 
 // Pixel i of a tile lies in block i / 16 (row by row), there at (i % 4, i / 4 % 4).
@@ -102,7 +103,7 @@ struct Plane {
     int64_t stride;
 };
 
-// Row of the gradient table that training uses. With e = (u, v) and G = d loss / d log2 alpha, per pixel:
+// Row of the gradient table that training uses. With e = (u, v) and G = d loss / d ln alpha, per pixel:
 // sums of G, G e, G e eᵀ, of the colour gradient, of the absolute gradient of the mean (AbsGS) and of the weight.
 namespace pair_gradient {
 enum : int { g, gu, gv, guu, guv, gvv, value0, value1, value2, abs_x, abs_y, weight, size = 16 };

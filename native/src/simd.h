@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -51,17 +52,30 @@ COTTON_INLINE void store(Real* to, Vec<Real> value) {
     std::memcpy(to, &value, sizeof value);
 }
 
-// fma: a b + c, rounded once where the instruction set can. lane_bits: one bit per true lane.
+// fma: a b + c and fnma: c - a b, rounded once where the instruction set can. minimum, maximum: the second operand when
+// either is NaN. lane_bits: one bit per true lane.
 #if defined(__AVX512F__)
 COTTON_INLINE Vec<float> fma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm512_fmadd_ps(a, b, c); }
+COTTON_INLINE Vec<float> fnma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm512_fnmadd_ps(a, b, c); }
+COTTON_INLINE Vec<float> minimum(Vec<float> a, Vec<float> b) { return _mm512_maskz_min_ps(0xffff, a, b); }
+COTTON_INLINE Vec<float> maximum(Vec<float> a, Vec<float> b) { return _mm512_maskz_max_ps(0xffff, a, b); }
 COTTON_INLINE Vec<double> fma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm512_fmadd_pd(a, b, c); }
+COTTON_INLINE Vec<double> fnma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm512_fnmadd_pd(a, b, c); }
+COTTON_INLINE Vec<double> minimum(Vec<double> a, Vec<double> b) { return _mm512_maskz_min_pd(0xff, a, b); }
+COTTON_INLINE Vec<double> maximum(Vec<double> a, Vec<double> b) { return _mm512_maskz_max_pd(0xff, a, b); }
 COTTON_INLINE unsigned lane_bits(Mask<float> m) { return _mm512_movepi32_mask((__m512i)m); }
 COTTON_INLINE unsigned lane_bits(Mask<double> m) { return _mm512_movepi64_mask((__m512i)m); }
 COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm512_maskz_sqrt_ps(0xffff, a); }
 COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm512_maskz_sqrt_pd(0xff, a); }
 #elif defined(__AVX2__)
 COTTON_INLINE Vec<float> fma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm256_fmadd_ps(a, b, c); }
+COTTON_INLINE Vec<float> fnma(Vec<float> a, Vec<float> b, Vec<float> c) { return _mm256_fnmadd_ps(a, b, c); }
+COTTON_INLINE Vec<float> minimum(Vec<float> a, Vec<float> b) { return _mm256_min_ps(a, b); }
+COTTON_INLINE Vec<float> maximum(Vec<float> a, Vec<float> b) { return _mm256_max_ps(a, b); }
 COTTON_INLINE Vec<double> fma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm256_fmadd_pd(a, b, c); }
+COTTON_INLINE Vec<double> fnma(Vec<double> a, Vec<double> b, Vec<double> c) { return _mm256_fnmadd_pd(a, b, c); }
+COTTON_INLINE Vec<double> minimum(Vec<double> a, Vec<double> b) { return _mm256_min_pd(a, b); }
+COTTON_INLINE Vec<double> maximum(Vec<double> a, Vec<double> b) { return _mm256_max_pd(a, b); }
 COTTON_INLINE unsigned lane_bits(Mask<float> m) { return unsigned(_mm256_movemask_ps((__m256)m)); }
 COTTON_INLINE unsigned lane_bits(Mask<double> m) { return unsigned(_mm256_movemask_pd((__m256d)m)); }
 COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm256_sqrt_ps(a); }
@@ -71,24 +85,37 @@ template <class V>
 COTTON_INLINE V fma(V a, V b, V c) {
     return a * b + c;
 }
+template <class V>
+COTTON_INLINE V fnma(V a, V b, V c) {
+    return c - a * b;
+}
 #if defined(__SSE4_1__)
+COTTON_INLINE Vec<float> minimum(Vec<float> a, Vec<float> b) { return _mm_min_ps(a, b); }
+COTTON_INLINE Vec<float> maximum(Vec<float> a, Vec<float> b) { return _mm_max_ps(a, b); }
+COTTON_INLINE Vec<double> minimum(Vec<double> a, Vec<double> b) { return _mm_min_pd(a, b); }
+COTTON_INLINE Vec<double> maximum(Vec<double> a, Vec<double> b) { return _mm_max_pd(a, b); }
 COTTON_INLINE unsigned lane_bits(Mask<float> m) { return unsigned(_mm_movemask_ps((__m128)m)); }
 COTTON_INLINE unsigned lane_bits(Mask<double> m) { return unsigned(_mm_movemask_pd((__m128d)m)); }
 COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm_sqrt_ps(a); }
 COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm_sqrt_pd(a); }
 #else
+template <class V>
+COTTON_INLINE V minimum(V a, V b) {
+    return a < b ? a : b;
+}
+template <class V>
+COTTON_INLINE V maximum(V a, V b) {
+    return a > b ? a : b;
+}
 template <class M>
 COTTON_INLINE unsigned lane_bits(M m) {
     unsigned bits = 0;
     for (int i = 0; i < int(sizeof(M) / sizeof(m[0])); ++i) bits |= unsigned(m[i] != 0) << i;
     return bits;
 }
-COTTON_INLINE Vec<float> sqrt(Vec<float> a) {
-    for (int i = 0; i < kLanes<float>; ++i) a[i] = __builtin_sqrtf(a[i]);
-    return a;
-}
-COTTON_INLINE Vec<double> sqrt(Vec<double> a) {
-    for (int i = 0; i < kLanes<double>; ++i) a[i] = __builtin_sqrt(a[i]);
+template <class V>
+COTTON_INLINE V sqrt(V a) {
+    for (int i = 0; i < int(sizeof(V) / sizeof(a[0])); ++i) a[i] = decltype(a[0] + 0)(__builtin_sqrt(a[i]));
     return a;
 }
 #endif
@@ -99,19 +126,27 @@ COTTON_INLINE bool any(M m) {
     return lane_bits(m) != 0;
 }
 
-template <class V>
-COTTON_INLINE V minimum(V a, V b) {
-    return a < b ? a : b;
+COTTON_INLINE Vec<float> absolute(Vec<float> a) { return (Vec<float>)((Mask<float>)a & 0x7fffffff); }
+COTTON_INLINE Vec<double> absolute(Vec<double> a) { return (Vec<double>)((Mask<double>)a & 0x7fffffffffffffff); }
+
+// Adds the halves of every `segment` lanes of a and of b, and puts the results of a before those of b.
+template <int segment, class Real, int... lane>
+COTTON_INLINE Vec<Real> add_halves(Vec<Real> a, Vec<Real> b, std::integer_sequence<int, lane...>) {
+    constexpr int half = segment / 2, lanes = kLanes<Real>;
+    return __builtin_shufflevector(a, b, (lane / segment * segment + lane % half + lane / half % 2 * lanes)...) +
+           __builtin_shufflevector(a, b, (lane / segment * segment + lane % half + lane / half % 2 * lanes + half)...);
 }
 
-template <class V>
-COTTON_INLINE V maximum(V a, V b) {
-    return a > b ? a : b;
-}
-
-template <class V>
-COTTON_INLINE V absolute(V a) {
-    return a < 0 ? -a : a;
+// Lane i of the result is the sum of the lanes of v[i], pairwise in a fixed order.
+template <class Real, int segment = 2>
+COTTON_INLINE Vec<Real> sums_of_lanes(const Vec<Real>* v) {
+    if constexpr (segment > kLanes<Real>) {
+        return v[0];
+    } else {
+        return add_halves<segment, Real>(sums_of_lanes<Real, segment * 2>(v),
+                                         sums_of_lanes<Real, segment * 2>(v + segment / 2),
+                                         std::make_integer_sequence<int, kLanes<Real>>());
+    }
 }
 
 // Sum of the lanes, pairwise in a fixed order.

@@ -26,9 +26,11 @@ REFINED = 3
 """Fine voxels along a coarse one."""
 IN_VIEW = 0.6
 """Least share of the views that have a voxel in their image; the plant is meant to be in all."""
-CONTRAST = 0.6
+CONTRAST = 0.65
 """Least contrast of a boll's best voxels: the share of the views that see lint there, beyond those that see white
 through empty space anyway."""
+LEAST_ROOM = 0.25
+"""Least share of the views with another background than white that a full contrast takes."""
 CLEARANCE = 0.04
 """Height above the table below which nothing is a boll, R: the clamp, labels, fallen locks."""
 
@@ -138,7 +140,7 @@ def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
     smooth = ndimage.gaussian_filter(np.where(allowed, shares, 0), 1.5) / np.maximum(weights, 1e-6)
     low = ndimage.minimum_filter(np.where(allowed, smooth, 1), 9)
     opened = ndimage.maximum_filter(np.where(allowed, low, 0), 9)
-    return np.clip(opened, 0, 0.95)
+    return opened
 
 
 def _mapped(points: Float32, affine: Float64) -> Float32:
@@ -147,8 +149,11 @@ def _mapped(points: Float32, affine: Float64) -> Float32:
 
 
 def _contrast(shares: Float32, usual: Float32) -> Float32:
-    """1 where all views see lint, 0 where as many see white as through the empty space around."""
-    return (shares - usual) / (1 - usual)
+    """1 where all views see lint, 0 where as many see white as through the empty space around.
+
+    Where nearly all backgrounds are white there is little left to tell lint from them, and noise is not stretched.
+    """
+    return (shares - usual) / np.maximum(1 - usual, LEAST_ROOM)
 
 
 def _level_axes(axis: Float64) -> Float64:

@@ -1,0 +1,116 @@
+"""The stage masks on a workspace made here: white balls in a room with a white wall and posters."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lint_scene import BOLLS, orbit_cameras, photo, table_points
+
+from cotton3dg.core.scene import Camera
+from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.files.images import read_ids, write_ids, write_image
+from cotton3dg.options import MasksOptions
+from cotton3dg.stages import masks
+from cotton3dg.workspace import Workspace
+
+N_IMAGES = 24
+
+
+def write_sfm(root: Path, cameras: list[Camera]) -> None:
+    """The undistorted model with points on the table; the model as filmed is the same."""
+    import pycolmap
+
+    model, first = pycolmap.Reconstruction(), cameras[0]
+    intrinsics = [first.fx, first.fy, first.cx, first.cy]
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(model="PINHOLE", width=first.width, height=first.height, params=intrinsics, camera_id=1)
+    )
+    for i, camera in enumerate(cameras, 1):
+        image = pycolmap.Image(name=camera.name, camera_id=1, image_id=i)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.cam_from_scene))
+    for point in table_points(2000):
+        model.add_point3D(point, pycolmap.Track())
+    for folder in (root / "sfm", root / "sfm" / "undistorted" / "sparse"):
+        folder.mkdir(parents=True, exist_ok=True)
+        model.write_binary(str(folder))
+
+
+def make_workspace(root: Path, bolls: np.ndarray) -> tuple[Workspace, dict[str, np.ndarray]]:
+    cameras = orbit_cameras(N_IMAGES)
+    write_sfm(root, cameras)
+    (root / "sfm" / "undistorted" / "images").mkdir()
+    workspace, truths = Workspace(root), {}
+    for camera in cameras:
+        image, truths[camera.name] = photo(camera, bolls=bolls)
+        write_image(workspace.undistorted_image(camera.name), image)
+    return workspace, truths
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    return make_workspace(tmp_path_factory.mktemp("plant"), BOLLS)
+
+
+def test_lint_masks_of_evenly_spaced_views(plant) -> None:
+    workspace, truths = plant
+    outcome = masks.run(workspace, MasksOptions(views=16))
+    document = json.loads(workspace.masks_json.read_text())
+    names = [image["name"] for image in document["images"]]
+    assert len(names) == 16 == outcome.summary["images"]
+    assert len(list(workspace.folder("masks").glob("*.png"))) == 16
+    assert document["backend"] == "lint" and document["options"]["views"] == 16
+    assert not outcome.flags
+    covered = union = 0
+    for image in document["images"]:
+        ids, truth = read_ids(workspace.mask_png(image["name"])), truths[image["name"]]
+        assert ids.shape == truth.shape
+        assert image["instances"] == len(np.unique(ids[ids > 0])) == len(image["scores"])
+        covered += ((ids > 0) & (truth > 0)).sum()
+        union += ((ids > 0) | (truth > 0)).sum()
+    assert covered / union > 0.75
+    assert outcome.summary["masks"] == sum(image["instances"] for image in document["images"])
+
+
+def test_a_plant_without_open_bolls_is_told_not_failed(tmp_path: Path) -> None:
+    workspace, _ = make_workspace(tmp_path, np.zeros((0, 3)))
+    outcome = masks.run(workspace, MasksOptions(views=6))
+    assert outcome.flags == ("no_masks",)
+    assert outcome.summary["masks"] == 0 and outcome.summary["images"] == 6
+    assert "--backend import" in outcome.warnings[0]
+    assert not any(read_ids(path).any() for path in workspace.folder("masks").glob("*.png"))
+
+
+def test_imported_masks_are_kept_as_they_are(plant, tmp_path: Path) -> None:
+    workspace, truths = plant
+    for name in list(truths)[:3]:
+        write_ids(tmp_path / f"{Path(name).stem}.png", truths[name])
+    outcome = masks.run(workspace, MasksOptions(backend="import", source=str(tmp_path)))
+    assert outcome.summary["images"] == 3
+    assert len(list(workspace.folder("masks").glob("*.png"))) == 3
+    for name in list(truths)[:3]:
+        np.testing.assert_array_equal(read_ids(workspace.mask_png(name)), truths[name])
+
+
+def test_own_masks_in_the_plant_folder_need_no_option_and_count_as_input(plant) -> None:
+    workspace, truths = plant
+    workspace.masks_input.mkdir()
+    name = next(iter(truths))
+    write_ids(workspace.masks_input / f"{Path(name).stem}.png", truths[name])
+    assert masks.run(workspace, MasksOptions(backend="import")).summary["images"] == 1
+    assert any("own_masks" in path for path in workspace.hashes(*masks.inputs(workspace)))
+
+
+def test_masks_of_unknown_images_are_refused_and_the_old_result_stays(plant, tmp_path: Path) -> None:
+    workspace, truths = plant
+    masks.run(workspace, MasksOptions(views=4))
+    before = workspace.masks_json.read_bytes()
+    write_ids(tmp_path / "IMG_77.png", next(iter(truths.values())))
+    with pytest.raises(BadInput, match="IMG_77"):
+        masks.run(workspace, MasksOptions(backend="import", source=str(tmp_path)))
+    assert workspace.masks_json.read_bytes() == before
+
+
+def test_without_sfm_the_user_is_told_to_run_it(tmp_path: Path) -> None:
+    with pytest.raises(MissingInput, match="cotton3dg sfm"):
+        masks.run(Workspace(tmp_path), MasksOptions())

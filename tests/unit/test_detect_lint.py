@@ -1,0 +1,185 @@
+"""Bolls found in ray-cast images with exact ids."""
+
+import numpy as np
+import pytest
+from lint_scene import BOLLS, RADIUS, orbit_cameras, photo, table_points
+from scipy import ndimage
+
+from cotton3dg.plant.detect_lint import detect_lint, draw_overlay, lint_score
+from cotton3dg.plant.lint_volume import find_bolls
+from cotton3dg.plant.paint_bolls import without_specks
+from cotton3dg.plant.split_touching import split_touching, typical_diameter
+from cotton3dg.plant.views import fit_orbit
+
+
+def found_share(ids: np.ndarray, truth: np.ndarray) -> tuple[int, int, int]:
+    """Matches at IoU 0.5, and the numbers of true and of found masks of at least 30 px."""
+    matches = 0
+    true = [number for number in np.unique(truth[truth > 0]) if (truth == number).sum() >= 30]
+    found = [number for number in np.unique(ids[ids > 0]) if (ids == number).sum() >= 30]
+    for number in true:
+        inside = truth == number
+        matches += any(((ids == other) & inside).sum() > 0.5 * ((ids == other) | inside).sum() for other in found)
+    return matches, len(true), len(found)
+
+
+@pytest.fixture(scope="module")
+def views():
+    cameras = orbit_cameras(24)
+    # The exposure drifts by a factor of two on the way.
+    photos = [photo(camera, exposure=0.75 + 0.25 * np.sin(k)) for k, camera in enumerate(cameras)]
+    return cameras, [image for image, _ in photos], [ids for _, ids in photos]
+
+
+@pytest.fixture(scope="module")
+def masks(views):
+    cameras, images, _ = views
+    return detect_lint(images, cameras, fit_orbit(cameras), table_points())
+
+
+def test_bolls_are_found_and_nothing_else_is(views, masks) -> None:
+    cameras, _, truths = views
+    matched, true, found = np.sum(
+        [found_share(masks.ids[camera.name], truth) for camera, truth in zip(cameras, truths, strict=True)], axis=0
+    )
+    assert matched / true > 0.95
+    assert matched / found > 0.95
+
+
+def test_the_white_wall_the_posters_and_the_paper_are_no_bolls(views, masks) -> None:
+    cameras, _, truths = views
+    for camera, truth in zip(cameras, truths, strict=True):
+        near = ndimage.binary_dilation(truth > 0, iterations=9)  # half a boll
+        assert not masks.ids[camera.name][~near].any()
+
+
+def test_bolls_have_their_place_and_size_in_space(views) -> None:
+    cameras, images, _ = views
+    volume = find_bolls([lint_score(image) for image in images], cameras, fit_orbit(cameras), np.array([0, 0, 1.0, 0]))
+    assert volume.bolls.max() == len(BOLLS)
+    for boll in range(1, len(BOLLS) + 1):
+        inside = volume.bolls == boll
+        away = np.linalg.norm(BOLLS - volume.centres[inside].mean(axis=0), axis=1)
+        assert away.min() < 0.3 * RADIUS
+        diameter = np.cbrt(6 / np.pi * inside.sum()) * volume.pitch
+        assert 0.8 < diameter / (2 * RADIUS) < 1.3
+        assert 0.6 < volume.confidence(boll) <= 1
+
+
+def test_scores_and_masks_belong_together(masks) -> None:
+    for name, ids in masks.ids.items():
+        assert ids.dtype == np.uint16
+        assert set(np.unique(ids[ids > 0]).tolist()) == set(masks.scores[name])
+        assert all(0 < score <= 1 for score in masks.scores[name].values())
+
+
+def test_the_same_images_give_the_same_masks(views, masks) -> None:
+    cameras, images, _ = views
+    again = detect_lint(images, cameras, fit_orbit(cameras), table_points())
+    for name, ids in masks.ids.items():
+        np.testing.assert_array_equal(again.ids[name], ids)
+
+
+def test_the_unit_of_the_scene_does_not_matter(views, masks) -> None:
+    from dataclasses import replace
+
+    cameras, images, _ = views
+    scale = 7.3
+    larger = [
+        replace(camera, cam_from_scene=np.column_stack([camera.rotation, scale * camera.cam_from_scene[:, 3]]))
+        for camera in cameras
+    ]
+    again = detect_lint(images, larger, fit_orbit(larger), scale * table_points())
+    differing = np.mean([(again.ids[name] > 0) != (ids > 0) for name, ids in masks.ids.items()])
+    assert differing < 1e-3
+
+
+def test_a_plant_without_bolls_gives_empty_masks() -> None:
+    cameras = orbit_cameras(8)
+    images = [photo(camera, bolls=np.zeros((0, 3)))[0] for camera in cameras]
+    masks = detect_lint(images, cameras, fit_orbit(cameras), table_points())
+    assert len(masks.ids) == 8
+    assert not any(ids.any() for ids in masks.ids.values())
+
+
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_flat_images_give_empty_masks(value: int) -> None:
+    cameras = orbit_cameras(6)
+    images = [np.full((camera.height, camera.width, 3), value, np.uint8) for camera in cameras]
+    masks = detect_lint(images, cameras, fit_orbit(cameras), np.zeros((0, 3)))
+    assert not any(ids.any() for ids in masks.ids.values())
+
+
+@pytest.mark.parametrize("exposure", [0.3, 0.6, 1.0])
+def test_lint_scores_high_at_any_exposure_and_wood_does_not(exposure: float) -> None:
+    image, ids = photo(orbit_cameras(16)[2], exposure=exposure)
+    score = lint_score(image)
+    assert score.shape == ids.shape and score.min() >= 0 and score.max() <= 1
+    assert score[ids > 0].mean() > 0.8
+    assert score[220:, 200:280][ids[220:, 200:280] == 0].mean() < 0.1  # the table
+
+
+def balls(*centres: tuple[float, float, float], radius: float = 5.0, shape: tuple[int, int, int] = (60, 40, 40)):
+    places = np.stack(np.meshgrid(*[np.arange(side) for side in shape], indexing="ij"), -1)
+    inside = [np.linalg.norm(places - centre, axis=-1) <= radius for centre in centres]
+    return np.any(inside, axis=0).astype(np.float32)
+
+
+def test_touching_balls_are_divided() -> None:
+    labels = split_touching(balls((15, 20, 20), (24.5, 20, 20), (45, 20, 20)), 0.6)
+    assert labels.max() == 3
+    assert len({labels[15, 20, 20], labels[24, 20, 20], labels[45, 20, 20]}) == 3
+
+
+def test_the_locks_of_one_boll_stay_together() -> None:
+    # Four locks of 0.6 boll diameters around a centre, beside two bolls of the same size that are whole.
+    locks = balls((12, 17, 20), (12, 23, 20), (18, 17, 20), (18, 23, 20), radius=3.6)
+    labels = split_touching(np.maximum(locks, balls((35, 20, 20), (50, 20, 20), radius=6)), 0.6)
+    assert labels.max() == 3
+    assert len(np.unique(labels[locks > 0])) == 1
+
+
+def test_sheets_rods_and_specks_are_dropped() -> None:
+    volume = balls((15, 20, 20), (45, 20, 20))
+    volume[20:40, 10:30, 35:37] = 1
+    volume[2:58, 2:4, 2:4] = 1
+    volume[30, 30, 10] = 1
+    assert split_touching(volume, 0.6).max() == 2
+
+
+def test_weak_contrast_is_no_boll() -> None:
+    assert split_touching(0.5 * balls((15, 20, 20)), 0.6).max() == 0
+
+
+def test_bolls_at_the_border_of_the_volume_are_kept() -> None:
+    assert split_touching(balls((3, 4, 4), (30, 20, 20)), 0.6).max() == 2
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 1, 2), (10, 10, 10)])
+def test_empty_volumes_have_no_bolls(shape: tuple[int, int, int]) -> None:
+    labels = split_touching(np.zeros(shape, np.float32), 0.6)
+    assert labels.shape == shape and labels.max() == 0
+
+
+def test_typical_diameter_is_that_of_most_parts() -> None:
+    volume = balls((12, 20, 20), (30, 20, 20), (48, 20, 20))
+    assert typical_diameter(volume) == pytest.approx(10, rel=0.08)
+
+
+def test_specks_are_removed_and_pieces_behind_a_branch_kept() -> None:
+    ids = np.zeros((40, 40), np.uint16)
+    ids[5:20, 5:12] = ids[5:20, 14:20] = 3  # two halves of one boll beside a branch
+    ids[30, 30:33] = 3
+    cleaned = without_specks(ids)
+    assert not cleaned[30].any()
+    np.testing.assert_array_equal(cleaned[:25], ids[:25])
+
+
+def test_overlay_tints_masks_only() -> None:
+    image = np.full((30, 30, 3), 100, np.uint8)
+    ids = np.zeros((30, 30), np.uint16)
+    ids[5:10, 5:10], ids[15:25, 15:25] = 1, 7
+    drawn = draw_overlay(image, ids)
+    assert (drawn[ids == 0] == 100).all() and (image == 100).all()
+    assert (drawn[ids > 0] != 100).any(axis=1).all()
+    assert (drawn[7, 7] != drawn[20, 20]).any()

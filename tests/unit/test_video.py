@@ -117,12 +117,12 @@ def test_pixel_aspect_is_applied(tmp_path):
 
 @pytest.mark.parametrize("transfer", ["smpte2084", "arib-std-b67"])
 def test_hdr_is_tone_mapped(tmp_path, transfer):
+    tags = f"setparams=color_primaries=bt2020:color_trc={transfer}:colorspace=bt2020nc"
     path = encode(
         tmp_path / "hdr.mp4",
         4,
-        *("-vf", "scale=out_color_matrix=bt2020,format=yuv420p10le"),
+        *("-vf", f"scale=out_color_matrix=bt2020,format=yuv420p10le,{tags}"),
         *("-c:v", "libx265", "-x265-params", "log-level=none"),
-        *("-color_primaries", "bt2020", "-color_trc", transfer, "-colorspace", "bt2020nc"),
     )
     facts = video.probe(path)
     assert (facts.transfer, facts.pixel_format, facts.is_hdr) == (transfer, "yuv420p10le", True)

@@ -7,7 +7,7 @@ is divided into bolls there (`split_touching`), and each image paints the bolls 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ def detect_lint(
     cameras: Sequence[Camera],
     orbit: Orbit,
     points: Float64,
+    painted: Collection[str],
     progress: Progress = silent,
 ) -> MaskSet:
     """Masks of the open bolls in images from around one plant.
@@ -47,19 +48,22 @@ def detect_lint(
         cameras: of these images.
         orbit: that the plant stands in.
         points: (P, 3) su, of surfaces in the scene; they tell where the table is.
+        painted: names of the cameras that get masks; all of them vote on where lint is.
     Returns:
         By camera name; a boll has the same id in all images.
     """
+    total = len(images) + len(painted)
     scores = []
     for done, image in enumerate(images):
-        progress(done, 2 * len(images), "looking for lint")
+        progress(done, total, "looking for lint")
         scores.append(lint_score(image))
-    progress(len(images), 2 * len(images), "comparing the views")
+    progress(len(images), total, "comparing the views")
     volume = find_bolls(scores, cameras, orbit, plant_floor(points, orbit))
     masks = MaskSet({}, {})
-    for done, (image, score, camera) in enumerate(zip(images, scores, cameras, strict=True), start=len(images) + 1):
-        masks.ids[camera.name], masks.scores[camera.name] = paint_bolls(image, score, camera, volume)
-        progress(done, 2 * len(images), camera.name)
+    for image, score, camera in zip(images, scores, cameras, strict=True):
+        if camera.name in painted:
+            masks.ids[camera.name], masks.scores[camera.name] = paint_bolls(image, score, camera, volume)
+            progress(len(images) + len(masks.ids), total, camera.name)
     return masks
 
 

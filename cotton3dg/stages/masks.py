@@ -23,6 +23,9 @@ from ..workspace import Workspace, json_text
 
 VERSION = 1
 
+VOTING_VIEWS = 36
+"""Least views, where there are as many, that vote on where lint is, however few get masks."""
+
 NOTHING_FOUND = (
     "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant should "
     "stand in the middle of the orbit with its lint lit; or draw masks and use --backend import"
@@ -68,10 +71,13 @@ def detected(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     if len(cameras) < 2:
         raise BadInput("only one image has a pose; bolls are found from several sides, so film a full turn")
     orbit = fit_orbit(cameras)
-    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), options.views)]
-    images = [read_image(workspace.undistorted_image(camera.name)) for camera in chosen]
+    angles = azimuths(cameras, orbit)
+    voting = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
+    painted = {cameras[voting[i]].name for i in evenly_spaced(angles[voting], options.views)}
+    voters = [cameras[i] for i in voting]
+    images = [read_image(workspace.undistorted_image(camera.name)) for camera in voters]
     points = read_points(workspace.undistorted / "sparse")[0]
-    return detect_lint(images, chosen, orbit, points, progress)
+    return detect_lint(images, voters, orbit, points, painted, progress)
 
 
 def imported(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera]) -> MaskSet:

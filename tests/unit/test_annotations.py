@@ -69,9 +69,9 @@ def test_plain_and_compressed_run_lengths_go_down_the_columns() -> None:
         np.testing.assert_array_equal(mask.ravel(order="F"), expected)
 
 
-def test_a_string_made_by_pycocotools_is_understood() -> None:
-    # pycocotools.mask.encode of a 5 x 4 mask with rows 1-3 of columns 1-2 set.
-    mask = instance_mask({"size": [5, 4], "counts": "6326"}, 5, 4)
+def test_a_compressed_string_worked_out_by_hand() -> None:
+    # Rows 1-3 of columns 1-2 of a 5 x 4 mask: runs 6 3 2 3 6; the last two are written as 3 - 3 and 6 - 2.
+    mask = instance_mask({"size": [5, 4], "counts": "63204"}, 5, 4)
     expected = np.zeros((5, 4), bool)
     expected[1:4, 1:3] = True
     np.testing.assert_array_equal(mask, expected)

@@ -118,7 +118,7 @@ def mean_score(points: Float32, scores: Sequence[NDArray], cameras: Sequence[Cam
         columns, lines, inside = pixels_of(points, camera)[:3]
         total[inside] += score[lines[inside], columns[inside]]
         seen += inside
-    return total / np.maximum(seen, np.float32(1)), seen / np.float32(max(len(cameras), 1))
+    return (total / np.maximum(seen, 1)).astype(np.float32), seen / np.float32(max(len(cameras), 1))
 
 
 def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray, NDArray, NDArray, Float32]:
@@ -153,7 +153,7 @@ def _contrast(shares: Float32, usual: Float32) -> Float32:
 
     Where nearly all backgrounds are white there is little left to tell lint from them, and noise is not stretched.
     """
-    return (shares - usual) / np.maximum(1 - usual, np.float32(LEAST_ROOM))
+    return ((shares - usual) / np.maximum(1 - usual, LEAST_ROOM)).astype(np.float32)
 
 
 def _level_axes(axis: Float64) -> Float64:

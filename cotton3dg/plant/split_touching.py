@@ -12,7 +12,7 @@ SOLID = 0.6
 because the views that look past a boll into another one see lint too."""
 SMOOTHING = 0.15
 """Standard deviation, in boll diameters, that makes one hill of a boll; its locks are half a diameter apart."""
-DIP = 0.9
+DIP = 0.87
 """Two hills are two bolls where the pass between them is lower than this share of the lower one."""
 SMALLEST, LARGEST = 0.35, 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""

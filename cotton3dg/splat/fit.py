@@ -54,7 +54,7 @@ UNUSABLE = ("non_finite", "degenerate")
 CLOSEST = 0.15
 """Nothing solid is nearer to a camera than this share of the cameras' distance from what they look at."""
 
-PLANT_NEED = 3.0
+PLANT_NEED = 5.0
 """How much more a Gaussian in the plant region needs splitting than one of the room with the same gradient."""
 
 LARGEST_IN_PLANT = 0.005

@@ -14,8 +14,9 @@ from .dense import dense_points
 from .views import View
 
 SH_CONSTANT = 0.28209479177387814
-START_OPACITY = 0.1
-"""As in Kerbl et al. 2023: low enough that every Gaussian behind still gets a gradient."""
+START_OPACITY = 0.5
+"""Not the 0.1 of Kerbl et al. 2023: dense points lie on surfaces, so that less has to be found out (measured: +0.2 dB
+after 1000 steps)."""
 
 SMALLEST_SCALE = 1e-4
 """Floor of a starting scale relative to the median one: points that coincide have no neighbour distance."""
@@ -24,8 +25,9 @@ LARGEST_SCALE = 10.0
 """Cap of a starting scale relative to the median one: lone outliers would else cover the whole image."""
 
 
-START_SHARE = 0.5
-"""Share of the budget that training starts with; densification places the rest where the images call for it."""
+START_SHARE = 0.7
+"""Share of the budget that training starts with. The rest is for densification to place: a larger start shows more of
+the room sooner, a smaller one leaves more for thin branches and lint that flow does not find."""
 
 
 def starting_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:

@@ -7,7 +7,7 @@ import pytest
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
 from cotton3dg.splat.dense import dense_points, neighbouring_pairs
-from cotton3dg.splat.initialise import LARGEST_SCALE, initial_gaussians, starting_scales
+from cotton3dg.splat.initialise import LARGEST_SCALE, START_OPACITY, initial_gaussians, starting_scales
 from cotton3dg.splat.views import View
 
 
@@ -24,7 +24,7 @@ def test_colour_opacity_and_rotation_of_the_start() -> None:
     colours = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
     gaussians = initial_gaussians(np.random.default_rng(1).normal(size=(20, 3)), colours, 2, 100, 0)
     np.testing.assert_allclose(gaussians.colours * 255, colours, atol=1e-3)
-    np.testing.assert_allclose(gaussians.opacities, 0.1, rtol=1e-6)
+    np.testing.assert_allclose(gaussians.opacities, START_OPACITY, rtol=1e-6)
     np.testing.assert_array_equal(gaussians.quats, np.tile([1, 0, 0, 0], (20, 1)))
     assert gaussians.sh.shape == (20, 9, 3)
     assert not gaussians.sh[:, 1:].any()

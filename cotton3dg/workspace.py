@@ -149,6 +149,16 @@ class Workspace:
         return self.root / "traits" / "traits.csv"
 
     @property
+    def columns_csv(self) -> Path:
+        """What each column of the two tables means."""
+        return self.root / "traits" / "columns.csv"
+
+    @property
+    def plant_npy(self) -> Path:
+        """(N,) bool: which Gaussians are the plant."""
+        return self.root / "traits" / "plant.npy"
+
+    @property
     def bolls_csv(self) -> Path:
         return self.root / "traits" / "bolls.csv"
 

@@ -13,11 +13,9 @@ from ..core.scene import Float64, Gaussians
 from .box import min_area_rectangle, oriented_box
 from .hull import alpha_volume, calliper_diameter, convex_volume
 from .isolate import Plant
-from .outline import opaque_hull
-from .surface import surface_of_volume, surface_points, surface_rows
+from .outline import OPAQUE, opaque_hull
+from .surface import surface_of_volume, surface_rows, visible_surface
 
-SURFACE_SIGMAS = 1.5
-"""The surface of a trained plant lies about so many standard deviations around its Gaussians."""
 TOP_PERCENTILE = 99.9
 """A floater is no top: what one point in a thousand exceeds."""
 ALPHA = 0.25
@@ -71,13 +69,18 @@ class Silhouette:
     width_cm: float
 
 
-def measure_silhouette(gaussians: Gaussians, plant: Plant, scale: Scale) -> Silhouette:
+def measure_silhouette(gaussians: Gaussians, plant: Plant, scale: Scale) -> Silhouette | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
     The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
     most upright (seed paper).
+
+    Returns:
+        None when nothing of the plant is opaque.
     """
-    surface = surface_points(gaussians[plant.rows], SURFACE_SIGMAS)
+    surface = visible_surface(gaussians[plant.rows], OPAQUE)
+    if not len(surface):
+        return None
     places = (surface - plant.foot) @ scale.table_frame.T * scale.cm_per_su
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())

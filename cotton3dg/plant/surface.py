@@ -33,11 +33,19 @@ def surface_rows(gaussians: Gaussians, weights: NDArray | None = None) -> NDArra
     return kept & _not_above(distances, kept, floor=0.05) & _not_above(sizes, kept, floor=0.0)
 
 
-def surface_points(gaussians: Gaussians, sigmas: float, samples: int = 32) -> NDArray[np.float64]:
-    """(N * samples, 3) points on the ellipsoids `sigmas` standard deviations around the Gaussians, su."""
+def surface_points(gaussians: Gaussians, sigmas: float | NDArray, samples: int = 32) -> NDArray[np.float64]:
+    """(N * samples, 3) su: points on the ellipsoids of `sigmas` (one or one each) standard deviations."""
     on_sphere = fibonacci_directions(samples)
-    offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), gaussians.scales[:, None, :] * on_sphere)
-    return (gaussians.means[:, None, :] + sigmas * offsets).reshape(-1, 3)
+    extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
+    offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), extents[:, None, :] * on_sphere)
+    return (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
+
+
+def visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
+    """Points (P, 3) where each Gaussian alone falls to the opacity `opaque`; fainter ones have none. su."""
+    opacities = gaussians.opacities.astype(np.float64)
+    rows = opacities > opaque
+    return surface_points(gaussians[rows], np.sqrt(2 * np.log(opacities[rows] / opaque)))
 
 
 def surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:

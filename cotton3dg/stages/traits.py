@@ -20,7 +20,7 @@ from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import STAGE_OPTIONS, TraitsOptions
 from ..plant.isolate import isolate_plant
 from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 VERSION = 1
 EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
@@ -72,10 +72,8 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         for name, (columns, rows) in tables.items():
             _write_csv(folder / name, csv_text(columns, rows, excel=options.excel))
         meanings = columns_text({name: columns for name, (columns, _) in tables.items()}, excel=options.excel)
-        _write_csv(folder / "columns.csv", meanings)
-        np.save(folder / "plant.npy", plant.rows if plant else np.zeros(len(gaussians), bool))
-        if plant:
-            (folder / "plant.json").write_text(json_text({"foot_su": plant.foot}), encoding="utf-8")
+        _write_csv(folder / workspace.columns_csv.name, meanings)
+        np.save(folder / workspace.plant_npy.name, plant.rows if plant else np.zeros(len(gaussians), bool))
     summary = {
         "boll_count": traits.boll_count,
         "boll_volume_cm3": traits.boll_volume_cm3,

@@ -42,7 +42,8 @@ def test_size_and_place_do_not_matter():
 def test_an_elongated_body_keeps_its_shape():
     long = gaussians_at(fibonacci_directions(600) * [4.0, 2.0, 2.0], 0.2)
     extents = np.ptp(opaque_hull(long) @ np.linalg.svd(long.means - long.means.mean(0))[2].T, axis=0) * 37.0
-    assert extents == pytest.approx([8.6, 4.6, 4.6], rel=0.05)
+    # The rim of such a shell lies about two sigma outside.
+    assert extents == pytest.approx([8.8, 4.8, 4.8], rel=0.05)
 
 
 def test_haze_and_a_faint_stray_do_not_enlarge_it():

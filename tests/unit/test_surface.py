@@ -7,7 +7,7 @@ from table_scene import gaussians_at, joined
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.plant.box import fibonacci_directions
 from cotton3dg.plant.hull import convex_volume
-from cotton3dg.plant.surface import surface_points, surface_rows
+from cotton3dg.plant.surface import surface_points, surface_rows, visible_surface
 
 BALL_CM = 2.5 * fibonacci_directions(500)
 
@@ -51,3 +51,11 @@ def test_nothing_left_is_no_error():
     body = gaussians_at(BALL_CM, 0.2, opacity=0.01)
     assert not surface_rows(body).any()
     assert surface_points(body[:0], 1.0).shape == (0, 3)
+
+
+def test_the_visible_surface_lies_where_the_opacity_falls_to_the_limit():
+    solid = gaussians_at(np.zeros((1, 3)), 1.0, opacity=0.9)
+    points = visible_surface(joined(solid, gaussians_at(np.ones((1, 3)), 1.0, opacity=0.2)), 0.3)
+    distances = np.linalg.norm(points - solid.means[0], axis=1) * 37.0
+    assert len(points) == 32
+    assert 0.9 * np.exp(-(distances**2) / 2) == pytest.approx(np.full(32, 0.3), rel=1e-4)

@@ -28,8 +28,6 @@ class ReconstructionSettings:
     seed: int
     focal_length_px: float | None = None
     """A prior, e.g. from EXIF; without one 1.2 times the longer side."""
-    n_threads: int = -1
-    """-1 = all. Sums inside bundle adjustment depend on it in their last digits, so poses do as well."""
 
 
 def reconstruct(
@@ -40,7 +38,7 @@ def reconstruct(
     settings: ReconstructionSettings,
     progress: Progress = silent,
 ) -> list[Any]:
-    """Find the cameras of images and a sparse cloud of points.
+    """Find the cameras of images and a sparse cloud of points; the same bits each time on one machine.
 
     Args:
         names: images in `image_folder`, all of one camera and one size.
@@ -80,7 +78,6 @@ def _find_features(image_folder: Path, names: list[str], database: Path, setting
     import pycolmap
 
     options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = settings.n_threads
     options.max_image_size = settings.max_side
     options.sift.max_num_features = settings.max_features
     # Octave -1 would double the image first: four times the work for the finest, least repeatable features.
@@ -88,6 +85,9 @@ def _find_features(image_folder: Path, names: list[str], database: Path, setting
     options.sift.peak_threshold = PEAK_THRESHOLD
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = CAMERA_MODEL
+    # Entered in order first: the threads of the extraction would number the images as they finish.
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, image_folder, pycolmap.CameraMode.SINGLE, names, reader)
     pycolmap.extract_features(
         database,
         image_folder,
@@ -108,13 +108,13 @@ def _find_features(image_folder: Path, names: list[str], database: Path, setting
 def _match(database: Path, pairs_file: Path, settings: ReconstructionSettings) -> None:
     import pycolmap
 
-    options = pycolmap.FeatureMatchingOptions()
-    options.num_threads = settings.n_threads
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = pairs_file
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = settings.seed
-    pycolmap.match_image_pairs(database, options, pairing, verification, device=pycolmap.Device.cpu)
+    pycolmap.match_image_pairs(
+        database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+    )
 
 
 def _mapping_options(settings: ReconstructionSettings) -> Any:
@@ -126,7 +126,8 @@ def _mapping_options(settings: ReconstructionSettings) -> Any:
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = settings.n_threads
+    # The order of sums in bundle adjustment depends on threads; one is hardly slower and gives the same bits each time.
+    options.num_threads = 1
     options.random_seed = settings.seed
     options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
     options.ba_global_max_refinements = 2

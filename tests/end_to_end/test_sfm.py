@@ -155,6 +155,12 @@ def test_other_programs_find_their_files(plant):
     assert not [name for name in left_over if name.endswith((".db", ".sh", ".txt")) or name == "stereo"]
 
 
+def test_the_same_bits_again(plant):
+    before = plant.read_record("sfm")["outputs"]
+    pipeline.run(plant, pipeline.stage_options(plant, overrides=OPTIONS), ("sfm",), force=True)
+    assert plant.read_record("sfm")["outputs"] == before
+
+
 def frames_only(tmp_path, pictures, ordered=True):
     """A workspace whose frames are given."""
     workspace = Workspace(tmp_path)

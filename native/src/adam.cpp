@@ -8,20 +8,6 @@ namespace {
 
 using V = Vec<float>;
 
-// 1 / (1 - beta^t) of both moments.
-struct BiasCorrection {
-    float first, second;
-};
-
-BiasCorrection bias_correction(const LearningRates& rates, int32_t step) {
-    const auto power = [](double base, int32_t n) {
-        double result = 1;
-        for (; n > 0; n >>= 1, base *= base) result *= n & 1 ? base : 1;
-        return result;
-    };
-    return {float(1 / (1 - power(rates.beta1, step))), float(1 / (1 - power(rates.beta2, step)))};
-}
-
 // A longer gradient would square to Inf in the second moment.
 constexpr float kLargestGradient = 1e15f;
 
@@ -109,7 +95,8 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         const float* gradient = rows + i * row_gradient::size;
         const float weight = gradient[row_gradient::weight];
         if (!(weight > 0)) continue;
-        const BiasCorrection bias = bias_correction(a.rates, ++a.steps[row]);
+        const int32_t step = ++a.steps[row];
+        const BiasCorrection bias = a.bias[step < a.bias_count ? step : a.bias_count - 1];
         const Direction<float> direction = viewing_direction(a.means + 3 * row, a.centre);
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, direction.unit, gradient + row_gradient::colour);

@@ -143,22 +143,20 @@ py::dict train_step(const py::tuple& gaussians, const py::tuple& first, const py
     const auto backdrop = checked<float>(background, "background", {3});
     const TargetArrays photograph(target, weight, dssim, view.width, view.height);
     const Scene<float> scene = arrays.scene_with_sh(sh_degree);
-    const Moments own = moments(arrays);
-    AdamRows adam_rows = {own.means,
-                          own.quats,
-                          own.log_scales,
-                          own.opacity_logits,
-                          own.sh,
-                          scene.sh_stored,
-                          sh_degree,
-                          moments(first_arrays),
-                          moments(second_arrays),
-                          step_counts.mutable_data(),
-                          {r.at(0), r.at(1), r.at(2), r.at(3), r.at(4), r.at(5), r.at(6), r.at(7), r.at(8)},
-                          {},
-                          {grad_px.mutable_data(), abs_grad.mutable_data(), radius.mutable_data(),
-                           weights.mutable_data(), seen.mutable_data()},
-                          nullptr};
+    AdamRows adam_rows = {};
+    adam_rows.means = arrays.means.mutable_data();
+    adam_rows.quats = arrays.quats.mutable_data();
+    adam_rows.log_scales = arrays.log_scales.mutable_data();
+    adam_rows.opacity_logits = arrays.opacity_logits.mutable_data();
+    adam_rows.sh = arrays.sh.mutable_data();
+    adam_rows.sh_stored = scene.sh_stored;
+    adam_rows.sh_degree = sh_degree;
+    adam_rows.first = moments(first_arrays);
+    adam_rows.second = moments(second_arrays);
+    adam_rows.steps = step_counts.mutable_data();
+    adam_rows.rates = {r.at(0), r.at(1), r.at(2), r.at(3), r.at(4), r.at(5), r.at(6), r.at(7), r.at(8)};
+    adam_rows.statistics = {grad_px.mutable_data(), abs_grad.mutable_data(), radius.mutable_data(),
+                            weights.mutable_data(), seen.mutable_data()};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;

@@ -79,14 +79,18 @@ COTTON_INLINE bool block_done(const Real* transmittance, int block) {
 
 // The walk of all rasterizers: every entry front to back, and in it every block that it reaches and that still has an
 // open pixel. `begin` and `finish` enclose an entry, `skip` stands for both when it reaches no open block; `visit(i)`
-// blends the vector of pixels at i and returns whether any pixel took the Gaussian.
+// blends the vector of pixels at i and returns whether any pixel took the Gaussian. `rows` is the table that `finish`
+// and `skip` write to, or null.
 template <class Real, class Begin, class Visit, class Finish, class Skip>
 COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks,
-                        const Real* transmittance, const Begin& begin, const Visit& visit, const Finish& finish,
-                        const Skip& skip) {
-    constexpr int64_t ahead = 4;
+                        const Real* transmittance, const Real* rows, int row_stride, const Begin& begin,
+                        const Visit& visit, const Finish& finish, const Skip& skip) {
+    constexpr int64_t ahead = 4;  // records and rows are scattered over more memory than the caches hold
     for (int64_t e = 0; e < tile.count; ++e) {
-        if (e + ahead < tile.count) __builtin_prefetch(records + int64_t(tile.entries[e + ahead].row) * stride);
+        if (e + ahead < tile.count) {
+            __builtin_prefetch(records + int64_t(tile.entries[e + ahead].row) * stride);
+            if (rows) __builtin_prefetch(rows + int64_t(tile.slots[e + ahead]) * row_stride, 1);
+        }
         uint32_t blocks = tile.entries[e].blocks & open_blocks;
         if (blocks == 0) {
             skip(e);

@@ -1,5 +1,9 @@
-// Memory that grows and is kept: 64-byte aligned, never initialised, contents lost when it grows.
+// Memory that grows and is kept: aligned for vectors, never initialised, contents lost when it grows.
 #pragma once
+
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
 
 #include <cstddef>
 #include <cstdint>
@@ -19,8 +23,14 @@ class Buffer {
     T* reserve(int64_t count) {
         if (count > capacity_) {
             release();
-            data_ = static_cast<T*>(::operator new(std::size_t(count) * sizeof(T) + 64, std::align_val_t(64)));
-            capacity_ = count;
+            const int64_t capacity = count + count / 4;  // the next view may need a little more
+            const std::size_t bytes = size(capacity);
+            data_ = static_cast<T*>(::operator new(bytes, alignment(bytes)));
+            capacity_ = capacity;
+#if defined(__linux__)
+            // Large pages: these tables are read at random, and most of the misses would be those of the page table.
+            if (bytes >= kPage) madvise(data_, bytes / kPage * kPage, MADV_HUGEPAGE);
+#endif
         }
         return data_;
     }
@@ -31,8 +41,13 @@ class Buffer {
     const T& operator[](int64_t i) const { return data_[i]; }
 
   private:
+    static constexpr std::size_t kPage = std::size_t(2) << 20;
+
+    static std::size_t size(int64_t count) { return std::size_t(count) * sizeof(T) + 64; }
+    static std::align_val_t alignment(std::size_t bytes) { return std::align_val_t(bytes >= kPage ? kPage : 64); }
+
     void release() {
-        ::operator delete(data_, std::align_val_t(64));
+        ::operator delete(data_, alignment(size(capacity_)));
         data_ = nullptr;
         capacity_ = 0;
     }

@@ -76,13 +76,19 @@ COTTON_INLINE void camera_centre(const View& view, double centre[3]) {
 
 template <int degree, class Real>
 COTTON_INLINE void sh_colour(const Real* sh, const Real* unit, Real colour[3]) {
+    typedef Real Four __attribute__((vector_size(4 * sizeof(Real))));
     constexpr int n = (degree + 1) * (degree + 1);
     Real basis[n];
     sh_basis<degree>(unit[0], unit[1], unit[2], basis);
-    for (int c = 0; c < 3; ++c) colour[c] = Real(0.5);
-    for (int k = 0; k < n; ++k) {
-        for (int c = 0; c < 3; ++c) colour[c] += basis[k] * sh[3 * k + c];
+    // Four numbers at a time, of which the fourth is the next coefficient's and is dropped; the last has no next.
+    Four sums[2] = {};
+    for (int k = 0; k < n - 1; ++k) {
+        Four coefficients;
+        std::memcpy(&coefficients, sh + 3 * k, sizeof coefficients);
+        sums[k % 2] += basis[k] * coefficients;
     }
+    const Four sum = sums[0] + sums[1];
+    for (int c = 0; c < 3; ++c) colour[c] = Real(0.5) + (sum[c] + basis[n - 1] * sh[3 * (n - 1) + c]);
 }
 
 // Calls `body.template operator()<degree>()` with the degree as a compile-time constant.

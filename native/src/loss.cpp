@@ -98,8 +98,8 @@ LossSums loss_forward(const LossBand<Real>& band) {
             const V m1 = blurred[0], m2 = blurred[1];
             const V m11 = m1 * m1, m22 = m2 * m2, m12 = m1 * m2;
             const V a1 = 2 * m12 + Real(kC1), b1 = m11 + m22 + Real(kC1);
-            const V a2 = 2 * (blurred[4] - m12) + Real(kC2);
             const V b2 = maximum(blurred[2] - m11, V{}) + maximum(blurred[3] - m22, V{}) + Real(kC2);
+            const V a2 = minimum(2 * (blurred[4] - m12) + Real(kC2), b2);  // Cauchy-Schwarz, in spite of rounding
             const V scale = 1 / (b1 * b2), ssim = a1 * a2 * scale;
             const int64_t pixel = int64_t(y) * band.width + x;
             const V weight = pixel_weight(band, pixel, n);

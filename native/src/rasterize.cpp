@@ -14,7 +14,7 @@ void forward_tile(const Tile& tile, const Real* records, const Real* background,
     Splat<Real> splat;
     const Real* values = nullptr;
     walk(
-        tile, records, record_stride(channels), open, transmittance,
+        tile, records, record_stride(channels), open, transmittance, static_cast<const Real*>(nullptr), 0,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;
@@ -89,7 +89,7 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
     const Real* values = nullptr;
     V sums[pair_gradient::size] = {};
     walk(
-        tile, records, record_stride(channels), open, transmittance,
+        tile, records, record_stride(channels), open, transmittance, rows, pair_gradient::size,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;

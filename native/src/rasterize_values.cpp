@@ -15,7 +15,7 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
     Splat<Real> splat;
     V sums[channels];
     walk(
-        tile, records, stride, open, transmittance,
+        tile, records, stride, open, transmittance, rows, row_stride,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             for (V& s : sums) s = V{};

@@ -148,12 +148,19 @@ struct Moments {
     float *means, *quats, *log_scales, *opacity_logits, *sh;
 };
 
+// 1 / (1 - beta^t) of both moments.
+struct BiasCorrection {
+    float first, second;
+};
+
 struct AdamRows {
     float *means, *quats, *log_scales, *opacity_logits, *sh;
     int sh_stored, sh_degree;
     Moments first, second;
     int32_t* steps;  // (N,) number of updates so far
     LearningRates rates;
+    const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]
+    int32_t bias_count;
     double centre[3];  // of the camera
     Statistics statistics;
     const float* radii_px;

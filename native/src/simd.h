@@ -37,7 +37,7 @@ inline constexpr int kLanes = kVectorBytes / int(sizeof(Real));
 
 template <class Real>
 COTTON_INLINE Vec<Real> broadcast(Real value) {
-    return Vec<Real>{} + value;
+    return value - Vec<Real>{};  // x - 0 is x, also for -0, so this costs nothing
 }
 
 template <class Real>

@@ -56,6 +56,18 @@ Real* render_planar(Frame<Real>& frame, const Scene<Real>& scene, const View& vi
     return image;
 }
 
+// Up to the step from which both corrections are 1 in float.
+std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
+    std::vector<BiasCorrection> table = {{1, 1}};
+    double first = 1, second = 1;
+    do {
+        first *= rates.beta1;
+        second *= rates.beta2;
+        table.push_back({float(1 / (1 - first)), float(1 / (1 - second))});
+    } while ((first > 1e-8 || second > 1e-8) && table.size() < 100000);
+    return table;
+}
+
 }  // namespace
 
 template <class Real>
@@ -131,6 +143,9 @@ ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, c
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows) {
     const double *r = frame.view.rotation, *t = frame.view.translation;
     for (int k = 0; k < 3; ++k) rows.centre[k] = -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2]);
+    const std::vector<BiasCorrection> bias = bias_corrections(rows.rates);
+    rows.bias = bias.data();
+    rows.bias_count = int32_t(bias.size());
     rows.radii_px = frame.radii_px.data();
     const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
     parallel_for(chunks, frame.threads, [&](int64_t c) {

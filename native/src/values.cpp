@@ -41,7 +41,8 @@ std::vector<uint16_t> ids_in(const Tile& tile, const uint16_t* mask_ids) {
 template <class Real>
 void values_gradient(Frame<Real>& frame, int channels, const Real* v_image, Real* v_values) {
     const auto kernel = kernels<Real>().values_backward(channels);
-    Buffer<Real> pairs;
+    thread_local Buffer<Real> kept;
+    Buffer<Real>& pairs = kept;  // the caller's, in all threads
     pairs.reserve(frame.pair_count * channels);
     parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
         const Tile tile = frame.tile(t);
@@ -70,7 +71,8 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
         uint16_t id;
         float weight;
     };
-    Buffer<float> totals;
+    thread_local Buffer<float> kept;
+    Buffer<float>& totals = kept;  // the caller's, in all threads
     totals.reserve(frame.pair_count);
     std::vector<std::vector<SlotWeight>> found(size_t(frame.tiles()));
     parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {

@@ -185,7 +185,7 @@ def test_ssim_of_flat_and_tiny_images() -> None:
             target = np.full((*size, 3), level, np.uint8)
             for image in (target / np.float32(255), np.full((*size, 3), 0.3, np.float32)):
                 report, v_image = ops.image_loss(image.astype(np.float32), target)
-                assert report["ssim"] <= 1 + 1e-4
+                assert report["ssim"] <= 1 + 1e-6
                 assert all_finite(v_image)
     same = np.full((20, 20, 3), 77, np.uint8)
     assert ops.image_loss((same / 255).astype(np.float64), same)[0]["ssim"] == pytest.approx(1, abs=1e-9)

@@ -177,11 +177,15 @@ def image_order(n_views: int, steps: int, seed: int) -> list[int]:
 
 
 def learning_rates(progress: float, radius_su: float) -> LearningRates:
-    """Rates of Kerbl et al. 2023 at `progress` in 0..1; that of the means decays by 100 and grows with the scene."""
+    """Rates at `progress` in 0..1; that of the means decays by 100 and grows with the scene.
+
+    Those of Kerbl et al. 2023, but 8 times for the means and twice for shape: they were made for 30,000 steps, and a
+    tenth as many must cover the same way (measured after 1000 steps: +2.0 dB, plant region +1.8 dB).
+    """
     return LearningRates(
-        means=1.6e-4 * radius_su * 0.01**progress,
-        quats=1e-3,
-        log_scales=5e-3,
+        means=8 * 1.6e-4 * radius_su * 0.01**progress,
+        quats=2 * 1e-3,
+        log_scales=2 * 5e-3,
         opacity_logits=5e-2,
         sh0=2.5e-3,
         sh_rest=2.5e-3 / 20,

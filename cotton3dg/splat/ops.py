@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from numpy.typing import NDArray
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Float32, Gaussians
 from cotton3dg.errors import OutOfResources
-
-if TYPE_CHECKING:
-    import torch
 
 T = TypeVar("T")
 Background = tuple[float, float, float] | NDArray[Any]
@@ -362,33 +359,6 @@ def train_step(
             )
         )
     )
-
-
-def rasterize_values(
-    values: torch.Tensor,
-    gaussians: Gaussians,
-    camera: Camera,
-    background: NDArray[Any] | None = None,
-    *,
-    threads: int = 0,
-    near_su: float | None = None,
-) -> torch.Tensor:
-    """`render_values(...).image` as a differentiable function of a float32 (N, C) CPU tensor; geometry is frozen."""
-    import torch
-
-    class RasterizeValues(torch.autograd.Function):
-        @staticmethod
-        def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
-            rows = np.ascontiguousarray(values.detach().numpy())
-            rendered = render_values(gaussians, camera, rows, background=background, threads=threads, near_su=near_su)
-            return torch.from_numpy(rendered.image)
-
-        @staticmethod
-        def backward(ctx: Any, v_image: torch.Tensor) -> torch.Tensor:
-            v = np.ascontiguousarray(v_image.detach().numpy())
-            return torch.from_numpy(values_gradient(gaussians, camera, v, threads=threads, near_su=near_su))
-
-    return RasterizeValues.apply(values)
 
 
 def _arrays(gaussians: Gaussians) -> _native.Arrays:

@@ -12,6 +12,7 @@ from splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.splat import ops
+from cotton3dg.splat.autograd import rasterize_values
 
 RATES = ops.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
 SPECIAL = np.array(
@@ -354,7 +355,7 @@ def test_autograd_of_values() -> None:
     camera = camera_at(24, 18)
     gaussians = scene(20, seed=10)
     values = torch.rand(20, 2, requires_grad=True)
-    image = ops.rasterize_values(values, gaussians, camera, np.ones(2, np.float32), near_su=NEAR)
+    image = rasterize_values(values, gaussians, camera, np.ones(2, np.float32), near_su=NEAR)
     v_image = torch.rand(18, 24, 2)
     (image * v_image).sum().backward()
     expected = ops.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)

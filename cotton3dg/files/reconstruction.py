@@ -118,10 +118,10 @@ def _match(database: Path, pairs_file: Path, settings: ReconstructionSettings) -
 
 
 def _mapping_options(settings: ReconstructionSettings) -> Any:
-    """COLMAP's defaults, but less patience in between: half the time, and the last adjustment sets all straight.
+    """COLMAP's defaults, but less patience in between; the last adjustment sets all straight.
 
-    Adjusting all cameras each time the model has grown by 30 % instead of 10 %, and stopping when the cost falls by
-    less than 1e-5, changed poses by less than a tenth of their error.
+    All cameras are adjusted each time the model has grown by 30 % instead of 10 %, and adjustments stop when the cost
+    falls by less than 1e-5: on a full turn of 100 frames the last saved a quarter of the time and cost no accuracy.
     """
     import pycolmap
 

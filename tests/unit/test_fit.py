@@ -171,6 +171,10 @@ def test_density_is_controlled_at_most_once_an_epoch(steps: int, n_views: int) -
     assert all(0 < step <= steps for step in renewals)
 
 
-def test_the_rate_of_the_means_decays_and_grows_with_the_scene() -> None:
-    assert learning_rates(1.0, 2.0).means < 0.1 * learning_rates(0.0, 2.0).means
-    assert learning_rates(0.5, 2.0).means == pytest.approx(2 * learning_rates(0.5, 1.0).means)
+def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> None:
+    start, end = learning_rates(0, 30_000, 2.0), learning_rates(30_000, 30_000, 2.0)
+    assert (start.means, start.log_scales, start.quats, start.sh0) == pytest.approx((3.2e-4, 5e-3, 1e-3, 2.5e-3))
+    assert end.means == pytest.approx(start.means / 100)
+    assert end.log_scales < start.log_scales
+    assert learning_rates(5, 10, 2.0).means == pytest.approx(2 * learning_rates(5, 10, 1.0).means)
+    assert learning_rates(0, 1000, 1.0).means > learning_rates(0, 3000, 1.0).means

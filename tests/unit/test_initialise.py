@@ -7,7 +7,15 @@ import pytest
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
 from cotton3dg.splat.dense import dense_points, neighbouring_pairs
-from cotton3dg.splat.initialise import LARGEST_SCALE, START_OPACITY, initial_gaussians, starting_scales
+from cotton3dg.splat.initialise import (
+    FILL_OPACITY,
+    FILL_REACH,
+    LARGEST_SCALE,
+    START_OPACITY,
+    filling,
+    initial_gaussians,
+    starting_scales,
+)
 from cotton3dg.splat.views import View
 
 
@@ -107,3 +115,21 @@ def test_cameras_are_paired_by_parallax() -> None:
     assert min(distances) >= 1
     assert max(distances) <= 4
     assert distances.count(2) == 28
+
+
+def test_the_filling_is_even_faint_and_where_the_cameras_look() -> None:
+    cameras = []
+    for angle in np.arange(0, 2 * np.pi, 0.5):
+        forward = -np.array([np.cos(angle), np.sin(angle), 0])
+        rotation = np.stack([np.cross([0, 0, -1], forward), [0, 0, -1], forward])
+        centre = np.array([5.0, 0, 0]) - 2 * forward
+        pose = np.column_stack([rotation, -rotation @ centre])
+        cameras.append(Camera(f"{angle:.1f}", 64, 48, 60, 60, 32, 24, pose))
+    gaussians = filling(cameras, 4000, 1, seed=3)
+    distances = np.linalg.norm(gaussians.means - (5, 0, 0), axis=1)
+    assert distances.max() <= FILL_REACH * 2 * 1.001
+    # Evenly: half of the radius holds an eighth of the volume.
+    assert np.mean(distances < FILL_REACH) == pytest.approx(1 / 8, abs=0.02)
+    np.testing.assert_allclose(gaussians.opacities, FILL_OPACITY, rtol=1e-5)
+    np.testing.assert_array_equal(gaussians.means, filling(cameras, 4000, 1, seed=3).means)
+    assert len(filling(cameras, 0, 1, seed=3)) == 0

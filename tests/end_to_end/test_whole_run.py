@@ -1,0 +1,99 @@
+"""From a simulated video to traits.csv through the command line, killed once in every stage on the way."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cotton3dg import pipeline
+from cotton3dg.evaluate import evaluate
+from cotton3dg.options import resolve
+from cotton3dg.stages.simulate import simulate
+from cotton3dg.workspace import Workspace
+
+pytestmark = pytest.mark.slow
+
+
+def command(plant: Path, *arguments: str) -> list[str]:
+    return [sys.executable, "-m", "cotton3dg.cli", "run", str(plant), "--preset", "draft", *arguments]
+
+
+def killed_in(stage: str, plant: Path) -> list[str]:
+    """Run until `stage` has started, kill the process, and return what it said until then."""
+    process = subprocess.Popen(command(plant), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    said = []
+    assert process.stderr is not None
+    for line in process.stderr:
+        said.append(line)
+        if line.startswith(f"{stage}: starts"):
+            process.send_signal(signal.SIGKILL)
+            break
+    process.stderr.close()
+    assert process.wait(60) == -signal.SIGKILL, said
+    return said
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plants") / "plant_007"
+    simulate(folder, resolve("simulate", {"seed": 5, "bolls": 8, "frames": 64}))
+    for stage in pipeline.STAGES:
+        killed_in(stage, folder)
+    finished = subprocess.run(command(folder), capture_output=True, text=True, check=False)
+    assert finished.returncode == 0, finished.stderr
+    return Workspace(folder)
+
+
+def test_nothing_is_left_of_the_killed_runs(plant):
+    assert [path.name for path in plant.root.iterdir() if path.name.endswith((".partial", ".old"))] == []
+    records = {stage: plant.read_record(stage) for stage in pipeline.STAGES}
+    assert {stage: record["status"] for stage, record in records.items()} == dict.fromkeys(pipeline.STAGES, "ok")
+
+
+def test_the_traits_are_near_the_truth(plant):
+    errors, bolls = evaluate(plant, plant.truth_json)
+    measured = {item.trait: item for item in errors}
+    assert abs(measured["boll_count"].measured - 8) <= 2
+    assert bolls.n_matched >= 6
+    assert bolls.median_distance_cm < 1.5
+    assert abs(measured["plant_height_cm"].error_pct) < 4
+    assert abs(measured["canopy_size_cm"].error_pct) < 8
+    assert abs(measured["boll_volume_cm3"].error_pct) < 25
+
+
+def test_the_row_has_the_columns_of_the_contract(plant):
+    header, row = plant.traits_csv.read_text().splitlines()
+    assert header == (
+        "plant_id,boll_count,boll_volume_cm3,boll_volume_mean_cm3,plant_height_cm,plant_height_obb_cm,"
+        "canopy_size_cm,canopy_length_cm,canopy_width_cm,scale_source,scale_error_pct,"
+        "n_frames,registered_pct,psnr_db,seconds,qc_flags,version"
+    )
+    cells = row.split(",")
+    assert cells[0] == "plant_007"
+    assert all(cells[1:15])
+
+
+def test_a_second_run_does_nothing(plant):
+    before = plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES))
+    again = subprocess.run(command(plant.root), capture_output=True, text=True, check=True)
+    assert again.stderr.splitlines() == [f"{stage}: up to date" for stage in pipeline.STAGES]
+    assert plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES)) == before
+
+
+def test_a_dry_run_says_why_and_changes_nothing(plant):
+    records = {path: path.read_bytes() for path in (plant.root / "records").iterdir()}
+    result = subprocess.run(
+        command(plant.root, "--dry-run", "--set", "scale.table_length_cm=100"),
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+    lines = dict(line.split(maxsplit=1) for line in result.stdout.splitlines())
+    assert lines["cluster"] == "up to date"
+    assert "table_length_cm 120.0 -> 100.0" in lines["scale"]
+    assert lines["traits"] == "runs: after scale"
+    assert {path: path.read_bytes() for path in (plant.root / "records").iterdir()} == records

@@ -14,7 +14,7 @@ import typer
 
 from . import __version__
 from .errors import BadUsage, Cotton3dgError
-from .options import PRESETS, STAGE_OPTIONS, SimulateOptions, help_text
+from .options import PRESETS, STAGE_OPTIONS, RenderOptions, SimulateOptions, help_text
 
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
@@ -159,6 +159,18 @@ def _simulate(folder: Path, **flags: Any) -> None:
         simulate(folder, options.resolve("simulate", _given(flags)), watcher.watched("simulate"))
 
 
+def _render(plant_dir: Path, **flags: Any) -> None:
+    from . import display, options
+    from .stages.render import render
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        workspace, chosen = Workspace(plant_dir), options.resolve("render", _given(flags))
+        with display.ProgressDisplay() as watcher:
+            record = render(workspace, chosen, watcher.watched("render"))
+        display.print_render(record, workspace.root)
+
+
 def _given(flags: dict[str, Any]) -> dict[str, Any]:
     """The flags that the user gave; the others are None so that TOML and presets can speak."""
     return {name: value for name, value in flags.items() if value is not None}
@@ -184,6 +196,7 @@ def _with_flags(command: Callable[..., None], options: type, **arguments: Any) -
 
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
+app.command("render", rich_help_panel="Everything")(_with_flags(_render, RenderOptions, plant_dir=PlantDir))
 app.command("simulate", rich_help_panel="Trying it out")(_with_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

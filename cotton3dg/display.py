@@ -126,6 +126,15 @@ def print_traits(traits_csv: Path) -> None:
     print(f"saved as {traits_csv}")
 
 
+def print_render(record: dict[str, Any], root: Path) -> None:
+    """Size and speed of a film, and where it is saved."""
+    print(
+        f"{record['frames']} frames of {record['width']}x{record['height']} px, {record['n_gaussians']} Gaussians:"
+        f" rendered at {record['fps_rendered']:.1f} a second on {record['threads']} threads"
+        f" ({record['instruction_set']})\nsaved as {root / record['saved_as']}"
+    )
+
+
 def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
     """Measured beside true, one trait a line, and how many bolls were found."""
     print(f"{'trait':<18}{'measured':>10}{'truth':>10}{'error':>9}")

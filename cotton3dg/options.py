@@ -137,6 +137,22 @@ class SimulateOptions:
     noise: float = option(0.0, "sensor noise, sigma in grey levels of 255", at_least=0.0, at_most=30.0)
 
 
+@dataclass(frozen=True)
+class RenderOptions:
+    """A film of the trained model, saved below render/ in the plant's folder."""
+
+    view: str = option("turntable", "around the plant, or as the camera walked", choices=("turntable", "orbit"))
+    show: str = option("colour", "what the pixels tell", choices=("colour", "bolls", "depth"))
+    plant_only: bool = option(False, "leave out everything that traits did not measure as plant")
+    background: str = option("black", "behind the model", choices=("black", "white"))
+    frames: int = option(240, "images of the film", at_least=1, at_most=100_000)
+    fps: float = option(30.0, "images a second of the film", unit="1/s", at_least=1.0, at_most=240.0)
+    width: int = option(0, "width; 0 = by the height, or as the training images", unit="px", at_least=0, at_most=8192)
+    height: int = option(0, "height; 0 = by the width, or as the training images", unit="px", at_least=0, at_most=8192)
+    format: str = option("mp4", "a video, or an image a frame", choices=("mp4", "png", "jpg"))
+    threads: int = option(0, "threads that render; 0 = one a core", at_least=0)
+
+
 STAGE_OPTIONS: dict[str, type] = {
     "frames": FramesOptions,
     "sfm": SfmOptions,
@@ -147,6 +163,8 @@ STAGE_OPTIONS: dict[str, type] = {
     "scale": ScaleOptions,
     "traits": TraitsOptions,
 }
+
+COMMAND_OPTIONS: dict[str, type] = {**STAGE_OPTIONS, "simulate": SimulateOptions, "render": RenderOptions}
 
 PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     "draft": {"frames": {"count": 60}, "train": {"max_side": 480, "steps": 2000, "max_gaussians": 60_000}},
@@ -195,8 +213,8 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def resolve(stage: str, *layers: dict[str, Any]) -> Any:
-    """Options of `stage` (or of `simulate`) with `layers` of values applied in order, later ones winning; checked."""
-    options = SimulateOptions() if stage == "simulate" else STAGE_OPTIONS[stage]()
+    """Options of a stage or command with `layers` of values applied in order, later ones winning; checked."""
+    options = COMMAND_OPTIONS[stage]()
     types = get_type_hints(type(options))
     for layer in layers:
         values = {}

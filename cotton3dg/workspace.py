@@ -175,11 +175,15 @@ class Workspace:
     # ------------------------------------------------------------ safe saves
     @contextmanager
     def writing(self, stage: str) -> Iterator[Path]:
-        """A private folder for a stage's output that becomes `folder(stage)` when the block ends without an error."""
+        """A private folder for a stage's output that becomes `folder(stage)` when the block ends without an error.
+
+        `stage` may be two levels deep, e.g. `render/turntable`.
+        """
         final = self.folder(stage)
         self._check_ours(final)
-        partial = self.root / f".{stage}.partial"
+        partial = final.with_name(f".{final.name}.partial")
         with explained_disk_errors(self.root):
+            final.parent.mkdir(exist_ok=True)
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir()
         try:
@@ -190,17 +194,19 @@ class Workspace:
                     if path.is_file():
                         _fsync(path)
                 self.record_file(stage).unlink(missing_ok=True)
-                old = self.root / f".{stage}.old"
+                old = final.with_name(f".{final.name}.old")
                 shutil.rmtree(old, ignore_errors=True)
                 if final.exists():
                     final.rename(old)
                 partial.rename(final)
-                _fsync(self.root)
+                _fsync(final.parent)
                 shutil.rmtree(old, ignore_errors=True)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
     def _check_ours(self, final: Path) -> None:
+        if final.parent.exists() and not final.parent.is_dir():
+            raise BadInput(f"{final.parent.name} is a file where cotton3dg makes a folder; move it elsewhere")
         if final.is_symlink() or (final.exists() and not (final / OWNER_MARK).exists()):
             raise BadInput(
                 f"{final.name} stands where cotton3dg writes its output but was not made by it; move it elsewhere"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
@@ -16,6 +15,7 @@ from ..files.ply import coloured, read_gaussians, write_gaussians
 from ..options import ClusterOptions
 from ..plant.dbscan import cluster_objects
 from ..plant.merge import merge_views
+from ..splat.appearance import boll_colours
 from ..workspace import Workspace, json_text
 
 VERSION = 1
@@ -56,10 +56,3 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     return StageOutcome(
         summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
     )
-
-
-def boll_colours(labels: NDArray[np.int32]) -> NDArray[np.float32]:
-    """(N, 3) RGB: hues a golden angle apart, so that neighbours in number differ; no boll is grey."""
-    hue = (labels * 0.618034) % 1.0
-    ramps = np.abs((hue[:, None] * 6 + np.array([0.0, 4.0, 2.0])) % 6 - 3) - 1
-    return np.where(labels[:, None] > 0, np.clip(ramps, 0.1, 0.95), 0.35).astype(np.float32)

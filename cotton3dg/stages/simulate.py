@@ -9,19 +9,15 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.progress import Progress, silent
-from ..errors import BadUsage, StageFailed
+from ..errors import BadUsage
+from ..files.encode import video_encoder
 from ..files.images import write_ids
-from ..files.video import ffmpeg_binary
 from ..options import SimulateOptions
 from ..simulate.camera import orbit
 from ..simulate.film import exposure_ev, filmed
@@ -56,9 +52,9 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         instances.mkdir(parents=True)
         masks: dict[int, NDArray[np.uint16]] = {}
         partial = folder / ".video.partial.mp4"
-        with _encoder(partial, options) as write:
+        with video_encoder(partial, options.width, options.height, FRAMES_PER_SECOND, QUALITY) as append:
             for frame in range(options.frames):
-                write(filmed(scene, path, frame, options))
+                append(filmed(scene, path, frame, options))
                 if frame % options.mask_interval == 0:
                     masks[frame] = instance_ids(scene, path.at(frame), k1=options.distortion)
                     write_ids(instances / f"frame_{frame:04d}.png", masks[frame])
@@ -82,30 +78,3 @@ def _check(folder: Path, options: SimulateOptions) -> None:
             ours = False
         if not ours:
             raise BadUsage(f"{folder} is not empty and was not made by simulate; give a new folder")
-
-
-@contextmanager
-def _encoder(path: Path, options: SimulateOptions) -> Iterator:
-    """A function that appends an (H, W, 3) RGB image to an H.264 video at `path`."""
-    stream = ffmpeg.input(
-        "pipe:",
-        format="rawvideo",
-        pix_fmt="rgb24",
-        s=f"{options.width}x{options.height}",
-        framerate=FRAMES_PER_SECOND,
-    )
-    stream = ffmpeg.output(stream, str(path), vcodec="libx264", crf=QUALITY, pix_fmt="yuv420p", movflags="+faststart")
-    arguments = stream.global_args("-hide_banner", "-loglevel", "error").overwrite_output().compile(ffmpeg_binary())
-    process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdin and process.stderr
-    try:
-        yield lambda image: process.stdin.write(np.ascontiguousarray(image).data)
-        process.stdin.close()
-        message = process.stderr.read().decode(errors="replace").strip()
-        if process.wait():
-            raise StageFailed(f"ffmpeg could not encode the video ({message}); check that it has libx264")
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-        process.stderr.close()

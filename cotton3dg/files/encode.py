@@ -1,0 +1,86 @@
+"""Videos written through ffmpeg, frame by frame as they are made."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import Cotton3dgError, EnvironmentUnusable, OutOfResources, StageFailed
+from .video import ffmpeg_binary
+
+COLOURS = {"colorspace": "smpte170m", "color_primaries": "bt709", "color_trc": "bt709"}
+"""Tags that say how ffmpeg converts RGB unless told otherwise; without them players guess by the size."""
+LOWEST_PRIORITY = 19
+
+
+@contextmanager
+def video_encoder(
+    path: Path, width: int, height: int, fps: float, quality: int
+) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+    """A function that appends an (H, W, 3) RGB image to an H.264 video at `path`.
+
+    Args:
+        width, height: even, px.
+        quality: x264's constant rate factor, 0 = without loss, 51 = worst.
+    Raises:
+        OutOfResources: the disk is full. EnvironmentUnusable: this ffmpeg cannot encode H.264.
+        StageFailed: ffmpeg failed otherwise.
+    """
+    import ffmpeg
+
+    stream = ffmpeg.input("pipe:0", format="rawvideo", pix_fmt="rgb24", s=f"{width}x{height}", framerate=fps)
+    output = stream.output(
+        f"file:{path.resolve()}", vcodec="libx264", crf=quality, pix_fmt="yuv420p", movflags="+faststart", **COLOURS
+    )
+    command = output.global_args("-hide_banner", "-nostats", "-loglevel", "error").overwrite_output()
+    # The log goes to a file: two pipes would need a thread to keep the unread one from filling up.
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(
+            command.compile(cmd=ffmpeg_binary()), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log
+        )
+        assert process.stdin is not None
+        stdin = process.stdin
+        # Encoding goes on beside the making of the next frames and should not slow it down.
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
+
+        def failure() -> Cotton3dgError:
+            process.wait()
+            log.seek(0)
+            return _failure(log.read().decode("utf-8", "replace").strip())
+
+        def append(image: NDArray[np.uint8]) -> None:
+            if image.shape != (height, width, 3) or image.dtype != np.uint8:
+                raise ValueError(f"frames must be uint8 {(height, width, 3)}, got {image.dtype} {image.shape}")
+            try:
+                stdin.write(np.ascontiguousarray(image).data)
+            except BrokenPipeError:
+                raise failure() from None
+
+        try:
+            yield append
+            with suppress(BrokenPipeError):
+                stdin.close()
+            if process.wait():
+                raise failure()
+        finally:
+            process.kill()
+            process.wait()
+            with suppress(BrokenPipeError):
+                stdin.close()
+
+
+def _failure(message: str) -> Cotton3dgError:
+    if "No space left on device" in message:
+        return OutOfResources("the disk is full; free some space and run again")
+    if "Unknown encoder" in message:
+        return EnvironmentUnusable("this ffmpeg has no H.264 encoder; install one with libx264")
+    last = message.splitlines()[-1] if message else "no message"
+    return StageFailed(f"ffmpeg could not encode the video ({last}); save images instead or install another ffmpeg")

@@ -19,6 +19,9 @@ from ..core.scene import Gaussians, rotations
 FAINTEST_OPACITY = 0.005
 """As in the paper; about the 1/255 below which a Gaussian changes no pixel."""
 
+LEAST_WEIGHT = 0.05
+"""Mean blending weight, relative to the median Gaussian's, below which a Gaussian is hidden."""
+
 SPLIT_SHRINKAGE = 1.6
 """The paper's φ: by how much the children are shorter than their parent along its longest axis."""
 
@@ -71,6 +74,21 @@ def worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> 
     distances, _ = cKDTree(centres).query(gaussians.means[keep])
     keep[keep] = distances >= closest_su
     return keep
+
+
+def contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
+    """(N,) whether a Gaussian adds to the images: its mean blending weight is at least LEAST_WEIGHT of the median one.
+
+    The others hide behind or inside surfaces. They cost memory, never get a gradient that could move them out, and
+    are no part of what the photos show. All stay when nothing has been seen.
+
+    Args:
+        weight: (N,) blending weights summed over images and pixels.
+        count: (N,) number of images that showed it.
+    """
+    mean = np.where(count > 0, weight / np.maximum(count, 1), 0.0)
+    seen = mean[np.isfinite(mean) & (mean > 0)]
+    return mean >= LEAST_WEIGHT * np.median(seen) if len(seen) else np.ones(len(mean), bool)
 
 
 def split(parents: Gaussians) -> tuple[Gaussians, Gaussians]:

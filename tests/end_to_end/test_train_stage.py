@@ -94,7 +94,7 @@ def test_train_writes_a_good_model_and_its_figures(workspace: Workspace) -> None
     assert metrics["plant_psnr_db"] > 18
     assert 0 < metrics["ssim"] <= 1
     assert [view["image"] for view in metrics["held_out"]] == ["000000.jpg", "000008.jpg", "000016.jpg"]
-    assert metrics["history"][-1]["n_gaussians"] == metrics["n_gaussians"] == len(gaussians)
+    assert metrics["n_gaussians"] == len(gaussians) <= metrics["history"][-1]["n_gaussians"]
     assert metrics["cpu_seconds"] > 0
     assert metrics["rejected_steps"] == []
     assert outcome.summary["psnr_db"] == pytest.approx(metrics["psnr_db"], abs=0.01)

@@ -6,6 +6,7 @@ import pytest
 from cotton3dg.core.scene import Gaussians, rotations
 from cotton3dg.splat.density import (
     SPLIT_SHRINKAGE,
+    contributing,
     fade,
     renewed,
     scheduled_count,
@@ -100,3 +101,9 @@ def test_fading_multiplies_opacity_and_stays_finite() -> None:
     fade(gaussians, 0.5)
     np.testing.assert_allclose(gaussians.opacities[1:], before[1:] / 2, rtol=1e-5)
     assert np.isfinite(gaussians.opacity_logits).all()
+
+
+def test_hidden_gaussians_go_and_nothing_goes_unseen() -> None:
+    weight = np.array([10.0, 12.0, 8.0, 0.1, 0.0, np.nan], np.float32)
+    assert contributing(weight, np.array([1, 1, 1, 1, 0, 1])).tolist() == [True, True, True, False, False, False]
+    assert contributing(np.zeros(3), np.zeros(3)).all()

@@ -112,6 +112,16 @@ class Workspace:
         return self.root / "train" / "gaussians.ply"
 
     @property
+    def train_checkpoint(self) -> Path:
+        """A training that was interrupted."""
+        return self.root / "records" / "train.checkpoint.npz"
+
+    @property
+    def train_rejected(self) -> Path:
+        """The first training step that had no finite loss: its Gaussians, view and optimiser, for diagnosis."""
+        return self.root / "records" / "train.rejected.npz"
+
+    @property
     def metrics_json(self) -> Path:
         return self.root / "train" / "metrics.json"
 
@@ -226,7 +236,6 @@ class Workspace:
 
     def write_record(self, stage: str, record: dict[str, Any]) -> None:
         with explained_disk_errors(self.root):
-            self.record_file(stage).parent.mkdir(exist_ok=True)
             write_text_atomically(self.record_file(stage), json_text(record))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
@@ -276,11 +285,22 @@ def explained_disk_errors(root: Path) -> Iterator[None]:
 
 def write_text_atomically(path: Path, text: str) -> None:
     """Replace `path` so that a reader or a crash sees the old text or the new one, never a part."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A path to write to that becomes `path`, all at once, when the block ends without an error."""
     partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    _fsync(partial)
-    partial.replace(path)
-    _fsync(path.parent)
+    path.parent.mkdir(exist_ok=True)
+    try:
+        yield partial
+        _fsync(partial)
+        partial.replace(path)
+        _fsync(path.parent)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def json_text(value: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, BollSelection, LiftedMasks
 from ..errors import BadInput
+from .arrays import read_array, read_arrays
 
 
 def write_lifted(path: Path, lifted: LiftedMasks) -> None:
@@ -39,17 +39,15 @@ def read_lifted(path: Path) -> LiftedMasks:
         BadInput: not such a file, or its arrays do not belong together.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            views = tuple(str(view) for view in arrays["views"])
-            candidates, foreground, seen = arrays["candidates"], arrays["foreground"], arrays["seen"]
-            stops = np.cumsum(arrays["mask_sizes"])[:-1]
-            indices, weights = np.split(arrays["indices"], stops), np.split(arrays["weights"], stops)
-            named = zip(
-                arrays["mask_views"], arrays["mask_ids"], indices, weights, strict=bool(len(arrays["mask_ids"]))
-            )
-            selections = tuple(BollSelection(views[v], int(m), rows, held) for v, m, rows, held in named)
-            sha256 = str(arrays["gaussians_sha256"])
-    except (OSError, EOFError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+        arrays = read_arrays(path)
+        views = tuple(str(view) for view in arrays["views"])
+        candidates, foreground, seen = arrays["candidates"], arrays["foreground"], arrays["seen"]
+        stops = np.cumsum(arrays["mask_sizes"])[:-1]
+        indices, weights = np.split(arrays["indices"], stops), np.split(arrays["weights"], stops)
+        named = zip(arrays["mask_views"], arrays["mask_ids"], indices, weights, strict=bool(len(arrays["mask_ids"])))
+        selections = tuple(BollSelection(views[v], int(m), rows, held) for v, m, rows, held in named)
+        sha256 = str(arrays["gaussians_sha256"])
+    except (BadInput, ValueError, KeyError, IndexError, TypeError) as error:
         raise BadInput(f"{path.name} is damaged ({error}); make it again with `cotton3dg segment`") from error
     if seen.shape != (len(views), len(candidates)) or foreground.shape != candidates.shape:
         raise BadInput(f"{path.name} has arrays of different length; make it again with `cotton3dg segment`")
@@ -85,7 +83,7 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
     """
     try:
         table = json.loads(bolls_json.read_text(encoding="utf-8"))
-        labels = np.load(labels_npy, allow_pickle=False)
+        labels = read_array(labels_npy)
         bolls = [
             BollInstance(
                 boll["id"],
@@ -99,5 +97,5 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
             for boll in table["bolls"]
         ]
         return bolls, str(table["gaussians_sha256"])
-    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
+    except (BadInput, OSError, ValueError, KeyError, TypeError) as error:
         raise BadInput(f"{bolls_json.name} is damaged ({error}); make it again with `cotton3dg cluster`") from error

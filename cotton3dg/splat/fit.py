@@ -55,6 +55,12 @@ RECORDED_EVERY = 50
 UNUSABLE = ("non_finite", "degenerate")
 """Reasons for culling that tell of numerical trouble; the others tell of Gaussians out of view."""
 
+NEAREST = 0.02
+"""Nothing nearer to a camera than this share of the cameras' distance is drawn: the unit of a scene is arbitrary."""
+
+SAVED_EVERY_S = 60.0
+"""Seconds between two saves of the training, so that no interruption costs more."""
+
 CLOSEST = 0.15
 """Nothing solid is nearer to a camera than this share of the cameras' distance from what they look at."""
 
@@ -84,59 +90,97 @@ class Fit:
     n_split: int = 0
 
 
+@dataclass
+class Training:
+    """A training between two steps: all that it needs, besides its arguments, to go on as if it had never stopped."""
+
+    fit: Fit
+    adam: AdamState
+    statistics: DensityStatistics
+    n_start: int
+    """Gaussians at the beginning."""
+    step: int = 0
+    """Steps done."""
+    losses: list[float] = field(default_factory=list)
+    """Since the last entry of the history."""
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+
+    @staticmethod
+    def of(start: Gaussians) -> Training:
+        """The beginning, with arrays of its own."""
+        own = Fit(density.concatenated([start]))
+        return Training(own, AdamState.zeros(start), DensityStatistics.zeros(len(start)), len(start))
+
+
 Watch = Callable[[int, Gaussians], None]
 """Called after every step with the number of steps done and the current Gaussians, which it must not change."""
 
+Save = Callable[[Training], None]
+"""Called between two steps with what has to be written down at once: the next step changes it."""
+
+Keep = Callable[[Training, View], None]
+"""Called with the state and the view of the first rejected step, for diagnosis."""
+
 
 def fit(
-    start: Gaussians,
+    start: Gaussians | Training,
     views: Sequence[View],
     options: TrainOptions,
     progress: Progress = silent,
     watch: Watch | None = None,
+    save: Save | None = None,
+    keep_rejected: Keep | None = None,
 ) -> Fit:
     """Train `start` on `views`; the same arguments give the same result, bit by bit, on one machine and build.
+
+    A `Training` that `save` was given at any step, with otherwise the same arguments, leads to the same result too;
+    it is used up.
 
     Raises:
         ValueError: `start` is larger than the budget.
         StageFailed: the loss was not finite in more than MOST_REJECTED of the steps, or every Gaussian was lost.
     """
-    if len(start) > options.max_gaussians:
-        raise ValueError(f"{len(start)} Gaussians to start from, but a budget of {options.max_gaussians}")
+    training = Training.of(start) if isinstance(start, Gaussians) else start
+    if training.n_start > options.max_gaussians:
+        raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
     cameras = [view.camera for view in views]
     _, radius_su = focus(cameras)
     levels = resolutions(views, options.steps)
     renewals = renewal_steps(options.steps, len(views))
-    result = Fit(density.concatenated([start]))
-    adam, statistics = AdamState.zeros(start), DensityStatistics.zeros(len(start))
-    began, cpu_began = time.perf_counter(), time.process_time()
-    losses: list[float] = []
-    for step, image in enumerate(image_order(len(views), options.steps, options.seed)):
-        view = next(level for until, level in levels if step < until)[image]
+    order = image_order(len(views), options.steps, options.seed)
+    result = training.fit
+    saved = time.perf_counter()
+    began, cpu_began = saved - training.seconds, time.process_time() - training.cpu_seconds
+    for step in range(training.step, options.steps):
+        view = next(level for until, level in levels if step < until)[order[step]]
         report = train_step(
             result.gaussians,
-            adam,
-            statistics,
+            training.adam,
+            training.statistics,
             view.camera,
             view.image,
             sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
             background=(0.0, 0.0, 0.0),
             learning_rates=learning_rates(step, options.steps, radius_su),
             dssim=options.dssim,
+            near_su=NEAREST * radius_su or None,
         )
-        losses += [report.loss] if report.finite else []
+        training.losses += [report.loss] if report.finite else []
+        if not report.finite and keep_rejected and not result.rejected:
+            keep_rejected(training, view)
         _note(result, report, step, view.camera.name, options.steps)
         if step + 1 in renewals:
             share = (renewals.index(step + 1) + 1) / len(renewals)
-            count = density.scheduled_count(len(start), options.max_gaussians, share)
-            renewal = _renewal(result.gaussians, statistics, cameras, count)
+            count = density.scheduled_count(training.n_start, options.max_gaussians, share)
+            renewal = _renewal(result.gaussians, training.statistics, cameras, count)
             if len(renewal.gaussians) == 0:
                 raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
             result.n_pruned += renewal.n_pruned
             result.n_split += renewal.n_split
             result.gaussians = renewal.gaussians
-            adam = adam[renewal.rows[: renewal.n_continued]].extended(2 * renewal.n_split)
-            statistics = DensityStatistics.zeros(len(result.gaussians))
+            training.adam = training.adam[renewal.rows[: renewal.n_continued]].extended(2 * renewal.n_split)
+            training.statistics = DensityStatistics.zeros(len(result.gaussians))
         if (step + 1) % RECORDED_EVERY == 0 or step + 1 == options.steps:
             result.history.append(
                 {
@@ -145,16 +189,21 @@ def fit(
                     "cpu_seconds": round(time.process_time() - cpu_began, 3),
                     "n_gaussians": len(result.gaussians),
                     "width_px": view.camera.width,
-                    "loss": float(np.mean(losses)) if losses else math.nan,
+                    "loss": float(np.mean(training.losses)) if training.losses else math.nan,
                 }
             )
-            losses.clear()
+            training.losses.clear()
             progress(
                 step + 1, options.steps, f"loss {result.history[-1]['loss']:.4f}, {len(result.gaussians)} Gaussians"
             )
+        training.step = step + 1
         if watch:
             watch(step + 1, result.gaussians)
-    keep = _worth_keeping(result.gaussians, statistics, cameras)
+        if save and time.perf_counter() - saved >= SAVED_EVERY_S:
+            training.seconds, training.cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
+            save(training)
+            saved = time.perf_counter()
+    keep = _worth_keeping(result.gaussians, training.statistics, cameras)
     # Whoever has not been looked for in every view cannot be called hidden.
     if keep.any() and options.steps - (renewals[-1] if renewals else 0) >= len(views):
         result.n_pruned += int((~keep).sum())

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .. import __version__, _native
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..core.scene import Gaussians
 from ..errors import BadInput
+from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
-from ..options import TrainOptions
-from ..splat.fit import Fit, fit
+from ..options import TrainOptions, as_dict
+from ..splat.fit import Fit, Training, fit
 from ..splat.initialise import starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.views import View
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace, explained_disk_errors, json_text, replacing
 
 VERSION = 1
 
@@ -37,9 +41,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
     views = load_views(workspace, options.max_side)
-    points, colours, _, _ = read_points(workspace.undistorted / "sparse")
     training, held_out = hold_out(views, options.holdout)
-    result = fit(starting_gaussians(points, colours, training, options), training, options, progress)
+    result = _fitted(workspace, options, training, progress)
     centre, radius_su = focus([view.camera for view in views])
     qualities = [view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
     metrics = _metrics(result, qualities)
@@ -49,7 +52,34 @@ def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent
         for i in np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int)):
             pair = np.concatenate([held_out[i].image, qualities[i].rendered], axis=1)
             write_image(folder / f"held_out_{Path(qualities[i].name).stem}.jpg", pair)
+    workspace.train_checkpoint.unlink(missing_ok=True)
     return _outcome(metrics)
+
+
+def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress) -> Fit:
+    """Train, going on where an interrupted training of the same images with the same options was last saved."""
+    key = _training_key(workspace, options)
+
+    def save(training: Training) -> None:
+        with explained_disk_errors(workspace.root), replacing(workspace.train_checkpoint) as path:
+            write_training(path, training, key)
+
+    def keep_rejected(training: Training, view: View) -> None:
+        with explained_disk_errors(workspace.root), replacing(workspace.train_rejected) as path:
+            write_training(path, training, key, view)
+
+    start: Gaussians | Training | None = read_training(workspace.train_checkpoint, key)
+    if start is None:
+        workspace.train_rejected.unlink(missing_ok=True)
+        points, colours, _, _ = read_points(workspace.undistorted / "sparse")
+        start = starting_gaussians(points, colours, views, options)
+    return fit(start, views, options, progress, save=save, keep_rejected=keep_rejected)
+
+
+def _training_key(workspace: Workspace, options: TrainOptions) -> str:
+    """Hash of all that decides what a training makes."""
+    facts = [__version__, VERSION, _native.instruction_set(), as_dict(options), workspace.hashes(*inputs(workspace))]
+    return hashlib.sha256(json_text(facts).encode()).hexdigest()
 
 
 def load_views(workspace: Workspace, max_side: int) -> list[View]:
@@ -122,5 +152,8 @@ def _outcome(metrics: dict[str, Any]) -> StageOutcome:
     if metrics["rejected_steps"]:
         flags.append("training_steps_rejected")
         n = len(metrics["rejected_steps"])
-        warnings.append(f"{n} training steps had a loss that was not finite; metrics.json names their images")
+        warnings.append(
+            f"{n} training steps had a loss that was not finite and were undone; metrics.json names their images, "
+            "records/train.rejected.npz holds the first"
+        )
     return StageOutcome(summary, tuple(flags), tuple(warnings))

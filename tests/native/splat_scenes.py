@@ -6,8 +6,16 @@ import numpy as np
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.splat import ops
 
 NEAR = 0.05
+RATES = ops.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
+SPECIAL = np.array(
+    [0, -0.0, 1e-45, -1e-45, 1e-38, 1e-30, -1e-30, 1e-20, 1e-6, 1, -1, 50, -50, 90, -90, 1e6, 1e30, -1e30]
+    + [3e38, -3e38, np.inf, -np.inf, np.nan],
+    np.float32,
+)
+"""Values that have broken rasterizers: zeros, denormals, what overflows when squared, infinities, NaN."""
 
 
 def scene(count: int, seed: int, coefficients: int = 16) -> Gaussians:
@@ -44,3 +52,29 @@ def arrays_of(gaussians: Gaussians) -> _native.Arrays:
 
 def double(gaussians: Gaussians) -> _native.Arrays:
     return tuple(a.astype(np.float64) for a in arrays_of(gaussians))  # type: ignore[return-value]
+
+
+def target_of(camera: Camera, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
+
+
+def step(
+    gaussians: Gaussians, camera: Camera, **options
+) -> tuple[ops.StepReport, ops.AdamState, ops.DensityStatistics]:
+    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(len(gaussians))
+    options = {"sh_degree": 3, "learning_rates": RATES, "near_su": NEAR, "target": target_of(camera)} | options
+    return ops.train_step(gaussians, adam, statistics, camera, **options), adam, statistics
+
+
+def all_finite(*arrays: np.ndarray) -> bool:
+    return all(np.isfinite(a).all() for a in arrays)
+
+
+def assert_step_stays_finite(gaussians: Gaussians, camera: Camera) -> ops.StepReport:
+    """Takes a step; what was finite before must be finite after."""
+    before = [a.copy() for a in arrays_of(gaussians)]
+    report, adam, statistics = step(gaussians, camera)
+    for old, new in zip(before, arrays_of(gaussians), strict=True):
+        assert np.isfinite(new[np.isfinite(old)]).all()
+    assert all_finite(*arrays_of(adam.first), *arrays_of(adam.second), *statistics.as_arrays())
+    return report

@@ -4,58 +4,17 @@ import dataclasses
 
 import numpy as np
 import pytest
+from training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
-from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.errors import StageFailed
-from cotton3dg.options import TrainOptions
 from cotton3dg.splat import fit as fit_module
 from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions
-from cotton3dg.splat.initialise import initial_gaussians
-from cotton3dg.splat.metrics import psnr_db, to_uint8
-from cotton3dg.splat.ops import StepReport, render
+from cotton3dg.splat.ops import StepReport
 from cotton3dg.splat.views import View
-
-OPTIONS = TrainOptions(steps=300, max_gaussians=400, sh_degree=0)
-
-
-def orbit_camera(angle: float, width: int = 64, height: int = 48) -> Camera:
-    centre = 4 * np.array([np.cos(angle), np.sin(angle), 0.3])
-    forward = -centre / np.linalg.norm(centre)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.column_stack([rotation, -rotation @ centre])
-    return Camera(f"{angle:.3f}", width, height, width, width, width / 2, height / 2, pose)
-
-
-def truth() -> Gaussians:
-    """300 opaque coloured blobs in a ball of radius 1."""
-    rng = np.random.default_rng(7)
-    points = rng.normal(size=(300, 3))
-    points *= rng.uniform(0.2, 1.0, (300, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
-    gaussians = initial_gaussians(points, rng.integers(0, 256, (300, 3)).astype(np.uint8), 0, 300, 0)
-    gaussians.opacity_logits[:] = 2.0
-    gaussians.log_scales[:] = np.log(rng.uniform(0.05, 0.12, (300, 3)))
-    return gaussians
-
-
-def scene(n_views: int = 12) -> tuple[Gaussians, list[View], View]:
-    """A poor start (half of the points, displaced, grey), training views and a held-out one."""
-    model, rng = truth(), np.random.default_rng(8)
-    views = []
-    for angle in [*np.linspace(0, 2 * np.pi, n_views, endpoint=False), 0.2]:
-        camera = orbit_camera(angle)
-        views.append(View(camera, to_uint8(render(model, camera).image)))
-    points = model.means[::2] + rng.normal(0, 0.03, (150, 3))
-    return initial_gaussians(points, np.full((150, 3), 128, np.uint8), 0, 400, 0), views[:-1], views[-1]
-
-
-def quality_db(gaussians: Gaussians, view: View) -> float:
-    return psnr_db(to_uint8(render(gaussians, view.camera).image), view.image)
 
 
 def test_psnr_of_a_held_out_view_rises() -> None:
-    start, views, held_out = scene()
+    start, views, held_out = training_scene()
     before = quality_db(start, held_out)
     result = fit(start, views, OPTIONS)
     assert quality_db(result.gaussians, held_out) > before + 5
@@ -65,7 +24,7 @@ def test_psnr_of_a_held_out_view_rises() -> None:
 
 
 def test_the_start_is_left_alone_and_two_runs_are_identical() -> None:
-    start, views, _ = scene()
+    start, views, _ = training_scene()
     before = start.sha256()
     options = dataclasses.replace(OPTIONS, steps=80)
     first, second = fit(start, views, options), fit(start, views, options)
@@ -76,7 +35,7 @@ def test_the_start_is_left_alone_and_two_runs_are_identical() -> None:
 
 
 def test_the_budget_is_never_exceeded_and_is_used() -> None:
-    start, views, _ = scene()
+    start, views, _ = training_scene()
     counts = []
     options = dataclasses.replace(OPTIONS, max_gaussians=200)
     result = fit(start, views, options, watch=lambda step, gaussians: counts.append(len(gaussians)))
@@ -88,7 +47,7 @@ def test_the_budget_is_never_exceeded_and_is_used() -> None:
 
 
 def test_a_start_above_the_budget_is_refused() -> None:
-    start, views, _ = scene()
+    start, views, _ = training_scene()
     with pytest.raises(ValueError, match="budget of 100"):
         fit(start, views, dataclasses.replace(OPTIONS, max_gaussians=100))
 
@@ -106,7 +65,7 @@ def spoilt_steps(monkeypatch: pytest.MonkeyPatch, spoilt: set[int]) -> None:
 
 
 def test_steps_with_a_non_finite_loss_are_counted_with_their_image(monkeypatch: pytest.MonkeyPatch) -> None:
-    start, views, _ = scene()
+    start, views, _ = training_scene()
     spoilt_steps(monkeypatch, {3, 17})
     result = fit(start, views, dataclasses.replace(OPTIONS, steps=40))
     order = image_order(len(views), 40, OPTIONS.seed)
@@ -116,14 +75,14 @@ def test_steps_with_a_non_finite_loss_are_counted_with_their_image(monkeypatch: 
 
 
 def test_too_many_rejected_steps_end_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    start, views, _ = scene()
+    start, views, _ = training_scene()
     spoilt_steps(monkeypatch, set(range(5, 60)))
     with pytest.raises(StageFailed, match="not finite"):
         fit(start, views, dataclasses.replace(OPTIONS, steps=60))
 
 
 def test_poisoned_gaussians_are_counted_and_dropped() -> None:
-    start, views, held_out = scene()
+    start, views, held_out = training_scene()
     start.means[3, 1], start.log_scales[5, 0], start.sh[7, 0, 2] = np.nan, np.inf, np.nan
     result = fit(start, views, OPTIONS)
     assert result.culled["non_finite"] > 0
@@ -134,7 +93,7 @@ def test_poisoned_gaussians_are_counted_and_dropped() -> None:
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_the_size_of_the_scene_does_not_matter(factor: float) -> None:
-    start, views, held_out = scene()
+    start, views, held_out = training_scene()
 
     def scaled(view: View) -> View:
         pose = view.camera.cam_from_scene * np.array([1, 1, 1, factor])

@@ -1,0 +1,255 @@
+"""Hard cases 1, 18, 19 and 22 to 29: loss, optimiser, density control and training."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from splat_scenes import NEAR, RATES, all_finite, arrays_of, camera_at, scene, step, target_of
+from training_scene import OPTIONS, quality_db, training_scene
+
+from cotton3dg import _native
+from cotton3dg.core.scene import Gaussians
+from cotton3dg.errors import OutOfResources
+from cotton3dg.splat import density, ops
+from cotton3dg.splat import fit as fit_module
+from cotton3dg.splat.fit import fit
+from cotton3dg.splat.initialise import initial_gaussians
+from cotton3dg.splat.losses import PROBABILITY_MARGIN, binary_cross_entropy, clamp_probabilities, unit_features
+
+ROOT = Path(__file__).parents[2]
+MOST_ADAM_STEP = 0.1 / np.sqrt(0.001)
+"""Of Kingma and Ba 2015, section 2.1: no update is longer than rate * (1 - beta1) / sqrt(1 - beta2)."""
+
+
+def test_case_01_a_hundred_identical_points_can_be_trained_from() -> None:
+    _, views, _ = training_scene()
+    start = initial_gaussians(np.tile([0.1, 0.2, 0.3], (100, 1)), np.full((100, 3), 128, np.uint8), 0, 400, 0)
+    assert np.isfinite(start.log_scales).all()
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
+    assert result.gaussians.finite_rows.all()
+    assert result.culled == {"non_finite": 0, "degenerate": 0}
+    assert result.rejected == []
+
+
+def test_case_18_faded_or_reset_opacities_recover() -> None:
+    """Even the paper's hard reset to 0.01 leaves a scene that training brings back; what fades is pruned, counted."""
+    start, views, held_out = training_scene()
+    trained = fit(start, views, OPTIONS).gaussians
+    before_db = quality_db(trained, held_out)
+    for reset in (lambda g: density.fade(g, 0.01), lambda g: g.opacity_logits.fill(np.log(0.01 / 0.99))):
+        spoilt = density.concatenated([trained])
+        reset(spoilt)
+        assert quality_db(spoilt, held_out) < before_db - 5
+        result = fit(spoilt, views, OPTIONS)
+        assert quality_db(result.gaussians, held_out) > before_db - 2
+        assert result.gaussians.finite_rows.all()
+        assert len(result.gaussians) == len(spoilt) - result.n_pruned + result.n_split
+
+
+def test_case_19_ssim_of_flat_and_tiny_images(record_property) -> None:
+    largest = 0.0
+    for size in itertools.product((1, 2, 3, 10, 11, 12, 40), repeat=2):
+        for level in (0, 1, 128, 254, 255):
+            target = np.full((*size, 3), level, np.uint8)
+            for image in (target / np.float32(255), np.full((*size, 3), 0.3, np.float32), np.zeros((*size, 3))):
+                report, v_image = ops.image_loss(image.astype(np.float32), target)
+                largest = max(largest, report["ssim"])
+                assert all_finite(v_image, np.array(list(report.values())))
+    record_property("largest SSIM (<= 1, to rounding)", largest)
+    assert largest <= 1 + 1e-7
+    same = np.full((20, 20, 3), 77, np.uint8)
+    assert ops.image_loss((same / 255).astype(np.float64), same)[0]["ssim"] == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize("weight", ["zero", "negative", "nan", "wrong shape", "wrong dtype"])
+def test_case_22_a_loss_weight_that_means_nothing_is_refused(weight: str) -> None:
+    camera, gaussians = camera_at(20, 15), scene(5, seed=0)
+    before = gaussians.sha256()
+    array = {
+        "zero": np.zeros((15, 20), np.float32),
+        "negative": np.full((15, 20), -1, np.float32),
+        "nan": np.full((15, 20), np.nan, np.float32),
+        "wrong shape": np.ones((20, 15), np.float32),
+        "wrong dtype": np.ones((15, 20), np.float64),
+    }[weight]
+    with pytest.raises((ValueError, TypeError), match="weight"):
+        step(gaussians, camera, weight=array)
+    assert gaussians.sha256() == before
+
+
+def test_case_22_masks_that_are_empty_full_or_of_another_size() -> None:
+    camera, gaussians = camera_at(40, 30), scene(50, seed=1)
+    nothing = ops.accumulate_weights(gaussians, camera, np.zeros((30, 40), np.uint16), near_su=NEAR)
+    assert len(nothing.rows) == 0
+    everything = ops.accumulate_weights(gaussians, camera, np.full((30, 40), 7, np.uint16), near_su=NEAR)
+    np.testing.assert_allclose(everything.weights, everything.total[everything.total > 0], rtol=1e-6)
+    assert np.array_equal(nothing.total, everything.total)
+    with pytest.raises(ValueError, match="mask_ids"):
+        ops.accumulate_weights(gaussians, camera, np.zeros((40, 30), np.uint16))
+    only_one = np.zeros((30, 40), np.float32)
+    only_one[15, 20] = 1
+    report, _, _ = step(gaussians, camera, weight=only_one)
+    assert report.finite
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -0.5, 1.5, 1e-30])
+@pytest.mark.parametrize("target", [0.0, 1.0])
+def test_case_23_cross_entropy_is_finite_at_the_ends(value: float, target: float) -> None:
+    probabilities = torch.full((4, 3), value, requires_grad=True)
+    loss = binary_cross_entropy(probabilities, torch.full((4, 3), target))
+    loss.backward()
+    assert torch.isfinite(loss)
+    assert loss <= -np.log(PROBABILITY_MARGIN) + 1e-3
+    assert torch.isfinite(probabilities.grad).all()
+
+
+def test_case_23_flipped_labels_recover() -> None:
+    """Trained all the way to 0 and to 1, then told the opposite: a probability is never stuck."""
+    labels = torch.tensor([0.0, 1.0, 0.0, 1.0])
+    probabilities = torch.full((4,), 0.5, requires_grad=True)
+    optimiser = torch.optim.Adam([probabilities], lr=0.05)
+    for targets in (labels, 1 - labels):
+        for _ in range(600):
+            optimiser.zero_grad()
+            binary_cross_entropy(probabilities, targets).backward()
+            optimiser.step()
+            clamp_probabilities(probabilities)
+            assert ((probabilities > 0) & (probabilities < 1)).all()
+        assert ((probabilities > 0.5) == (targets > 0.5)).all()
+        assert (probabilities - targets).abs().max() < 0.01
+
+
+def test_case_24_features_without_direction_stay_zero_without_gradient() -> None:
+    rows = torch.tensor([[3.0, 4.0], [0.0, 0.0], [1e-20, 0.0], [1e-3, 0.0], [1e18, 1e18]], requires_grad=True)
+    unit = unit_features(rows)
+    (unit * torch.tensor([1.0, -2.0])).sum().backward()
+    torch.testing.assert_close(unit[0], torch.tensor([0.6, 0.8]))
+    assert not unit[1:3].any()
+    assert unit.norm(dim=1)[3:].tolist() == pytest.approx([1, 1], rel=1e-5)
+    assert torch.isfinite(rows.grad).all()
+    assert not rows.grad[1:3].any()
+    assert rows.grad[3].norm() <= 2.5e3
+
+
+def test_case_25_no_step_of_adam_is_longer_than_its_bound() -> None:
+    """However small the gradient: weights down to 1e-4 behind opaque layers, colours from 1 to 1e-12."""
+    camera, gaussians = camera_at(24, 18), scene(60, seed=3)
+    gaussians.opacity_logits[:] = np.linspace(-5.5, 6, 60)
+    gaussians.sh[:] *= np.geomspace(1, 1e-12, 60, dtype=np.float32)[:, None, None]
+    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    for _ in range(20):
+        before = Gaussians(*(a.copy() for a in arrays_of(gaussians)))
+        ops.train_step(
+            gaussians, adam, statistics, camera, target_of(camera), sh_degree=3, learning_rates=RATES, near_su=NEAR
+        )
+        moved = [np.abs(a - b).max() for a, b in zip(arrays_of(gaussians), arrays_of(before), strict=True)]
+        limits = np.array([RATES.means, RATES.quats, RATES.log_scales, RATES.opacity_logits, RATES.sh0])
+        assert (moved <= 1.01 * MOST_ADAM_STEP * limits + 1e-6).all()
+
+
+def test_case_25_what_a_view_does_not_show_does_not_move() -> None:
+    """Not even by momentum, which with an epsilon of 1e-15 would be a full step."""
+    camera, gaussians = camera_at(24, 18), scene(60, seed=3)
+    away = camera_at(24, 18, angle=np.pi)
+    gaussians.means[:30, 2] = -9  # behind the first camera, in front of the second
+    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    options = {"sh_degree": 3, "learning_rates": RATES, "near_su": NEAR}
+    for _ in range(5):
+        ops.train_step(gaussians, adam, statistics, away, target_of(away), **options)
+    assert np.abs(adam.first.means[:30]).max() > 0
+    before, counted = gaussians[:30].sha256(), adam.steps[:30].copy()
+    for _ in range(5):
+        ops.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
+    assert gaussians[:30].sha256() == before
+    assert np.array_equal(adam.steps[:30], counted)
+    assert (adam.steps[30:] > 5).any()
+
+
+def test_case_25_longest_gradients_leave_finite_moments() -> None:
+    camera, gaussians = camera_at(24, 18), scene(40, seed=3)
+    gaussians.sh[:] = np.float32(1e5)
+    gaussians.quats[:] *= np.float32(1e-25)  # its gradient grows as its length shrinks
+    report, adam, _ = step(gaussians, camera)
+    assert report.finite
+    assert all_finite(*arrays_of(gaussians), *arrays_of(adam.first), *arrays_of(adam.second))
+
+
+def test_case_26_more_pairs_than_memory_are_an_error_not_a_crash() -> None:
+    """600 Gaussians over each of the 4 million tiles of a 32768 px image."""
+    camera, gaussians = camera_at(32768, 32768), scene(600, seed=0)
+    gaussians.log_scales[:] = 3
+    for call in (
+        lambda: ops.accumulate_weights(gaussians, camera, np.zeros((32768, 32768), np.uint16), near_su=NEAR),
+        lambda: ops.values_gradient(gaussians, camera, np.zeros((32768, 32768, 1), np.float32), near_su=NEAR),
+    ):
+        with pytest.raises(OutOfResources, match="fewer Gaussians or smaller images"):
+            call()
+
+
+def test_case_26_the_budget_holds_when_everything_wants_to_split() -> None:
+    start, views, _ = training_scene()
+    start.log_scales[:] = 1.0  # all oversized: all come first
+    counts: list[int] = []
+    options = dataclasses.replace(OPTIONS, max_gaussians=250, steps=120)
+    fit(start, views, options, watch=lambda _, gaussians: counts.append(len(gaussians)))
+    assert max(counts) <= 250
+    assert density.scheduled_count(10**6, 2**40, 1.0) == 2**40
+
+
+def test_case_27_poisoned_statistics_choose_nothing() -> None:
+    gaussians, n = scene(50, seed=0), 50
+    sums = np.resize(np.array([np.nan, np.inf, -np.inf, -1, 0, 1e38, 1], np.float32), n)
+    counts = np.resize(np.array([0, 1, 2, 0, -1], np.int32), n)
+    need = density.splitting_need(sums, counts)
+    assert (np.isfinite(need) & (need >= 0)).all()
+    keep = density.contributing(sums, counts)
+    assert keep.dtype == bool
+    renewal = density.renewed(gaussians, np.ones(n, bool), need, 70)
+    assert renewal.gaussians.finite_rows.all()
+    assert n <= len(renewal.gaussians) <= 70
+    assert set(renewal.rows[renewal.n_continued :]) <= set(np.flatnonzero(need > 0))
+
+
+def test_case_28_fast_math_is_forbidden() -> None:
+    build = (ROOT / "native" / "CMakeLists.txt").read_text()
+    flags = [line for line in build.splitlines() if not line.lstrip().startswith("#")]
+    for flag in ("fast-math", "Ofast", "finite-math", "associative-math", "unsafe-math"):
+        assert flag not in "\n".join(flags)
+    assert "-ffp-contract=off" in build
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs a compiler")
+@pytest.mark.parametrize(("flags", "recognised"), [(["-O2"], True), (["-O2", "-ffast-math"], False)])
+def test_case_28_the_import_time_self_test_notices_fast_math(
+    tmp_path: Path, flags: list[str], recognised: bool
+) -> None:
+    """A canary: the self-test itself, compiled with and without the flag that removes isnan."""
+    (tmp_path / "main.cpp").write_text(
+        '#include "kernels_isa.h"\nint main() { return cotton::baseline::self_test() ? 0 : 42; }\n'
+    )
+    sources = ROOT / "native" / "src"
+    command = ["g++", "-std=c++20", "-msse4.1", "-DCOTTON_ISA=baseline", *flags, f"-I{sources}"]
+    command += [str(tmp_path / "main.cpp"), str(sources / "kernels.cpp"), "-Wl,--unresolved-symbols=ignore-all"]
+    subprocess.run([*command, "-o", str(tmp_path / "canary")], check=True, capture_output=True)
+    assert subprocess.run([str(tmp_path / "canary")], check=False).returncode == (0 if recognised else 42)
+
+
+def test_case_29_training_does_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every array of a whole training, by 1 to 16 threads."""
+    start, views, _ = training_scene()
+    options, honest, seen = dataclasses.replace(OPTIONS, steps=60), ops.train_step, set()
+    for threads in (1, 2, 3, 8, 16):
+        monkeypatch.setattr(fit_module, "train_step", lambda *a, t=threads, **k: honest(*a, **k, threads=t))
+        seen.add(fit(start, views, options).gaussians.sha256())
+    assert len(seen) == 1
+
+
+def test_the_instruction_set_in_use_passes_its_self_test() -> None:
+    assert _native.instruction_set() in _native.instruction_sets()

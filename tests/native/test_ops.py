@@ -1,0 +1,106 @@
+"""The checked face of the native core: what it refuses, weights, instruction sets, autograd, Adam."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+
+from cotton3dg import _native
+from cotton3dg.splat import ops
+from cotton3dg.splat.autograd import rasterize_values
+
+
+def test_weights_are_those_that_rendering_uses() -> None:
+    camera = camera_at(70, 50)
+    gaussians = scene(200, seed=8)
+    rng = np.random.default_rng(0)
+    ids = (rng.integers(0, 9, (50, 70)) * rng.integers(0, 2, (50, 70))).astype(np.uint16)
+    ids[:20, :20] = 700
+    found = ops.accumulate_weights(gaussians, camera, ids, near_su=NEAR)
+    order = np.lexsort((found.ids, found.rows))
+    assert np.array_equal(order, np.arange(len(order)))
+    assert len(set(zip(found.rows.tolist(), found.ids.tolist(), strict=True))) == len(found.rows)
+    dense = np.zeros((200, 701), np.float32)
+    dense[found.rows, found.ids] = found.weights
+    for mask_id in (1, 5, 700):
+        indicator = (ids == mask_id).astype(np.float32)[..., None]
+        expected = ops.values_gradient(gaussians, camera, indicator, near_su=NEAR)[:, 0]
+        np.testing.assert_allclose(dense[:, mask_id], expected, rtol=1e-5, atol=1e-6)
+    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    assert found.total.sum() == pytest.approx(float((1 - rendered.transmittance).sum()), rel=1e-5)
+    assert all(found.ids > 0)
+
+
+def test_instruction_sets_agree() -> None:
+    camera = camera_at(80, 60)
+    gaussians = scene(500, seed=9)
+    chosen = _native.instruction_set()
+    images = []
+    try:
+        for name in _native.instruction_sets():
+            _native.use_instruction_set(name)
+            images.append(ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR))
+    finally:
+        _native.use_instruction_set(chosen)
+    for other in images[1:]:
+        assert other.loss == pytest.approx(images[0].loss, rel=1e-5)
+        difference = np.linalg.norm(other.v_means - images[0].v_means) / np.linalg.norm(images[0].v_means)
+        assert difference < 1e-3
+
+
+def test_wrong_arrays_are_refused() -> None:
+    camera = camera_at(10, 10)
+    gaussians = scene(3, seed=0)
+    means, *others = arrays_of(gaussians)
+    view = native_view(camera)
+    black = np.zeros(3, np.float32)
+    with pytest.raises(TypeError, match="quats"):
+        _native.render((means, others[0].astype(np.float64), *others[1:]), view, 0, black, 1)
+    with pytest.raises(ValueError, match="quats"):
+        _native.render((means, others[0][:2].copy(), *others[1:]), view, 0, black, 1)
+    with pytest.raises(TypeError, match="means"):
+        _native.render((means[:, ::-1], *others), view, 0, black, 1)
+    with pytest.raises(ValueError, match="sh_degree"):
+        _native.render(arrays_of(gaussians), view, 4, black, 1)
+    with pytest.raises(ValueError, match="target"):
+        ops.loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
+    with pytest.raises(ValueError, match="weight"):
+        ops.loss_and_gradients(gaussians, camera, target_of(camera), weight=np.zeros((10, 10), np.float32))
+    with pytest.raises(ValueError, match="positive"):
+        native_view(camera, near_su=0.0)
+
+
+def test_autograd_of_values() -> None:
+    camera = camera_at(24, 18)
+    gaussians = scene(20, seed=10)
+    values = torch.rand(20, 2, requires_grad=True)
+    image = rasterize_values(values, gaussians, camera, np.ones(2, np.float32), near_su=NEAR)
+    v_image = torch.rand(18, 24, 2)
+    (image * v_image).sum().backward()
+    expected = ops.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)
+    np.testing.assert_array_equal(values.grad.numpy(), expected)
+
+
+def test_training_fits_an_image() -> None:
+    """Adam on a made view: the loss falls to well under half, and the statistics count what was seen."""
+    camera = camera_at(48, 32)
+    target = (np.clip(ops.render(scene(60, seed=12), camera, near_su=NEAR).image, 0, 1) * 255).astype(np.uint8)
+    gaussians = scene(60, seed=12)
+    gaussians.means[:] += np.random.default_rng(0).normal(0, 0.05, (60, 3)).astype(np.float32)
+    gaussians.sh[:, 0] += 0.3
+    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    losses = [
+        ops.train_step(
+            gaussians, adam, statistics, camera, target, sh_degree=0, learning_rates=RATES, near_su=NEAR
+        ).loss
+        for _ in range(150)
+    ]
+    assert losses[-1] < 0.4 * losses[0]
+    assert adam.steps.max() == 150
+    assert np.array_equal(adam.steps, statistics.count)
+    longer = adam.extended(3)
+    assert len(longer.steps) == 63
+    assert not longer.first.means[60:].any()
+    assert np.array_equal(longer[:60].second.sh, adam.second.sh)

@@ -63,8 +63,8 @@ def walk(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
 
 def framed(camera: Camera, width: int, height: int) -> Camera:
-    """The camera with an image of width x height px that shows at least all that it showed before."""
-    factor = min(width / camera.width, height / camera.height)
+    """The camera with an image of width x height px that shows the same from top to bottom: plants are tall."""
+    factor = height / camera.height
     return replace(
         camera,
         width=width,

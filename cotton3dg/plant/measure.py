@@ -13,27 +13,32 @@ from ..core.scene import Float64, Gaussians
 from .box import min_area_rectangle, oriented_box
 from .hull import alpha_volume, calliper_diameter, convex_volume
 from .isolate import Plant
-from .outline import OPAQUE, opaque_hull
-from .surface import surface_of_volume, surface_rows, visible_surface
+from .outline import opaque_hull
+from .surface import SAMPLES, surface_of_volume, surface_rows, visible_surface
 
-TOP_PERCENTILE = 99.9
-"""A floater is no top: what one point in a thousand exceeds."""
+TIP_OPACITY = 0.25
+"""Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one."""
+TOP_RANK = 3
+"""The plant is as high as the third highest of its Gaussians: one or two floaters are no top."""
 ALPHA = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
 
 
 def measure_bolls(
-    gaussians: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, foot: Float64 | None
+    drawn: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, foot: Float64 | None
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
+
+    Args:
+        drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
     """
     traits = []
     for boll in bolls:
-        own = gaussians[boll.indices]
         cm = scale.cm_per_su if scale else np.nan
+        own = drawn[boll.indices]
         own = own[surface_rows(own)]
         body = opaque_hull(own)
         volume, diameter = convex_volume(body), calliper_diameter(body)
@@ -69,7 +74,7 @@ class Silhouette:
     width_cm: float
 
 
-def measure_silhouette(gaussians: Gaussians, plant: Plant, scale: Scale) -> Silhouette | None:
+def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> Silhouette | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
     The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
@@ -78,16 +83,15 @@ def measure_silhouette(gaussians: Gaussians, plant: Plant, scale: Scale) -> Silh
     Returns:
         None when nothing of the plant is opaque.
     """
-    surface = visible_surface(gaussians[plant.rows], OPAQUE)
+    surface = visible_surface(drawn[plant.rows], TIP_OPACITY)
     if not len(surface):
         return None
     places = (surface - plant.foot) @ scale.table_frame.T * scale.cm_per_su
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())
     canopy = min_area_rectangle(places[:, :2])
-    return Silhouette(
-        float(np.percentile(places[:, 2], TOP_PERCENTILE)), float(box.sides[upright]), *map(float, canopy.sides)
-    )
+    tops = np.sort(places[:, 2].reshape(-1, SAMPLES).max(axis=1))
+    return Silhouette(float(tops[-TOP_RANK:][0]), float(box.sides[upright]), *map(float, canopy.sides))
 
 
 def summarise_plant(bolls: Sequence[BollTraits], silhouette: Silhouette | None, has_scale: bool) -> PlantTraits:

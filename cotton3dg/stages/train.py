@@ -25,7 +25,7 @@ from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.views import View
 from ..workspace import Workspace, explained_disk_errors, json_text, replacing
 
-VERSION = 1
+VERSION = 2
 
 LOW_PSNR_DB = 22.0
 """Below this the render is visibly blurred, and traits measured on it are doubtful."""
@@ -45,7 +45,8 @@ def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent
     result = _fitted(workspace, options, training, progress)
     centre, radius_su = focus([view.camera for view in views])
     qualities = [view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
-    metrics = _metrics(result, qualities)
+    pixel_su = radius_su / float(np.median([view.camera.fx for view in views]))
+    metrics = _metrics(result, qualities) | {"pixel_su": pixel_su}
     with workspace.writing("train") as folder:
         write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
         (folder / workspace.metrics_json.name).write_text(json_text(metrics), encoding="utf-8")

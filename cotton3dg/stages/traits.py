@@ -20,9 +20,10 @@ from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import STAGE_OPTIONS, TraitsOptions
 from ..plant.isolate import isolate_plant
 from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
+from ..plant.surface import as_drawn
 from ..workspace import Workspace
 
-VERSION = 1
+VERSION = 2
 EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
 
 
@@ -58,14 +59,16 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         elif not plant.stem_found:
             flags.append("no_stem")
             warnings.append("no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot")
-    boll_traits = measure_bolls(gaussians, bolls, scale, plant.foot if plant else None)
-    silhouette = measure_silhouette(gaussians, plant, scale) if plant and scale else None
+    metrics = _facts(workspace.require(workspace.metrics_json, "train"))
+    drawn = as_drawn(gaussians, metrics["pixel_su"])
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None)
+    silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
     traits = summarise_plant(boll_traits, silhouette, scale is not None)
     flags += traits.flags
     plant_id = options.plant_id or workspace.plant_id
     records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
     all_flags = _united([*(flag for record in records for flag in record.get("flags", [])), *flags])
-    row = _plant_row(plant_id, traits, scale, all_flags) | _capture_cells(workspace, records)
+    row = _plant_row(plant_id, traits, scale, all_flags) | _capture_cells(workspace, metrics, records)
     boll_rows_text = [_boll_row(plant_id, boll) for boll in boll_traits]
     tables = {workspace.traits_csv.name: (TRAITS, [row]), workspace.bolls_csv.name: (BOLLS, boll_rows_text)}
     with workspace.writing("traits") as folder:
@@ -119,9 +122,9 @@ def _boll_row(plant_id: str, boll: BollTraits) -> dict[str, Any]:
     }
 
 
-def _capture_cells(workspace: Workspace, records: list[dict[str, Any]]) -> dict[str, Any]:
+def _capture_cells(workspace: Workspace, metrics: dict[str, Any], records: list[dict[str, Any]]) -> dict[str, Any]:
     """What earlier stages tell about capture and cost; blank where they do not."""
-    sfm, metrics = _facts(workspace.sfm_json), _facts(workspace.metrics_json)
+    sfm = _facts(workspace.sfm_json)
     n_frames, registered = sfm.get("n_frames"), sfm.get("registered")
     return {
         "n_frames": n_frames,

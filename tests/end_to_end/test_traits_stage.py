@@ -51,7 +51,7 @@ def workspace(tmp_path):
     write_scale(workspace, scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners)))
     workspace.sfm_json.parent.mkdir()
     workspace.sfm_json.write_text(json.dumps({"n_frames": 100, "registered": [f"{k}" for k in range(93)]}))
-    workspace.metrics_json.write_text(json.dumps({"psnr_db": 31.4159}))
+    workspace.metrics_json.write_text(json.dumps({"psnr_db": 31.4159, "pixel_su": 1e-4}))
     workspace.write_record("sfm", {"status": "ok", "seconds": 100.25, "flags": ["few_frames_registered"]})
     workspace.write_record("train", {"status": "ok", "seconds": 200.5, "flags": ["low_psnr", "few_frames_registered"]})
     return workspace

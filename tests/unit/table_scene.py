@@ -14,7 +14,7 @@ FOOT_CM = np.array([4.0, -3.0, 0.0])
 TOP_CM, REACH_CM = 70.0, 18.0
 BOLLS_CM = np.array([[4.0, -3.0, 67.5], [22.0 - 2.5, -3.0, 50.0], [4.0, 12.5, 40.0], [-11.5, -3.0, 35.0]])
 BOLL_RADIUS_CM = 2.5
-SHELL_CM = 0.41
+SHELL_CM = 0.36
 """Gaussians of 0.2 cm so far inside render as a ball of the full radius."""
 
 

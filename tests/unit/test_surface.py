@@ -1,13 +1,16 @@
 """From Gaussians to points on the surface of a body."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from table_scene import gaussians_at, joined
 
-from cotton3dg.core.scene import Gaussians
+from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.plant.box import fibonacci_directions
 from cotton3dg.plant.hull import convex_volume
-from cotton3dg.plant.surface import surface_points, surface_rows, visible_surface
+from cotton3dg.plant.surface import DILATION_PX2, as_drawn, surface_points, surface_rows, visible_surface
+from cotton3dg.splat.ops import render
 
 BALL_CM = 2.5 * fibonacci_directions(500)
 
@@ -59,3 +62,23 @@ def test_the_visible_surface_lies_where_the_opacity_falls_to_the_limit():
     distances = np.linalg.norm(points - solid.means[0], axis=1) * 37.0
     assert len(points) == 32
     assert 0.9 * np.exp(-(distances**2) / 2) == pytest.approx(np.full(32, 0.3), rel=1e-4)
+
+
+def test_gaussians_are_as_wide_as_the_renderer_draws_them():
+    """A Gaussian far thinner than a pixel is drawn with the variance of the renderer's dilation, and so is measured."""
+    pose = np.eye(3, 4)
+    pose[2, 3] = 2.0
+    camera = Camera("front", 33, 33, 40.0, 40.0, 16.5, 16.5, pose)
+    thin = replace(gaussians_at(np.zeros((1, 3)), 1e-4, opacity=0.9), means=np.zeros((1, 3), np.float32))
+    pixel_su = 2.0 / camera.fx
+    light = 1 - render(thin, camera).transmittance
+    row = light[camera.height // 2].astype(np.float64)
+    x = np.arange(camera.width) + 0.5
+    variance_px2 = (row * (x - camera.cx) ** 2).sum() / row.sum()
+    assert variance_px2 == pytest.approx(DILATION_PX2, rel=0.1)
+    assert as_drawn(thin, pixel_su).scales == pytest.approx(np.full((1, 3), np.sqrt(variance_px2) * pixel_su), rel=0.06)
+
+
+def test_without_pixels_nothing_is_wider():
+    body = gaussians_at(BALL_CM, 0.2)
+    assert as_drawn(body, 0.0).log_scales == pytest.approx(body.log_scales, abs=1e-6)

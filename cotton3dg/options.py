@@ -6,6 +6,7 @@ and the records all derive from it. Order of precedence: command line > plant's 
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import Field, asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -184,7 +185,8 @@ def checked(options: T) -> T:
         value, rules = getattr(options, item.name), item.metadata
         where = f"{type(options).__name__.removesuffix('Options').lower()}.{item.name}"
         low, high, choices = rules.get("at_least"), rules.get("at_most"), rules.get("choices")
-        # Written so that NaN is out of bounds too.
+        if isinstance(value, float) and not math.isfinite(value):
+            raise BadUsage(f"{where} = {value} is not a finite number")
         if low is not None and not value >= low:
             raise BadUsage(f"{where} = {value} is too small; use at least {low}")
         if high is not None and not value <= high:

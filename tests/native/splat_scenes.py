@@ -70,10 +70,10 @@ def all_finite(*arrays: np.ndarray) -> bool:
     return all(np.isfinite(a).all() for a in arrays)
 
 
-def assert_step_stays_finite(gaussians: Gaussians, camera: Camera) -> ops.StepReport:
+def assert_step_stays_finite(gaussians: Gaussians, camera: Camera, **options) -> ops.StepReport:
     """Takes a step; what was finite before must be finite after."""
     before = [a.copy() for a in arrays_of(gaussians)]
-    report, adam, statistics = step(gaussians, camera)
+    report, adam, statistics = step(gaussians, camera, **options)
     for old, new in zip(before, arrays_of(gaussians), strict=True):
         assert np.isfinite(new[np.isfinite(old)]).all()
     assert all_finite(*arrays_of(adam.first), *arrays_of(adam.second), *statistics.as_arrays())

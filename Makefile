@@ -8,10 +8,10 @@ SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 l
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test lint format bench clean
+.PHONY: help setup system demo test hard-cases sanitize lint format bench clean
 
 help: ## print this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 setup: $(VENV)/.installed ## make .venv with everything in it; builds the C++ core again when it changed
 
@@ -38,6 +38,12 @@ demo: setup ## simulate a plant, run it, print its row beside the truth
 
 test: setup ## all tests
 	$(BIN)/python -m pytest
+
+hard-cases: setup ## table of what must stay numerically stable, with its tests
+	$(BIN)/python tests/hard_cases/report.py
+
+sanitize: setup ## tests of the C++ core under the address, undefined-behaviour and thread sanitizers
+	$(BIN)/python tests/native/sanitize.py
 
 lint: setup ## ruff, mypy, import-linter, clang-format
 	$(BIN)/ruff check .

@@ -64,7 +64,9 @@ class Scan(Generic[T]):
     timestamps_s: NDArray[np.float64]
     """(n,) strictly increasing."""
     intact: NDArray[np.bool_]
-    """(n,) false from a decoding error to the next key frame, with a margin."""
+    """(n,) false from a decoding error to the next key frame, with a margin for the decoder's delay."""
+    n_damaged: int
+    """Frames from the errors to the next key frames, without the margin: the least that must be damaged."""
     measures: list[T]
     errors: tuple[str, ...]
     """The decoder's complaints."""
@@ -156,12 +158,12 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[NDArra
         measures.extend(measure(np.frombuffer(frame, np.uint8).reshape(size[1], size[0])) for frame in frames)
         log.seek(0)
         text = log.read().decode("utf-8", "replace")
-    timestamps_s, intact, errors = parse_log(text)
+    timestamps_s, intact, n_damaged, errors = parse_log(text)
     n = min(len(timestamps_s), len(measures))
     timestamps_s, intact, measures = timestamps_s[:n], intact[:n], measures[:n]
     # A file whose parts were joined, or whose clock jumps back, repeats times; those frames have no place in the order.
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], timestamps_s[:-1]])) if n else timestamps_s
-    return Scan(timestamps_s, intact & (timestamps_s > latest), measures, errors)
+    return Scan(timestamps_s, intact & (timestamps_s > latest), min(n_damaged, n), measures, errors)
 
 
 def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int) -> Iterator[NDArray[np.uint8]]:
@@ -190,8 +192,10 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
         raise BadInput(f"{path.name}: {n_read} of {len(indices)} frames came out on second reading; copy it again")
 
 
-def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, ...]]:
-    """Time stamps, intact flags and errors from the log of a decoding run with `showinfo` at `level+info`."""
+def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int, tuple[str, ...]]:
+    """Time stamps, intact flags, number of surely damaged frames and errors, as in `Scan`, from the log of a decoding
+    run with `showinfo` at `level+info`.
+    """
     timestamps: list[float] = []
     key_frames: list[int] = []
     damaged_at: list[int] = []
@@ -206,10 +210,12 @@ def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[
             damaged_at.append(len(timestamps))
             errors.append(line.strip())
     intact = np.isfinite(np.array(timestamps, np.float64))
+    damaged = ~intact
     for start in damaged_at:
-        clean = [key for key in key_frames if key >= start + DECODER_DELAY_FRAMES]
-        intact[max(0, start - 1) : clean[0] if clean else None] = False
-    return np.nan_to_num(np.array(timestamps, np.float64), nan=-np.inf), intact, tuple(errors)
+        for flags, value, delay in ((damaged, True, 0), (intact, False, DECODER_DELAY_FRAMES)):
+            clean = [key for key in key_frames if key >= start + delay]
+            flags[max(0, start - 1) : clean[0] if clean else None] = value
+    return np.nan_to_num(np.array(timestamps, np.float64), nan=-np.inf), intact, int(damaged.sum()), tuple(errors)
 
 
 def _balanced_sum(terms: list[str]) -> str:

@@ -11,6 +11,11 @@ STILL_DISPLACEMENT = 0.002
 """Share of the image width that corners move from image to image; a full turn moves them ten and more times as far."""
 BLURRED = 0.4
 """`blur` at 640 px that a Gaussian of about 1.3 px, 2.6 px in a video of 1280, gives to a crisp room."""
+BLANK_CONTRAST = 1.0
+"""Standard deviation of the grey values, of 255, below which a frame shows nothing: black, white, a covered lens."""
+REPEATED_SHARE = 0.1
+"""Change from the frame before, relative to the median one, below which a frame is that frame once more: even encoded
+anew as a key frame it changes less, and what the camera sees while it moves changes more."""
 DARK_LUMINANCE = 0.1
 BURNT_SHARE = 0.3
 
@@ -85,6 +90,31 @@ def concerns(blur: float, luminance: float, white_share: float) -> dict[str, str
     if white_share > BURNT_SHARE:
         found["overexposed"] = "much of the images is burnt out white; lower the exposure"
     return found
+
+
+def contrast(grey: Grey) -> float:
+    """Standard deviation of (H, W) grey values, of 255."""
+    import cv2
+
+    return float(cv2.meanStdDev(grey)[1].item())
+
+
+def change(before: Grey | None, grey: Grey) -> float:
+    """Mean absolute difference of two images of equal size, of 255; infinite when there is none before."""
+    import cv2
+
+    return float("inf") if before is None else float(cv2.mean(cv2.absdiff(before, grey))[0])
+
+
+def blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which of n frames show nothing, and which of the others only the frame before once more.
+
+    What most frames are is no defect of single ones: then it is dark or the camera stands still, and that has to be
+    said instead.
+    """
+    blank = contrasts < BLANK_CONTRAST
+    blank &= 2 * blank.sum() < len(blank)
+    return blank, ~blank & (changes < REPEATED_SHARE * np.median(changes))
 
 
 def spread_frames(timestamps_s: NDArray, scores: NDArray, usable: NDArray, count: int) -> list[int]:

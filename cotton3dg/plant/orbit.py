@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..core.scene import Camera
 
 GAP_BIN_DEG = 15.0
 """Camera directions farther apart than this leave a gap; bolls still overlap in views 15 degrees apart."""
@@ -49,6 +52,16 @@ class Orbit:
     coverage_deg: float
     """Of 360, what is left when every gap beyond GAP_BIN_DEG is taken away."""
     largest_gap_deg: float
+
+
+def out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
+    """Names of the images that do not show the (3,) `target`, su: the plant has left the frame."""
+    lost = []
+    for camera in cameras:
+        pixels, _ = camera.project(np.asarray(target)[None])
+        if not ((pixels[0] >= 0) & (pixels[0] <= (camera.width, camera.height))).all():
+            lost.append(camera.name)
+    return lost
 
 
 def orbit(centres: NDArray, forwards: NDArray) -> Orbit:

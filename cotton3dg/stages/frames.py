@@ -18,7 +18,7 @@ from ..options import FramesOptions
 from ..plant import capture
 from ..workspace import Workspace, json_text, write_text_atomically
 
-VERSION = 1
+VERSION = 2
 Picture = NDArray[np.uint8]
 
 SCAN_SIDE = 640
@@ -57,18 +57,29 @@ class _Taken:
 def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Progress) -> _Taken:
     facts = video.probe(path)
     n_expected = round(facts.duration_s * facts.fps) if facts.duration_s * facts.fps > 0 else 0
-    n_scanned = 0
+    n_scanned, before = 0, None
 
-    def measure(grey: Picture) -> float:
-        nonlocal n_scanned
+    def measure(grey: Picture) -> tuple[float, float, float]:
+        nonlocal n_scanned, before
         n_scanned += 1
         progress(min(n_scanned, n_expected), n_expected + options.count, "looking for sharp frames")
-        return capture.sharpness(grey)
+        measures = capture.sharpness(grey), capture.contrast(grey), capture.change(before, grey)
+        before = grey
+        return measures
 
     scan = video.scan(path, facts, SCAN_SIDE, measure)
     flags, warnings = _checked_scan(path, facts, scan)
-    scores = np.array(scan.measures)
-    indices = capture.spread_frames(scan.timestamps_s, scores, scan.intact, options.count)
+    scores, contrasts, changes = np.array(scan.measures).T
+    blank, repeated = capture.blank_and_repeated(contrasts, changes)
+    for flag, found, what in (
+        ("blank_frames", blank, "black, white or empty"),
+        ("repeated_frames", repeated, "repeats"),
+    ):
+        if found.any():
+            flags += (flag,)
+            warnings += (f"{found.sum()} of {len(found)} frames are {what} and were left out",)
+    usable = scan.intact & ~blank & ~repeated
+    indices = capture.spread_frames(scan.timestamps_s, scores, usable, options.count)
     if len(indices) < min(options.count, MIN_FRAMES):
         raise CaptureFailed(f"{path.name}: {len(indices)} usable frames; film at least {MIN_VIDEO_S:g} s")
     if len(indices) < options.count:
@@ -83,14 +94,20 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
         "ordered": True,
         "orientation": ORIENTATION_RULE,
         "colour": f"{facts.transfer} tone-mapped to sRGB" if facts.is_hdr else "as filmed",
-        "video": {**asdict(facts), "n_decoded": len(scan.intact), "n_intact": int(scan.intact.sum())},
+        "video": {
+            **asdict(facts),
+            "n_decoded": len(scan.intact),
+            "n_intact": int(scan.intact.sum()),
+            "blank": np.flatnonzero(blank),
+            "repeated": np.flatnonzero(repeated),
+        },
         "images": entries,
     }
     return _Taken(description, motions, flags, warnings)
 
 
 def _checked_scan(
-    path: Path, facts: video.VideoFacts, scan: video.Scan[float]
+    path: Path, facts: video.VideoFacts, scan: video.Scan[tuple[float, float, float]]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a video that was decoded, or the reason why it cannot be used."""
     n, n_intact = len(scan.intact), int(scan.intact.sum())
@@ -100,7 +117,7 @@ def _checked_scan(
     length_s = float(times.max() - times.min()) * (1 + 1 / max(1, len(times) - 1))
     # A header without a duration cannot say that something is missing.
     claimed_s = facts.duration_s if facts.duration_s > 0 else length_s
-    share = (length_s / claimed_s if claimed_s > 0 else 1.0) * n_intact / n
+    share = (length_s / claimed_s if claimed_s > 0 else 1.0) * (1 - scan.n_damaged / n)
     if share < MIN_INTACT_SHARE and claimed_s >= MIN_VIDEO_S:
         raise BadInput(
             f"{path.name} is damaged: {n_intact} intact frames ({share:.0%} of {claimed_s:.1f} s,"

@@ -16,10 +16,10 @@ from ..files import exports
 from ..files.colmap import read_cameras, read_points
 from ..files.reconstruction import ReconstructionSettings, poses, reconstruct, undistort
 from ..options import SfmOptions
-from ..plant.orbit import image_pairs, orbit
+from ..plant.orbit import image_pairs, orbit, out_of_view
 from ..workspace import Workspace, json_text
 
-VERSION = 1
+VERSION = 2
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
@@ -63,6 +63,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
+        description["plant_out_of_view"] = out_of_view(description["orbit_target"], cameras)
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
@@ -140,5 +141,9 @@ def _outcome(description: dict[str, Any]) -> StageOutcome:
         warnings.append(
             f"no view for {description['orbit_largest_gap_deg']:.0f} degrees around the plant; film a full turn"
         )
+    lost = description["plant_out_of_view"]
+    if lost:
+        flags.append("plant_out_of_view")
+        warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
     return StageOutcome({key: round(description[key], 3) for key in keys}, tuple(flags), tuple(warnings))

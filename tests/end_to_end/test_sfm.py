@@ -6,6 +6,7 @@ import subprocess
 import cv2
 import numpy as np
 import pytest
+from room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
 from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
@@ -14,60 +15,8 @@ from cotton3dg.files.colmap import read_cameras, read_points
 from cotton3dg.files.images import read_image, write_image
 from cotton3dg.workspace import Workspace
 
-WIDTH, HEIGHT, FOCAL_PX = 400, 300, 380.0
-RADIUS = 1.3
 N_FILMED, N_TAKEN = 60, 30
 OPTIONS = {"frames": {"count": N_TAKEN}, "sfm": {"max_features": 1500, "overlap": 6}}
-
-
-def textures():
-    """(12, 512, 512, 3): six faces of the room, six of the box; blobs of all sizes."""
-    rng = np.random.default_rng(1)
-    sizes = (8, 32, 96, 256)
-    layers = [
-        np.array([cv2.resize(rng.random((size, size, 3), np.float32), (512, 512)) for _ in range(12)]) for size in sizes
-    ]
-    return (np.mean(layers, axis=0) * 440 - 90).clip(0, 255).astype(np.uint8)
-
-
-def pose(angle):
-    """Camera on the circle, looking at the centre: cam_from_scene rotation rows and centre."""
-    centre = np.array([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 0.35 + 0.05 * np.sin(3 * angle)])
-    forward = -centre / np.linalg.norm(centre)
-    right = np.cross(forward, [0, 0, 1])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward]), centre
-
-
-def render(faces, angle):
-    """Cast a ray a pixel onto the inside of the room (4 x 4 x 2.4) and the outside of the box (0.8 x 0.6 x 0.7)."""
-    rotation, centre = pose(angle)
-    x, y = np.meshgrid(
-        (np.arange(WIDTH) + 0.5 - WIDTH / 2) / FOCAL_PX, (np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL_PX
-    )
-    rays = np.stack([x, y, np.ones_like(x)], axis=2) @ rotation
-    picture = None
-    for first, half in ((0, np.array([2, 2, 1.2])), (6, np.array([0.4, 0.3, 0.35]))):
-        near = np.minimum((-half - centre) / rays, (half - centre) / rays)
-        far = np.maximum((-half - centre) / rays, (half - centre) / rays)
-        if first:
-            axis, t = near.argmax(axis=2), near.max(axis=2)
-            hit = t < far.min(axis=2)
-        else:
-            axis, t = far.argmin(axis=2), far.min(axis=2)
-            hit = np.ones_like(t, bool)
-        points = (centre + rays * t[..., None]) / half
-        along = np.take_along_axis(points, axis[..., None], axis=2)[..., 0]
-        u = np.where(axis == 0, points[..., 1], points[..., 0])
-        v = np.where(axis == 2, points[..., 1], points[..., 2])
-        u, v = ((w.clip(-1, 1) + 1) / 2 * 510 for w in (u, v))
-        face = first + 2 * axis + (along > 0)
-        colours = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-        for index in range(first, first + 6):
-            mapped = cv2.remap(faces[index], u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
-            colours[face == index] = mapped[face == index]
-        picture = colours if picture is None else np.where(hit[..., None], colours, picture)
-    return picture
 
 
 def film(path, frames):

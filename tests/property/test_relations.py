@@ -140,9 +140,7 @@ def test_one_hash_for_any_number_of_threads_and_ten_runs() -> None:
     assert len(seen) == 1
 
 
-def hash_of_everything(
-    gaussians: Gaussians, camera: Camera, ids: np.ndarray, values: np.ndarray, threads: int
-) -> str:
+def hash_of_everything(gaussians: Gaussians, camera: Camera, ids: np.ndarray, values: np.ndarray, threads: int) -> str:
     rendered = ops.render(gaussians, camera, threads=threads, near_su=NEAR)
     weights = ops.accumulate_weights(gaussians, camera, ids, threads=threads, near_su=NEAR)
     blended = ops.render_values(gaussians, camera, values, threads=threads, near_su=NEAR).image

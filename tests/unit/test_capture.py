@@ -87,3 +87,21 @@ def test_all_frames_when_there_are_too_few():
 def test_spread_indices():
     assert capture.spread_indices(5, 10) == [0, 1, 2, 3, 4]
     assert capture.spread_indices(10, 4) == [0, 2, 5, 7]
+
+
+def test_blank_and_repeated_frames_are_told_apart(textured):
+    black, white, other = np.zeros_like(textured), np.full_like(textured, 255), textured[:, ::-1].copy()
+    frames = [textured, textured, other, black, black, white, textured, other, textured, other, textured]
+    contrasts = np.array([capture.contrast(frame) for frame in frames])
+    changes = np.array([capture.change(before, frame) for before, frame in zip([None, *frames], frames, strict=False)])
+    blank, repeated = capture.blank_and_repeated(contrasts, changes)
+    assert np.flatnonzero(blank).tolist() == [3, 4, 5]
+    assert np.flatnonzero(repeated).tolist() == [1]
+
+
+def test_noise_is_no_repetition_and_a_still_camera_repeats_nothing(textured):
+    rng = np.random.default_rng(0)
+    noisy = [(textured + rng.integers(-2, 3, textured.shape)).clip(0, 255).astype(np.uint8) for _ in range(9)]
+    changes = np.array([capture.change(a, b) for a, b in zip([None, *noisy], noisy, strict=False)])
+    for changed in (changes, np.where(np.isinf(changes), changes, 0.0)):
+        assert not capture.blank_and_repeated(np.full(9, 40.0), changed)[1].any()

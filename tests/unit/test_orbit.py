@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cotton3dg.plant.orbit import GAP_BIN_DEG, image_pairs, orbit
+from cotton3dg.core.scene import Camera
+from cotton3dg.plant.orbit import GAP_BIN_DEG, image_pairs, orbit, out_of_view
 
 
 def test_ordered_pairs_close_the_ring():
@@ -66,3 +67,18 @@ def test_parallel_views_stay_finite():
     centres = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0.1, 0]])
     found = orbit(centres, np.tile([0.0, 0, 1], (4, 1)))
     assert np.isfinite([*found.target, *found.axis, found.radius_su, found.coverage_deg]).all()
+
+
+def test_images_without_the_plant_are_named():
+    angles = np.radians(np.arange(0, 360, 30))
+    cameras = []
+    for number, angle in enumerate(angles):
+        centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0])
+        forward = -centre / np.linalg.norm(centre)
+        right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+        rows = np.stack([right, np.cross(forward, right), forward])
+        if number == 4:  # looks away
+            rows = rows @ np.diag([-1.0, -1.0, 1.0])
+        cameras.append(Camera(f"{number}.jpg", 64, 48, 60, 60, 32, 24, np.column_stack([rows, -rows @ centre])))
+    assert out_of_view(np.zeros(3), cameras) == ["4.jpg"]
+    assert out_of_view(np.array([0, 0, 50.0]), cameras) == [camera.name for camera in cameras]

@@ -192,7 +192,8 @@ def test_log_without_key_frame_after_damage_trusts_nothing_after_it():
     shown = "[Parsed_showinfo_2 @ 0x1] [info] n:{0:4d} pts: {0} pts_time:{1} pos: 1 fmt:gray iskey:{2} type:{3}"
     lines = [shown.format(n, n / 10, int(n == 0), "I" if n == 0 else "P") for n in range(20)]
     lines.insert(12, "[h264 @ 0x2] [error] error while decoding MB 1 2, bytestream -5")
-    timestamps_s, intact, errors = video.parse_log("\n".join(lines))
+    timestamps_s, intact, n_damaged, errors = video.parse_log("\n".join(lines))
+    assert n_damaged == 9
     assert intact.tolist() == [True] * 11 + [False] * 9
     assert len(errors) == 1 and timestamps_s[19] == 1.9
 

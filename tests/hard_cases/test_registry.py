@@ -1,0 +1,49 @@
+"""Every hard case has its tests, and the page that shows them is up to date."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(Path(__file__).parent))
+
+from registry import CASES, CORE, GEOMETRY  # noqa: E402
+from report import page  # noqa: E402
+
+
+def test_numbers_are_complete_and_never_reused() -> None:
+    numbers = [case.number for case in CASES]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert len(numbers) >= 54
+
+
+def test_every_case_has_a_promise_and_a_test() -> None:
+    for case in CASES:
+        assert case.name, case.number
+        assert case.promise, case.number
+        assert case.tests or case.planned, case.number
+
+
+def test_no_case_of_the_core_or_of_geometry_is_only_planned() -> None:
+    open_cases = [case.number for case in CASES if case.planned]
+    print("planned:", *(f"{case.number} {case.name}: {case.planned}" for case in CASES if case.planned), sep="\n  ")
+    assert not set(open_cases) & {*CORE, *GEOMETRY, 53, 54}
+    assert all(CASES[number - 1].tests for number in (*CORE, *GEOMETRY, 53, 54))
+
+
+def test_every_named_test_exists() -> None:
+    functions: dict[str, set[str]] = {}
+    for case in CASES:
+        for test in case.tests:
+            path, name = test.split("::")
+            if path not in functions:
+                body = ast.parse((ROOT / path).read_text(encoding="utf-8")).body
+                functions[path] = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+            assert name in functions[path], f"case {case.number}: {test}"
+
+
+def test_the_page_is_up_to_date() -> None:
+    written = (ROOT / "docs" / "hard_cases.md").read_text(encoding="utf-8")
+    assert written == page(), "write it again: python tests/hard_cases/report.py --page docs/hard_cases.md"

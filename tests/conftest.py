@@ -1,14 +1,20 @@
-"""Which build of the native core the tests use: the installed one, or the file named by COTTON3DG_NATIVE.
+"""Which modules of the package the tests use in place of the installed ones.
 
-`make sanitize` and tests/hard_cases/mutations.py test other builds of it this way.
+COTTON3DG_REPLACED names them as module=file, separated by colons. `make sanitize` and tests/hard_cases/mutations.py
+test other builds of the core and changed sources this way.
 """
 
+import importlib
 import importlib.util
 import os
 import sys
 
-if path := os.environ.get("COTTON3DG_NATIVE"):
-    spec = importlib.util.spec_from_file_location("cotton3dg._native", path)
-    assert spec and spec.loader, path
-    sys.modules["cotton3dg._native"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(sys.modules["cotton3dg._native"])
+for pair in filter(None, os.environ.get("COTTON3DG_REPLACED", "").split(":")):
+    name, path = pair.split("=")
+    parent, child = name.rsplit(".", 1)
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec and spec.loader, pair
+    package, module = importlib.import_module(parent), importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    setattr(package, child, module)

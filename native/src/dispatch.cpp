@@ -12,8 +12,10 @@ namespace cotton {
     extern const Kernels<double> double_kernels; \
     }
 COTTON_DECLARE(baseline)
-#if defined(__x86_64__)
+#if defined(COTTON_HAS_avx2)
 COTTON_DECLARE(avx2)
+#endif
+#if defined(COTTON_HAS_avx512)
 COTTON_DECLARE(avx512)
 #endif
 
@@ -29,9 +31,13 @@ std::vector<Choice> choices() {
     std::vector<Choice> found = {{"baseline", &baseline::float_kernels, &baseline::double_kernels}};
 #if defined(__x86_64__)
     __builtin_cpu_init();
+#endif
+#if defined(COTTON_HAS_avx2)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
         found.push_back({"avx2", &avx2::float_kernels, &avx2::double_kernels});
     }
+#endif
+#if defined(COTTON_HAS_avx512)
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512vl")) {
         found.push_back({"avx512", &avx512::float_kernels, &avx512::double_kernels});

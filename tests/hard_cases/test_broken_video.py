@@ -48,7 +48,6 @@ def test_a_broken_video_runs_through_and_every_defect_is_told(tmp_path: Path) ->
     assert "2 of 139 frames are black, white or empty" in " ".join(record["warnings"])
     assert "9 of 139 frames are repeats" in " ".join(record["warnings"])
 
-    print(record)
     told, record = json.loads(workspace.sfm_json.read_text()), workspace.read_record("sfm")
     away = {entry for entry in taken if entry - 9 in AWAY}
     assert 100 * len(told["registered"]) >= 90 * len(taken)

@@ -44,9 +44,9 @@ def library(name: str) -> str:
 
 def run(name: str, tests: list[str]) -> int:
     flags, libraries, options = SANITIZERS[name]
-    module = build(ROOT / "build" / f"sanitize-{name}", f"-O1 -g1 -fno-omit-frame-pointer {flags}")
+    module = build(ROOT / "build" / f"sanitize-{name}", f"-O1 -g1 -fno-omit-frame-pointer {flags}", "baseline;avx2")
     preload = " ".join(library(each) for each in (*libraries, "libstdc++.so.6"))
-    environment = os.environ | options | {"COTTON3DG_NATIVE": str(module)}
+    environment = os.environ | options | {"COTTON3DG_REPLACED": f"cotton3dg._native={module}"}
     # Without address randomisation: the shadow memory needs its place.
     command = ["setarch", "-R", "env", f"LD_PRELOAD={preload}", sys.executable, "-m", "pytest", "-q", "-s", *tests]
     return subprocess.run(command, check=False, cwd=ROOT, env=environment).returncode

@@ -12,11 +12,19 @@ Change = tuple[str, str, str]
 """File below native/src, text that occurs in it exactly once, and the text to put in its place."""
 
 
-def build(folder: Path, flags: str, kind: str = "None", changes: tuple[Change, ...] = ()) -> Path:
+def build(
+    folder: Path,
+    flags: str = "-O1",
+    isas: str = "baseline",
+    optimisation: str = "-O1",
+    changes: tuple[Change, ...] = (),
+) -> Path:
     """The module in `folder`, compiled from a copy of native/ with `changes` made; only what differs is compiled again.
 
     Args:
-        kind: CMake's build type; `None` leaves optimisation to `flags`.
+        flags: of everything.
+        isas: instruction sets, separated by semicolons.
+        optimisation: of the kernels.
     Raises:
         ValueError: the text of a change is not there exactly once.
     """
@@ -35,8 +43,9 @@ def build(folder: Path, flags: str, kind: str = "None", changes: tuple[Change, .
             copy.write_text(text)
     build_folder = folder / "build"
     cmake = shutil.which("cmake", path=str(Path(sys.executable).parent)) or "cmake"
-    configure = [cmake, "-S", str(folder / "source"), "-B", str(build_folder), f"-DCMAKE_BUILD_TYPE={kind}"]
+    configure = [cmake, "-S", str(folder / "source"), "-B", str(build_folder), "-DCMAKE_BUILD_TYPE=None"]
     configure += [f"-DCMAKE_CXX_FLAGS={flags}", f"-DPython_EXECUTABLE={sys.executable}"]
+    configure += [f"-DCOTTON_ISAS={isas}", f"-DCOTTON_OPTIMISATION={optimisation}"]
     subprocess.run([*configure, f"-Dpybind11_DIR={pybind11.get_cmake_dir()}"], check=True, stdout=subprocess.DEVNULL)
     subprocess.run([cmake, "--build", str(build_folder), "--parallel", "2"], check=True, stdout=subprocess.DEVNULL)
     return next(build_folder.glob("_native*.so"))

@@ -37,8 +37,9 @@ LIMIT_S, LIMIT_BYTES = 2.0, 256 * 2**20
 TRACED_SHARE = 0.1
 """Share of the inputs that are traced for coverage, which makes them some ten times slower."""
 NUMBERS = [
-    *(("<Q", n) for n in (0, 2**63, 2**64 - 1)), *(("<I", n) for n in (0, 2**31)), ("<q", -1), ("<i", -1), ("<H", 65535),
-    *(("<d", x) for x in (np.nan, np.inf, 1e308)), ("<f", np.nan), (">I", 0), (">I", 2**31 - 1), ("B", 0), ("B", 255),
+    *(("<Q", n) for n in (0, 2**63, 2**64 - 1)), *(("<I", n) for n in (0, 2**31)), *((">I", n) for n in (0, 2**31 - 1)),
+    *(("<d", x) for x in (np.nan, np.inf, 1e308)), *(("B", n) for n in (0, 255)), ("<q", -1), ("<i", -1), ("<H", 65535),
+    ("<f", np.nan),
 ]  # fmt: skip
 WORDS = [b"99999999999", b"-1", b"nan", b"1e999", b"[" * 200, b"\n", b"{}", b"'", b"\xff\xfe", b"null", b"\0" * 64]
 MAGIC = [struct.pack(layout, value) for layout, value in NUMBERS] + WORDS

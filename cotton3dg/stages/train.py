@@ -147,6 +147,11 @@ def _outcome(metrics: dict[str, Any]) -> StageOutcome:
         for key in ("psnr_db", "plant_psnr_db", "n_gaussians", "steps", "seconds", "cpu_seconds")
     }
     flags, warnings = [], []
+    unusable = {reason: n for reason, n in metrics["culled"].items() if n}
+    if unusable:
+        flags.append("gaussians_culled")
+        told = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
+        warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
     if metrics["psnr_db"] < LOW_PSNR_DB:
         flags.append("low_psnr")
         warnings.append(f"renders differ from the photos (PSNR {metrics['psnr_db']:.1f} dB); try --preset paper")

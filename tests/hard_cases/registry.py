@@ -39,6 +39,7 @@ VIDEO = "tests/unit/test_video.py::"
 IMAGES = "tests/unit/test_images.py::"
 RESUME = "tests/hard_cases/test_resume.py::"
 WORKSPACE = "tests/unit/test_workspace.py::"
+SAVES = "tests/hard_cases/test_interrupted_saves.py::"
 FUZZ = "tests/property/test_readers.py::test_mutated_files_end_in_a_result_or_in_our_own_error"
 
 CASES = (
@@ -51,6 +52,7 @@ CASES = (
         PROJECTION + "test_case_02_infinite_scale_is_culled_and_counted",
         SCENES + "test_poison_grid",
         SCENES + "test_poison_grid_of_colours",
+        TRAINING + "test_case_02_culled_gaussians_are_counted_in_the_stages_record",
     )),
     Case(3, "overflow of a log scale, squared", "log scales are clamped to ±30; finite from -90 to 90 and beyond", (
         PROJECTION + "test_case_03_any_log_scale_is_drawn_and_only_free_ones_have_a_gradient",
@@ -259,11 +261,12 @@ CASES = (
     Case(49, "killed while saving", "the old result or the new one, never a part", (
         WORKSPACE + "test_a_failed_save_keeps_the_old_result",
         "tests/unit/test_pipeline.py::test_damage_is_noticed_and_repaired",
-        "tests/end_to_end/test_whole_run.py::test_nothing_is_left_of_the_killed_runs",
-    ), f"a kill at every write boundary: {OVERNIGHT}"),
+        SAVES + "test_case_49_killed_at_any_boundary_the_result_is_the_old_or_the_new_one",
+    )),
     Case(50, "disk full", "the old file stays; a clear error", (
         WORKSPACE + "test_disk_errors_are_explained",
-    ), f"no space at the k-th write, and a check before the start: {OVERNIGHT}"),
+        SAVES + "test_case_50_a_disk_that_is_full_at_any_boundary_is_told_and_costs_nothing_old",
+    ), f"a look at the free space before the start: {OVERNIGHT}"),
     Case(51, "resume differs from a straight run", "the same bits from any step on one machine and build", (
         RESUME + "test_case_51_resume_from_any_step_ends_in_the_same_bits",
         RESUME + "test_case_51_killed_in_training_the_next_run_goes_on_and_ends_in_the_same_bits",

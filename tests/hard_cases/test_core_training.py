@@ -22,6 +22,7 @@ from cotton3dg.splat import fit as fit_module
 from cotton3dg.splat.fit import fit
 from cotton3dg.splat.initialise import initial_gaussians
 from cotton3dg.splat.losses import PROBABILITY_MARGIN, binary_cross_entropy, clamp_probabilities, unit_features
+from cotton3dg.stages import train
 
 ROOT = Path(__file__).parents[2]
 MOST_ADAM_STEP = 0.1 / np.sqrt(0.001)
@@ -36,6 +37,17 @@ def test_case_01_a_hundred_identical_points_can_be_trained_from() -> None:
     assert result.gaussians.finite_rows.all()
     assert result.culled == {"non_finite": 0, "degenerate": 0}
     assert result.rejected == []
+
+
+def test_case_02_culled_gaussians_are_counted_in_the_stages_record() -> None:
+    start, views, _ = training_scene()
+    start.log_scales[3, 0], start.quats[5] = np.inf, 0
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
+    assert result.culled["non_finite"] >= 1
+    assert result.culled["degenerate"] >= 1
+    outcome = train._outcome(train._metrics(result, []))
+    assert "gaussians_culled" in outcome.flags
+    assert f"{result.culled['degenerate']} degenerate" in outcome.warnings[0]
 
 
 def test_case_18_faded_or_reset_opacities_recover() -> None:

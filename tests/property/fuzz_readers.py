@@ -4,7 +4,6 @@
 
 Mutations of made files, guided by coverage: what reaches a line of the reader that nothing reached before is mutated
 further. Each input may take 2 s and 256 MB + 4 x its size; the address space of this process is limited to that.
-`--atheris` leaves the choice of inputs to libFuzzer instead, where the atheris package is installed.
 """
 
 from __future__ import annotations
@@ -241,31 +240,11 @@ def fuzz(check: Checked, n_inputs: int, seed: int) -> None:
     )
 
 
-def fuzz_with_atheris(check: Checked, n_inputs: int, seed: int) -> None:
-    import atheris
-
-    atheris.instrument_all()
-    with tempfile.TemporaryDirectory() as corpus:
-        for number, content in enumerate(check.seeds):
-            (Path(corpus) / str(number)).write_bytes(content)
-        limits = [
-            f"-runs={n_inputs}",
-            f"-seed={seed}",
-            "-rss_limit_mb=2048",
-            f"-timeout={int(LIMIT_S)}",
-            "-max_len=65536",
-        ]
-        atheris.Setup([sys.argv[0], *limits, corpus], check)
-        atheris.Fuzz()
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("target", choices=list(targets()))
     parser.add_argument("--inputs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--atheris", action="store_true")
     wanted = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        run = fuzz_with_atheris if wanted.atheris else fuzz
-        run(Checked(wanted.target, Path(scratch)), wanted.inputs, wanted.seed)
+        fuzz(Checked(wanted.target, Path(scratch)), wanted.inputs, wanted.seed)

@@ -19,40 +19,87 @@ struct PixelCentres {
 template <class Real>
 inline constexpr PixelCentres<Real> pixel_centres{};
 
+// The vectors that a block consists of.
+template <class Real>
+inline constexpr int kVectors = kBlockPixels / kLanes<Real>;
+
+// u = p x + q y + u0 and v = r y + v0 at the pixel (x, y) of the tile.
 template <class Real>
 struct Splat {
-    Vec<Real> x, y, p, q, r, log2_opacity;
+    Vec<Real> p, q, r, u0, v0, log2_opacity;
 
     COTTON_INLINE Splat from(const Real* record, const Tile& tile) {
-        return {broadcast(record[field::x] - Real(tile.x0)),
-                broadcast(record[field::y] - Real(tile.y0)),
-                broadcast(record[field::p]),
-                broadcast(record[field::q]),
-                broadcast(record[field::r]),
-                broadcast(record[field::log2_opacity])};
+        const Real x = record[field::x] - Real(tile.x0), y = record[field::y] - Real(tile.y0);
+        const Real p = record[field::p], q = record[field::q], r = record[field::r];
+        return {broadcast(p),        broadcast(q),
+                broadcast(r),        broadcast(-(p * x + q * y)),
+                broadcast(-(r * y)), broadcast(record[field::log2_opacity])};
     }
 };
 
 template <class Real>
 struct Blend {
-    Vec<Real> u, v;
-    Vec<Real> raw;    // alpha before the cap, where taken
-    Vec<Real> alpha;  // 0 where the pixel does not take the Gaussian
+    Vec<Real> u[kVectors<Real>], v[kVectors<Real>];
+    Vec<Real> raw[kVectors<Real>];    // alpha before the cap, where taken
+    Vec<Real> alpha[kVectors<Real>];  // 0 where the pixel does not take the Gaussian
 };
 
-// Returns false when no pixel of the vector at `i` takes the Gaussian.
+// Returns false when no pixel of the block at `i` takes the Gaussian.
 template <class Real>
-COTTON_INLINE bool blend(const Splat<Real>& g, int i, Vec<Real> transmittance, Blend<Real>& b) {
+COTTON_INLINE bool blend(const Splat<Real>& g, int i, const Real* transmittance, Blend<Real>& b) {
     constexpr Real cut = Real(-7.994353436858858);  // log2(kAlphaCut)
-    const Vec<Real> dx = load(pixel_centres<Real>.x + i) - g.x, dy = load(pixel_centres<Real>.y + i) - g.y;
-    b.u = fma(g.p, dx, g.q * dy);
-    b.v = g.r * dy;
-    const Vec<Real> power = fnma(b.u, b.u, fnma(b.v, b.v, g.log2_opacity));
-    const Mask<Real> taken = (power >= cut) & (transmittance > Real(kStop));
-    if (!any(taken)) return false;
-    b.raw = exp2<Real>(power);  // of no meaning, but harmless, where not taken
-    b.alpha = taken ? minimum(b.raw, broadcast(Real(kAlphaCap))) : Vec<Real>{};
+    Mask<Real> taken[kVectors<Real>], some{};
+    Vec<Real> power[kVectors<Real>];
+    for (int j = 0; j < kVectors<Real>; ++j) {
+        const int at = i + j * kLanes<Real>;
+        const Vec<Real> y = load(pixel_centres<Real>.y + at);
+        b.u[j] = fma(g.p, load(pixel_centres<Real>.x + at), fma(g.q, y, g.u0));
+        b.v[j] = fma(g.r, y, g.v0);
+        power[j] = fnma(b.u[j], b.u[j], fnma(b.v[j], b.v[j], g.log2_opacity));
+        taken[j] = (power[j] >= cut) & (load(transmittance + at) > Real(kStop));
+        some |= taken[j];
+    }
+    if (!any(some)) return false;
+    for (int j = 0; j < kVectors<Real>; ++j) {
+        b.raw[j] = exp2<Real>(power[j]);  // of no meaning, but harmless, where not taken
+        b.alpha[j] = taken[j] ? minimum(b.raw[j], broadcast(Real(kAlphaCap))) : Vec<Real>{};
+    }
     return true;
+}
+
+// Calls body(i, pixel, n) for all quadruples of neighbours i .. i + 3 in a tile that begin in the image: there they are
+// the n pixels from `pixel` on.
+template <class Body>
+COTTON_INLINE void each_quad(const Tile& tile, const Body& body) {
+    for (int i = 0; i < kTilePixels; i += 4) {
+        const int x = tile.x0 + pixel_x(i), y = tile.y0 + pixel_y(i), n = tile.width - x < 4 ? tile.width - x : 4;
+        if (n > 0 && y < tile.height) body(i, int64_t(y) * tile.width + x, n);
+    }
+}
+
+// One tile of a plane; pixels beyond the image are left as they are.
+template <class Real>
+COTTON_INLINE void copy_tile(const Tile& tile, Plane<const Real> from, Real* to) {
+    each_quad(tile, [&](int i, int64_t pixel, int n) {
+        const Real* quad = from.data + pixel * from.stride;
+        if (n == 4 && from.stride == 1) {
+            std::memcpy(to + i, quad, 4 * sizeof(Real));
+        } else {
+            for (int k = 0; k < n; ++k) to[i + k] = quad[k * from.stride];
+        }
+    });
+}
+
+template <class Real>
+COTTON_INLINE void copy_tile(const Tile& tile, const Real* from, Plane<Real> to) {
+    each_quad(tile, [&](int i, int64_t pixel, int n) {
+        Real* quad = to.data + pixel * to.stride;
+        if (n == 4 && to.stride == 1) {
+            std::memcpy(quad, from + i, 4 * sizeof(Real));
+        } else {
+            for (int k = 0; k < n; ++k) quad[k * to.stride] = from[i + k];
+        }
+    });
 }
 
 // Transmittance before the first Gaussian: 1 in the image, 0 (nothing is taken) beyond its edges.
@@ -60,11 +107,11 @@ COTTON_INLINE bool blend(const Splat<Real>& g, int i, Vec<Real> transmittance, B
 template <class Real>
 COTTON_INLINE uint32_t start(const Tile& tile, Real* transmittance) {
     uint32_t blocks = 0;
-    for (int i = 0; i < kTilePixels; ++i) {
-        const bool inside = tile.x0 + pixel_x(i) < tile.width && tile.y0 + pixel_y(i) < tile.height;
-        transmittance[i] = inside ? Real(1) : Real(0);
-        blocks |= uint32_t(inside) << (i / kBlockPixels);
-    }
+    std::memset(transmittance, 0, kTilePixels * sizeof(Real));
+    each_quad(tile, [&](int i, int64_t, int n) {
+        for (int k = 0; k < n; ++k) transmittance[i + k] = 1;
+        blocks |= 1u << (i / kBlockPixels);
+    });
     return blocks;
 }
 
@@ -79,7 +126,7 @@ COTTON_INLINE bool block_done(const Real* transmittance, int block) {
 
 // The walk of all rasterizers: every entry front to back, and in it every block that it reaches and that still has an
 // open pixel. `begin` and `finish` enclose an entry, `skip` stands for both when it reaches no open block; `visit(i)`
-// blends the vector of pixels at i and returns whether any pixel took the Gaussian. `rows` is the table that `finish`
+// blends the block of pixels at i and returns whether any pixel took the Gaussian. `rows` is the table that `finish`
 // and `skip` write to, or null.
 template <class Real, class Begin, class Visit, class Finish, class Skip>
 COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks,
@@ -100,9 +147,7 @@ COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint3
         while (blocks != 0) {
             const int block = __builtin_ctz(blocks);
             blocks &= blocks - 1;
-            bool taken = false;
-            for (int i = block * kBlockPixels; i < (block + 1) * kBlockPixels; i += kLanes<Real>) taken |= visit(i);
-            if (!taken && block_done(transmittance, block)) open_blocks &= ~(1u << block);
+            if (!visit(block * kBlockPixels) && block_done(transmittance, block)) open_blocks &= ~(1u << block);
         }
         finish(e);
     }

@@ -19,8 +19,23 @@ COTTON_INLINE Vec<Real> window(const At& at) {
     return result;
 }
 
-// Blurs `maps` quantities over the band. `fill(y, rows)` writes the rows of image row y, each `width` long;
-// `emit(y, x, n, blurred)` takes the n pixels from (x, y) on.
+// The first n lanes, the others zero.
+template <class T>
+COTTON_INLINE Vec<T> load_part(const T* from, int n) {
+    Vec<T> result{};
+    if (n == kLanes<T>) return load(from);
+    for (int i = 0; i < n; ++i) result[i] = from[i];
+    return result;
+}
+
+template <class T>
+COTTON_INLINE void store_part(T* to, Vec<T> value, int n) {
+    if (n == kLanes<T>) return store(to, value);
+    for (int i = 0; i < n; ++i) to[i] = value[i];
+}
+
+// Blurs `maps` quantities over the band. `fill(y, x, n, values)` gives those of the n pixels from (x, y) on and zeros
+// for the other lanes; `emit(y, x, n, blurred)` takes them.
 template <int maps, class Real, class Fill, class Emit>
 COTTON_INLINE void blur(const LossBand<Real>& band, const Fill& fill, const Emit& emit) {
     constexpr int lanes = kLanes<Real>;
@@ -33,10 +48,10 @@ COTTON_INLINE void blur(const LossBand<Real>& band, const Fill& fill, const Emit
     const auto ring = [&](int y, int m) { return band.scratch + ((y + kTaps) % kTaps * maps + m) * stride; };
     for (int y = band.row_begin - kRadius; y < band.row_end + kRadius; ++y) {
         const bool inside = y >= 0 && y < band.height;
-        if (inside) {
-            Real* rows[maps];
-            for (int m = 0; m < maps; ++m) rows[m] = padded[m] + kRadius;
-            fill(y, rows);
+        for (int x = 0; inside && x < band.width; x += lanes) {
+            Vec<Real> values[maps];
+            fill(y, x, band.width - x < lanes ? band.width - x : lanes, values);
+            for (int m = 0; m < maps; ++m) store(padded[m] + kRadius + x, values[m]);
         }
         for (int m = 0; m < maps; ++m) {
             Real* to = ring(y, m);
@@ -61,19 +76,11 @@ COTTON_INLINE void blur(const LossBand<Real>& band, const Fill& fill, const Emit
     }
 }
 
-// The first n lanes, the others zero.
-template <class T>
-COTTON_INLINE Vec<T> load_part(const T* from, int n) {
-    Vec<T> result{};
-    if (n == kLanes<T>) return load(from);
-    for (int i = 0; i < n; ++i) result[i] = from[i];
-    return result;
-}
-
 template <class Real>
 COTTON_INLINE Vec<Real> pixel_weight(const LossBand<Real>& band, int64_t pixel, int n) {
+    if (!band.weight) return broadcast(Real(1));
     Vec<Real> result{};
-    for (int i = 0; i < n; ++i) result[i] = band.weight ? Real(band.weight[pixel + i]) : Real(1);
+    for (int i = 0; i < n; ++i) result[i] = Real(band.weight[pixel + i]);
     return result;
 }
 
@@ -85,21 +92,19 @@ LossSums loss_forward(const LossBand<Real>& band) {
     const int64_t stride = loss_row(band.width);
     LossSums total = {0, 0};
     V row_l1{}, row_ssim{};
-    blur<5>(
+    blur<4>(
         band,
-        [&](int y, Real* const* rows) {
-            const Real *image = band.image + int64_t(y) * band.width, *target = band.target + int64_t(y) * band.width;
-            for (int x = 0; x < band.width; ++x) {
-                const Real a = image[x], b = target[x];
-                rows[0][x] = a, rows[1][x] = b, rows[2][x] = a * a, rows[3][x] = b * b, rows[4][x] = a * b;
-            }
+        [&](int y, int x, int n, V* values) {
+            const int64_t pixel = int64_t(y) * band.width + x;
+            const V a = load_part(band.image + pixel, n), b = load_part(band.target + pixel, n);
+            values[0] = a, values[1] = b, values[2] = fma(a, a, b * b), values[3] = a * b;
         },
         [&](int y, int x, int n, const V* blurred) {
             const V m1 = blurred[0], m2 = blurred[1];
             const V m11 = m1 * m1, m22 = m2 * m2, m12 = m1 * m2;
             const V a1 = 2 * m12 + Real(kC1), b1 = m11 + m22 + Real(kC1);
-            const V b2 = maximum(blurred[2] - m11, V{}) + maximum(blurred[3] - m22, V{}) + Real(kC2);
-            const V a2 = minimum(2 * (blurred[4] - m12) + Real(kC2), b2);  // Cauchy-Schwarz, in spite of rounding
+            const V b2 = maximum(blurred[2] - m11 - m22, V{}) + Real(kC2);  // both variances
+            const V a2 = minimum(2 * (blurred[3] - m12) + Real(kC2), b2);   // Cauchy-Schwarz, in spite of rounding
             const V scale = 1 / (b1 * b2), ssim = a1 * a2 * scale;
             const int64_t pixel = int64_t(y) * band.width + x;
             const V weight = pixel_weight(band, pixel, n);
@@ -126,9 +131,9 @@ void loss_backward(const LossBand<Real>& band) {
     const int64_t stride = loss_row(band.width);
     blur<3>(
         band,
-        [&](int y, Real* const* rows) {
+        [&](int y, int x, int n, V* values) {
             const Real* maps[3] = {band.d_mean, band.d_square, band.d_product};
-            for (int m = 0; m < 3; ++m) std::memcpy(rows[m], maps[m] + y * stride, size_t(band.width) * sizeof(Real));
+            for (int m = 0; m < 3; ++m) values[m] = load_part(maps[m] + y * stride + x, n);
         },
         [&](int y, int x, int n, const V* blurred) {
             const int64_t pixel = int64_t(y) * band.width + x;
@@ -136,7 +141,7 @@ void loss_backward(const LossBand<Real>& band) {
             const V one = broadcast(Real(1)), sign = a > b ? one : a < b ? -one : V{};
             const V ssim = fma(2 * a, blurred[1], fma(b, blurred[2], blurred[0]));
             const V v = band.ssim_factor * ssim + band.l1_factor * pixel_weight(band, pixel, n) * sign;
-            std::memcpy(band.v_image + pixel, &v, size_t(n) * sizeof(Real));
+            store_part(band.v_image + pixel, v, n);
         });
 }
 

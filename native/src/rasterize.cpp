@@ -19,28 +19,26 @@ void forward_tile(const Tile& tile, const Real* records, const Real* background,
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;
         },
-        [&](int i) {
-            const V before = load(transmittance + i);
+        [&](int i) __attribute__((always_inline)) {
             Blend<Real> b;
-            if (!blend(splat, i, before, b)) return false;
-            const V weight = before * b.alpha;
-            for (int c = 0; c < channels; ++c) {
-                store(sums[c] + i, fma(weight, broadcast(values[c]), load(sums[c] + i)));
+            if (!blend(splat, i, transmittance, b)) return false;
+            for (int j = 0; j < kVectors<Real>; ++j) {
+                const int at = i + j * kLanes<Real>;
+                const V before = load(transmittance + at), weight = before * b.alpha[j];
+                for (int c = 0; c < channels; ++c) {
+                    store(sums[c] + at, fma(weight, broadcast(values[c]), load(sums[c] + at)));
+                }
+                store(transmittance + at, fnma(before, b.alpha[j], before));
             }
-            store(transmittance + i, before * (1 - b.alpha));
             return true;
         },
         [](int64_t) {}, [](int64_t) {});
 
-    for (int i = 0; i < kTilePixels; ++i) {
-        const int x = tile.x0 + pixel_x(i), y = tile.y0 + pixel_y(i);
-        if (x >= tile.width || y >= tile.height) continue;
-        const int64_t pixel = int64_t(y) * tile.width + x;
-        for (int c = 0; c < channels; ++c) {
-            planes[c].data[pixel * planes[c].stride] = sums[c][i] + transmittance[i] * background[c];
-        }
-        if (transmittance_out) transmittance_out[pixel] = transmittance[i];
+    for (int c = 0; c < channels; ++c) {
+        for (int i = 0; i < kTilePixels; ++i) sums[c][i] += transmittance[i] * background[c];
+        copy_tile(tile, sums[c], planes[c]);
     }
+    if (transmittance_out) copy_tile(tile, transmittance, Plane<Real>{transmittance_out, 1});
 }
 
 }  // namespace
@@ -75,14 +73,11 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
     constexpr int channels = 3;
     alignas(64) Real transmittance[kTilePixels], to_come[kTilePixels] = {}, v_tile[channels][kTilePixels] = {};
     const uint32_t open = start(tile, transmittance);
-    for (int i = 0; i < kTilePixels; ++i) {
-        const int x = tile.x0 + pixel_x(i), y = tile.y0 + pixel_y(i);
-        if (x >= tile.width || y >= tile.height) continue;
-        const int64_t pixel = int64_t(y) * tile.width + x;
-        for (int c = 0; c < channels; ++c) {
-            v_tile[c][i] = v_image[c].data[pixel * v_image[c].stride];
-            to_come[i] += v_tile[c][i] * image[c].data[pixel * image[c].stride];
-        }
+    for (int c = 0; c < channels; ++c) {
+        alignas(64) Real colour[kTilePixels] = {};
+        copy_tile(tile, image[c], colour);
+        copy_tile(tile, v_image[c], v_tile[c]);
+        for (int i = 0; i < kTilePixels; ++i) to_come[i] += v_tile[c][i] * colour[i];
     }
 
     Splat<Real> splat;
@@ -95,33 +90,32 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
             values = record + field::values;
             for (int k = 0; k <= pair_gradient::weight; ++k) sums[k] = V{};
         },
-        [&](int i) {
+        [&](int i) __attribute__((always_inline)) {
             using namespace pair_gradient;
-            const V before = load(transmittance + i);
             Blend<Real> b;
-            if (!blend(splat, i, before, b)) return false;
-            const V w = before * b.alpha, through = 1 - b.alpha;
-            V cg{};
-            for (int c = 0; c < channels; ++c) {
-                const V v = load(v_tile[c] + i);
-                cg = fma(v, broadcast(values[c]), cg);
-                sums[value0 + c] = fma(w, v, sums[value0 + c]);
+            if (!blend(splat, i, transmittance, b)) return false;
+            for (int j = 0; j < kVectors<Real>; ++j) {
+                const int at = i + j * kLanes<Real>;
+                const V before = load(transmittance + at), w = before * b.alpha[j];
+                V cg = load(v_tile[0] + at) * values[0];
+                for (int c = 1; c < channels; ++c) cg = fma(load(v_tile[c] + at), broadcast(values[c]), cg);
+                const V here = w * cg, rest = load(to_come + at) - here;
+                store(to_come + at, rest);
+                store(transmittance + at, fnma(before, b.alpha[j], before));
+                const V odds = b.alpha[j] / (1 - b.alpha[j]);
+                const V v_power = b.raw[j] <= Real(kAlphaCap) ? fnma(odds, rest, here) : V{};
+                const V gu_i = v_power * b.u[j], gv_i = v_power * b.v[j];
+                sums[g] += v_power;
+                sums[gu] += gu_i;
+                sums[gv] += gv_i;
+                sums[guu] = fma(gu_i, b.u[j], sums[guu]);
+                sums[guv] = fma(gu_i, b.v[j], sums[guv]);
+                sums[gvv] = fma(gv_i, b.v[j], sums[gvv]);
+                for (int c = 0; c < channels; ++c) sums[value0 + c] = fma(w, load(v_tile[c] + at), sums[value0 + c]);
+                sums[abs_x] += absolute(gu_i);
+                sums[abs_y] += absolute(fma(splat.q, gu_i, splat.r * gv_i));
+                sums[weight] += w;
             }
-            const V rest = fnma(w, cg, load(to_come + i));
-            store(to_come + i, rest);
-            store(transmittance + i, before * through);
-            const V v_alpha = before * cg - rest / through;
-            const V v_power = v_alpha * (b.raw <= Real(kAlphaCap) ? b.alpha : V{});
-            const V gu_i = v_power * b.u, gv_i = v_power * b.v;
-            sums[g] += v_power;
-            sums[gu] += gu_i;
-            sums[gv] += gv_i;
-            sums[guu] = fma(gu_i, b.u, sums[guu]);
-            sums[guv] = fma(gu_i, b.v, sums[guv]);
-            sums[gvv] = fma(gv_i, b.v, sums[gvv]);
-            sums[abs_x] += absolute(gu_i);
-            sums[abs_y] += absolute(fma(splat.q, gu_i, splat.r * gv_i));
-            sums[weight] += w;
             return true;
         },
         [&](int64_t e) {

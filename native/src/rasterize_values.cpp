@@ -20,13 +20,15 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
             splat = Splat<Real>::from(record, tile);
             for (V& s : sums) s = V{};
         },
-        [&](int i) {
-            const V before = load(transmittance + i);
+        [&](int i) __attribute__((always_inline)) {
             Blend<Real> b;
-            if (!blend(splat, i, before, b)) return false;
-            const V weight = before * b.alpha;
-            for (int c = 0; c < channels; ++c) sums[c] = fma(weight, load(v_tile + c * kTilePixels + i), sums[c]);
-            store(transmittance + i, before * (1 - b.alpha));
+            if (!blend(splat, i, transmittance, b)) return false;
+            for (int j = 0; j < kVectors<Real>; ++j) {
+                const int at = i + j * kLanes<Real>;
+                const V before = load(transmittance + at), weight = before * b.alpha[j];
+                for (int c = 0; c < channels; ++c) sums[c] = fma(weight, load(v_tile + c * kTilePixels + at), sums[c]);
+                store(transmittance + at, fnma(before, b.alpha[j], before));
+            }
             return true;
         },
         [&](int64_t e) {

@@ -138,7 +138,7 @@ struct LossBand {
 };
 
 inline constexpr int64_t loss_row(int width) { return (int64_t(width) + 10 + 31) / 16 * 16; }
-inline constexpr int64_t loss_scratch_size(int width) { return loss_row(width) * (11 * 5 + 6); }
+inline constexpr int64_t loss_scratch_size(int width) { return loss_row(width) * 12 * 4; }
 
 struct LearningRates {
     float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;

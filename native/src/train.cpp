@@ -8,7 +8,7 @@
 namespace cotton {
 namespace {
 
-constexpr int kBandRows = 32;
+constexpr int kBandRows = 64;  // 10 more are blurred at the seams of each
 
 template <class Real>
 struct Scratch {

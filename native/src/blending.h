@@ -37,34 +37,34 @@ struct Splat {
     }
 };
 
+// What a Gaussian does to the pixels of a block.
 template <class Real>
 struct Blend {
     Vec<Real> u[kVectors<Real>], v[kVectors<Real>];
-    Vec<Real> raw[kVectors<Real>];    // alpha before the cap, where taken
-    Vec<Real> alpha[kVectors<Real>];  // 0 where the pixel does not take the Gaussian
+    Vec<Real> alpha[kVectors<Real>];   // 0 where the pixel does not take the Gaussian
+    Vec<Real> weight[kVectors<Real>];  // alpha times the transmittance in front of it
 };
 
-// Returns false when no pixel of the block at `i` takes the Gaussian.
+// Blends into the block that begins at pixel i; returns whether a pixel of it is still open.
 template <class Real>
-COTTON_INLINE bool blend(const Splat<Real>& g, int i, const Real* transmittance, Blend<Real>& b) {
+COTTON_INLINE bool blend(const Splat<Real>& g, int i, Real* transmittance, Blend<Real>& b) {
     constexpr Real cut = Real(-7.994353436858858);  // log2(kAlphaCut)
-    Mask<Real> taken[kVectors<Real>], some{};
-    Vec<Real> power[kVectors<Real>];
+    Mask<Real> open{};
     for (int j = 0; j < kVectors<Real>; ++j) {
         const int at = i + j * kLanes<Real>;
-        const Vec<Real> y = load(pixel_centres<Real>.y + at);
+        const Vec<Real> y = load(pixel_centres<Real>.y + at), before = load(transmittance + at);
         b.u[j] = fma(g.p, load(pixel_centres<Real>.x + at), fma(g.q, y, g.u0));
         b.v[j] = fma(g.r, y, g.v0);
-        power[j] = fnma(b.u[j], b.u[j], fnma(b.v[j], b.v[j], g.log2_opacity));
-        taken[j] = (power[j] >= cut) & (load(transmittance + at) > Real(kStop));
-        some |= taken[j];
+        const Vec<Real> power = fnma(b.u[j], b.u[j], fnma(b.v[j], b.v[j], g.log2_opacity));
+        const Mask<Real> taken = (power >= cut) & (before > Real(kStop));
+        const Vec<Real> raised = exp2<Real>(power);  // of no meaning, but harmless, where not taken
+        b.alpha[j] = taken ? minimum(raised, broadcast(Real(kAlphaCap))) : Vec<Real>{};
+        b.weight[j] = before * b.alpha[j];
+        const Vec<Real> after = fnma(before, b.alpha[j], before);
+        store(transmittance + at, after);
+        open |= after > Real(kStop);
     }
-    if (!any(some)) return false;
-    for (int j = 0; j < kVectors<Real>; ++j) {
-        b.raw[j] = exp2<Real>(power[j]);  // of no meaning, but harmless, where not taken
-        b.alpha[j] = taken[j] ? minimum(b.raw[j], broadcast(Real(kAlphaCap))) : Vec<Real>{};
-    }
-    return true;
+    return any(open);
 }
 
 // Calls body(i, pixel, n) for all quadruples of neighbours i .. i + 3 in a tile that begin in the image: there they are
@@ -115,41 +115,35 @@ COTTON_INLINE uint32_t start(const Tile& tile, Real* transmittance) {
     return blocks;
 }
 
-template <class Real>
-COTTON_INLINE bool block_done(const Real* transmittance, int block) {
-    Mask<Real> open{};
-    for (int i = block * kBlockPixels; i < (block + 1) * kBlockPixels; i += kLanes<Real>) {
-        open |= load(transmittance + i) > Real(kStop);
-    }
-    return !any(open);
+template <class Body>
+COTTON_INLINE void each_block(uint32_t blocks, const Body& body) {
+    for (; blocks != 0; blocks &= blocks - 1) body(__builtin_ctz(blocks));
 }
 
 // The walk of all rasterizers: every entry front to back, and in it every block that it reaches and that still has an
-// open pixel. `begin` and `finish` enclose an entry, `skip` stands for both when it reaches no open block; `visit(i)`
-// blends the block of pixels at i and returns whether any pixel took the Gaussian. `rows` is the table that `finish`
-// and `skip` write to, or null.
+// open pixel. `visit(i)` blends the block of pixels from i on and returns whether a pixel of it is still open; `begin`
+// and `finish` enclose the visits of an entry, `skip` stands for all when there are none. `rows` is the table that
+// `finish` and `skip` write to, or null.
 template <class Real, class Begin, class Visit, class Finish, class Skip>
-COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks,
-                        const Real* transmittance, const Real* rows, int row_stride, const Begin& begin,
-                        const Visit& visit, const Finish& finish, const Skip& skip) {
+COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks, const Real* rows,
+                        int row_stride, const Begin& begin, const Visit& visit, const Finish& finish,
+                        const Skip& skip) {
     constexpr int64_t ahead = 4;  // records and rows are scattered over more memory than the caches hold
     for (int64_t e = 0; e < tile.count; ++e) {
         if (e + ahead < tile.count) {
             __builtin_prefetch(records + int64_t(tile.entries[e + ahead].row) * stride);
             if (rows) __builtin_prefetch(rows + int64_t(tile.slots[e + ahead]) * row_stride, 1);
         }
-        uint32_t blocks = tile.entries[e].blocks & open_blocks;
+        const uint32_t blocks = tile.entries[e].blocks & open_blocks;
         if (blocks == 0) {
             skip(e);
             continue;
         }
         begin(records + int64_t(tile.entries[e].row) * stride);
-        while (blocks != 0) {
-            const int block = __builtin_ctz(blocks);
-            blocks &= blocks - 1;
-            if (!visit(block * kBlockPixels) && block_done(transmittance, block)) open_blocks &= ~(1u << block);
-        }
-        finish(e);
+        each_block(blocks, [&](int block) COTTON_INLINE_BODY {
+            if (!visit(block * kBlockPixels)) open_blocks &= ~(1u << block);
+        });
+        finish(e, blocks);
     }
 }
 

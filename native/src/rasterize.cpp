@@ -14,25 +14,23 @@ void forward_tile(const Tile& tile, const Real* records, const Real* background,
     Splat<Real> splat;
     const Real* values = nullptr;
     walk(
-        tile, records, record_stride(channels), open, transmittance, static_cast<const Real*>(nullptr), 0,
+        tile, records, record_stride(channels), open, static_cast<const Real*>(nullptr), 0,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;
         },
-        [&](int i) __attribute__((always_inline)) {
+        [&](int i) COTTON_INLINE_BODY {
             Blend<Real> b;
-            if (!blend(splat, i, transmittance, b)) return false;
+            const bool still_open = blend(splat, i, transmittance, b);
             for (int j = 0; j < kVectors<Real>; ++j) {
-                const int at = i + j * kLanes<Real>;
-                const V before = load(transmittance + at), weight = before * b.alpha[j];
                 for (int c = 0; c < channels; ++c) {
-                    store(sums[c] + at, fma(weight, broadcast(values[c]), load(sums[c] + at)));
+                    Real* sum = sums[c] + i + j * kLanes<Real>;
+                    store(sum, fma(b.weight[j], broadcast(values[c]), load(sum)));
                 }
-                store(transmittance + at, fnma(before, b.alpha[j], before));
             }
-            return true;
+            return still_open;
         },
-        [](int64_t) {}, [](int64_t) {});
+        [](int64_t, uint32_t) {}, [](int64_t) {});
 
     for (int c = 0; c < channels; ++c) {
         for (int i = 0; i < kTilePixels; ++i) sums[c][i] += transmittance[i] * background[c];
@@ -82,46 +80,46 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
 
     Splat<Real> splat;
     const Real* values = nullptr;
-    V sums[pair_gradient::size] = {};
+    Blend<Real> blends[kTilePixels / kBlockPixels];
     walk(
-        tile, records, record_stride(channels), open, transmittance, rows, pair_gradient::size,
+        tile, records, record_stride(channels), open, rows, pair_gradient::size,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             values = record + field::values;
-            for (int k = 0; k <= pair_gradient::weight; ++k) sums[k] = V{};
         },
-        [&](int i) __attribute__((always_inline)) {
+        [&](int i) COTTON_INLINE_BODY { return blend(splat, i, transmittance, blends[i / kBlockPixels]); },
+        [&](int64_t e, uint32_t blocks) COTTON_INLINE_BODY {
             using namespace pair_gradient;
-            Blend<Real> b;
-            if (!blend(splat, i, transmittance, b)) return false;
-            for (int j = 0; j < kVectors<Real>; ++j) {
-                const int at = i + j * kLanes<Real>;
-                const V before = load(transmittance + at), w = before * b.alpha[j];
-                V cg = load(v_tile[0] + at) * values[0];
-                for (int c = 1; c < channels; ++c) cg = fma(load(v_tile[c] + at), broadcast(values[c]), cg);
-                const V here = w * cg, rest = load(to_come + at) - here;
-                store(to_come + at, rest);
-                store(transmittance + at, fnma(before, b.alpha[j], before));
-                const V odds = b.alpha[j] / (1 - b.alpha[j]);
-                const V v_power = b.raw[j] <= Real(kAlphaCap) ? fnma(odds, rest, here) : V{};
-                const V gu_i = v_power * b.u[j], gv_i = v_power * b.v[j];
-                sums[g] += v_power;
-                sums[gu] += gu_i;
-                sums[gv] += gv_i;
-                sums[guu] = fma(gu_i, b.u[j], sums[guu]);
-                sums[guv] = fma(gu_i, b.v[j], sums[guv]);
-                sums[gvv] = fma(gv_i, b.v[j], sums[gvv]);
-                for (int c = 0; c < channels; ++c) sums[value0 + c] = fma(w, load(v_tile[c] + at), sums[value0 + c]);
-                sums[abs_x] += absolute(gu_i);
-                sums[abs_y] += absolute(fma(splat.q, gu_i, splat.r * gv_i));
-                sums[weight] += w;
-            }
-            return true;
-        },
-        [&](int64_t e) {
-            Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;
-            sums[pair_gradient::abs_x] *= splat.p;
-            for (int k = 0; k < pair_gradient::size; k += kLanes<Real>) store(row + k, sums_of_lanes<Real>(sums + k));
+            V sums[size] = {};
+            // A second loop over the blocks, so that the processor overlaps the long chains of both.
+            each_block(blocks, [&](int block) COTTON_INLINE_BODY {
+                const Blend<Real>& b = blends[block];
+                for (int j = 0; j < kVectors<Real>; ++j) {
+                    const int at = block * kBlockPixels + j * kLanes<Real>;
+                    V cg = load(v_tile[0] + at) * values[0];
+                    for (int c = 1; c < channels; ++c) cg = fma(load(v_tile[c] + at), broadcast(values[c]), cg);
+                    const V here = b.weight[j] * cg, rest = load(to_come + at) - here;
+                    store(to_come + at, rest);
+                    const V odds = b.alpha[j] / (1 - b.alpha[j]);
+                    const V v_power = b.alpha[j] < Real(kAlphaCap) ? fnma(odds, rest, here) : V{};
+                    const V gu_i = v_power * b.u[j], gv_i = v_power * b.v[j];
+                    sums[g] += v_power;
+                    sums[gu] += gu_i;
+                    sums[gv] += gv_i;
+                    sums[guu] = fma(gu_i, b.u[j], sums[guu]);
+                    sums[guv] = fma(gu_i, b.v[j], sums[guv]);
+                    sums[gvv] = fma(gv_i, b.v[j], sums[gvv]);
+                    for (int c = 0; c < channels; ++c) {
+                        sums[value0 + c] = fma(b.weight[j], load(v_tile[c] + at), sums[value0 + c]);
+                    }
+                    sums[abs_x] += absolute(gu_i);
+                    sums[abs_y] += absolute(fma(splat.q, gu_i, splat.r * gv_i));
+                    sums[weight] += b.weight[j];
+                }
+            });
+            Real* row = rows + int64_t(tile.slots[e]) * size;
+            sums[abs_x] *= splat.p;
+            for (int k = 0; k < size; k += kLanes<Real>) store(row + k, sums_of_lanes<Real>(sums + k));
         },
         [&](int64_t e) {
             Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;

@@ -15,23 +15,21 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
     Splat<Real> splat;
     V sums[channels];
     walk(
-        tile, records, stride, open, transmittance, rows, row_stride,
+        tile, records, stride, open, rows, row_stride,
         [&](const Real* record) {
             splat = Splat<Real>::from(record, tile);
             for (V& s : sums) s = V{};
         },
-        [&](int i) __attribute__((always_inline)) {
+        [&](int i) COTTON_INLINE_BODY {
             Blend<Real> b;
-            if (!blend(splat, i, transmittance, b)) return false;
+            const bool still_open = blend(splat, i, transmittance, b);
             for (int j = 0; j < kVectors<Real>; ++j) {
-                const int at = i + j * kLanes<Real>;
-                const V before = load(transmittance + at), weight = before * b.alpha[j];
-                for (int c = 0; c < channels; ++c) sums[c] = fma(weight, load(v_tile + c * kTilePixels + at), sums[c]);
-                store(transmittance + at, fnma(before, b.alpha[j], before));
+                const Real* v = v_tile + i + j * kLanes<Real>;
+                for (int c = 0; c < channels; ++c) sums[c] = fma(b.weight[j], load(v + c * kTilePixels), sums[c]);
             }
-            return true;
+            return still_open;
         },
-        [&](int64_t e) {
+        [&](int64_t e, uint32_t) {
             Real* row = rows + int64_t(tile.slots[e]) * row_stride;
             for (int c = 0; c < channels; ++c) row[c] = sum<Real>(sums[c]);
         },

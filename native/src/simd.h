@@ -34,6 +34,7 @@ template <class Real>
 inline constexpr int kLanes = kVectorBytes / int(sizeof(Real));
 
 #define COTTON_INLINE static inline __attribute__((always_inline))
+#define COTTON_INLINE_BODY __attribute__((always_inline))  // of a lambda
 
 template <class Real>
 COTTON_INLINE Vec<Real> broadcast(Real value) {

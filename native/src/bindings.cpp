@@ -141,6 +141,7 @@ PYBIND11_MODULE(_native, m) {
             throw py::import_error("this build does not recognise NaN (-ffast-math?)");
         }
     }
+    use_instruction_set(preferred_instruction_set());
     m.def("instruction_sets", instruction_sets);
     m.def("instruction_set", instruction_set);
     m.def("use_instruction_set", use_instruction_set, "name"_a);

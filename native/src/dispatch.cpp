@@ -1,5 +1,6 @@
 #include "dispatch.h"
 
+#include <cstdlib>
 #include <stdexcept>
 
 #include "kernels.h"
@@ -61,6 +62,11 @@ std::vector<std::string> instruction_sets() {
 
 std::string instruction_set() { return chosen().name; }
 
+std::string preferred_instruction_set() {
+    const char* wanted = std::getenv("COTTON3DG_ISA");
+    return wanted && *wanted ? wanted : choices().back().name;
+}
+
 void use_instruction_set(const std::string& name) {
     for (const Choice& choice : choices()) {
         if (choice.name == name) {
@@ -68,7 +74,9 @@ void use_instruction_set(const std::string& name) {
             return;
         }
     }
-    throw std::invalid_argument("no instruction set '" + name + "' on this processor");
+    std::string all;
+    for (const Choice& choice : choices()) all += std::string(all.empty() ? "" : ", ") + choice.name;
+    throw std::invalid_argument("no instruction set '" + name + "' on this processor; it has " + all);
 }
 
 template <>

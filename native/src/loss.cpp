@@ -76,11 +76,12 @@ COTTON_INLINE void blur(const LossBand<Real>& band, const Fill& fill, const Emit
     }
 }
 
+// Zero beyond the n pixels, so that they do not count.
 template <class Real>
 COTTON_INLINE Vec<Real> pixel_weight(const LossBand<Real>& band, int64_t pixel, int n) {
-    if (!band.weight) return broadcast(Real(1));
+    if (!band.weight && n == kLanes<Real>) return broadcast(Real(1));
     Vec<Real> result{};
-    for (int i = 0; i < n; ++i) result[i] = Real(band.weight[pixel + i]);
+    for (int i = 0; i < n; ++i) result[i] = band.weight ? Real(band.weight[pixel + i]) : Real(1);
     return result;
 }
 

@@ -8,7 +8,6 @@ namespace {
 template <class Real, int channels>
 void forward_tile(const Tile& tile, const Real* records, const Real* background, const Plane<Real>* planes,
                   Real* transmittance_out) {
-    using V = Vec<Real>;
     alignas(64) Real transmittance[kTilePixels], sums[channels][kTilePixels] = {};
     const uint32_t open = start(tile, transmittance);
     Splat<Real> splat;

@@ -8,6 +8,8 @@
 
 #if defined(__x86_64__)
 #include <immintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 #include "scene.h"
@@ -82,6 +84,12 @@ COTTON_INLINE unsigned lane_bits(Mask<double> m) { return unsigned(_mm256_movema
 COTTON_INLINE Vec<float> sqrt(Vec<float> a) { return _mm256_sqrt_ps(a); }
 COTTON_INLINE Vec<double> sqrt(Vec<double> a) { return _mm256_sqrt_pd(a); }
 #else
+#if defined(__aarch64__)
+COTTON_INLINE Vec<float> fma(Vec<float> a, Vec<float> b, Vec<float> c) { return vfmaq_f32(c, a, b); }
+COTTON_INLINE Vec<float> fnma(Vec<float> a, Vec<float> b, Vec<float> c) { return vfmsq_f32(c, a, b); }
+COTTON_INLINE Vec<double> fma(Vec<double> a, Vec<double> b, Vec<double> c) { return vfmaq_f64(c, a, b); }
+COTTON_INLINE Vec<double> fnma(Vec<double> a, Vec<double> b, Vec<double> c) { return vfmsq_f64(c, a, b); }
+#else
 template <class V>
 COTTON_INLINE V fma(V a, V b, V c) {
     return a * b + c;
@@ -90,6 +98,7 @@ template <class V>
 COTTON_INLINE V fnma(V a, V b, V c) {
     return c - a * b;
 }
+#endif
 #if defined(__SSE4_1__)
 COTTON_INLINE Vec<float> minimum(Vec<float> a, Vec<float> b) { return _mm_min_ps(a, b); }
 COTTON_INLINE Vec<float> maximum(Vec<float> a, Vec<float> b) { return _mm_max_ps(a, b); }

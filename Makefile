@@ -4,14 +4,15 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= demo
 PRESET ?= draft
+BASE ?= HEAD~1
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test hard-cases sanitize lint format bench clean
+.PHONY: help setup system demo test hard-cases sanitize lint format bench bench-compare clean
 
 help: ## print this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
 
 setup: $(VENV)/.installed ## make .venv with everything in it; builds the C++ core again when it changed
 
@@ -57,9 +58,12 @@ format: setup ## bring Python and C++ into shape
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i native/src/*
 
-bench: setup ## speed of the kernels and of training, as JSON in results/
+bench: setup ## speed of the core as JSON in results/; BENCH='--plants DIR ...' adds trained plants
 	mkdir -p results
-	for script in tests/benchmarks/bench_*.py; do $(BIN)/python $$script --json results/$$(basename $$script .py).json; done
+	$(BIN)/python tests/benchmarks/bench_kernels.py --json results/kernels.json $(BENCH)
+
+bench-compare: setup ## speed of the core against that of the commit BASE (default: the last but one)
+	$(BIN)/python tests/benchmarks/bench_compare.py $(BASE)
 
 clean: ## remove the environment, builds and the demo
 	rm -rf $(VENV) build dist $(DEMO) results

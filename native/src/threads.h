@@ -16,8 +16,7 @@ int thread_count(int threads);
 
 template <class Body>
 void parallel_for(int64_t count, int threads, const Body& body) {
-    run_tasks(
-        count, threads, [](const void* b, int64_t index) { (*static_cast<const Body*>(b))(index); }, &body);
+    run_tasks(count, threads, [](const void* b, int64_t index) { (*static_cast<const Body*>(b))(index); }, &body);
 }
 
 }  // namespace cotton

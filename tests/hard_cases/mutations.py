@@ -43,9 +43,11 @@ class Mutation:
 MUTATIONS = (
     Mutation("alpha cap of 0.999 backward only", ((
         "rasterize.cpp",
-        "            const V w = before * b.alpha, through = 1 - b.alpha;\n            V cg{};",
-        "            b.alpha = b.alpha > 0 ? minimum(b.raw, broadcast(Real(0.999))) : V{};\n"
-        "            const V w = before * b.alpha, through = 1 - b.alpha;\n            V cg{};",
+        "                const Blend<Real>& b = blends[block];\n",
+        "                Blend<Real> b = blends[block];\n"
+        "                for (int j = 0; j < kVectors<Real>; ++j) {\n"
+        "                    b.weight[j] *= b.alpha[j] < Real(kAlphaCap) ? V{} + 1 : V{} + Real(0.999 / kAlphaCap);\n"
+        "                }\n",
     ),)),
     Mutation("parameters that are not finite are not culled", ((
         "project.cpp", "if (!parameters_finite(scene, row)) {", "if (false && !parameters_finite(scene, row)) {"
@@ -68,7 +70,7 @@ MUTATIONS = (
         "    for (const LossSums& part : parts) report.l1 += part.l1, report.ssim += part.ssim;",
     ),)),
     Mutation("saturated alpha passes gradient", ((
-        "rasterize.cpp", "(b.raw <= Real(kAlphaCap) ? b.alpha : V{})", "b.alpha"
+        "rasterize.cpp", "b.alpha[j] < Real(kAlphaCap) ? fnma(odds, rest, here) : V{}", "fnma(odds, rest, here)"
     ),)),
     Mutation("determinant as ac - b²", ((
         "geometry.h",

@@ -19,7 +19,7 @@ from ..options import SfmOptions
 from ..plant.orbit import image_pairs, orbit, out_of_view
 from ..workspace import Workspace, json_text
 
-VERSION = 2
+VERSION = 3
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""

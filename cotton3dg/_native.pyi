@@ -1,5 +1,6 @@
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 Arrays = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
@@ -30,6 +31,9 @@ def values_gradient(gaussians: Arrays, view: View, v_image: NDArray[Any], thread
 def accumulate_weights(
     gaussians: Arrays, view: View, mask_ids: NDArray[Any], threads: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]: ...
+def ray_weights(
+    gaussians: Arrays, view: View, pixels: NDArray[Any], threads: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any]]: ...
 def image_loss(
     image: NDArray[Any], target: NDArray[Any], weight: NDArray[Any] | None, dssim: float, threads: int
 ) -> tuple[dict[str, float], NDArray[Any]]: ...

@@ -63,6 +63,18 @@ class Accumulated:
 
 
 @dataclass(frozen=True)
+class RayWeights:
+    """Blending weights of single pixels: a sparse matrix of R rays x N Gaussians, compressed by rows (CSR)."""
+
+    starts: NDArray[np.int64]
+    """(R + 1,) where each ray begins."""
+    rows: NDArray[np.int32]
+    """(P,) Gaussians, those of a ray front to back."""
+    weights: Float32
+    """(P,) > 0; what a ray's sum lacks of 1 is its transmittance."""
+
+
+@dataclass(frozen=True)
 class LearningRates:
     """Step sizes of Adam and its constants; `means` is in su."""
 
@@ -273,6 +285,20 @@ def accumulate_weights(
     return Accumulated(
         *_within_memory(lambda: _native.accumulate_weights(_contiguous(gaussians), view, mask_ids, threads))
     )
+
+
+def ray_weights(
+    gaussians: Gaussians, camera: Camera, pixels: NDArray[Any], *, threads: int = 0, near_su: float | None = None
+) -> RayWeights:
+    """The weight of every Gaussian at chosen `pixels` (R, 2) int (x, y), in any order: what rendering blends there.
+
+    Raises:
+        OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
+    """
+    if not np.issubdtype(pixels.dtype, np.integer):
+        raise ValueError(f"pixels must be integers (R, 2), got {pixels.dtype}")
+    view, rays = _view(gaussians, camera, near_su), np.ascontiguousarray(pixels, np.int64)
+    return RayWeights(*_within_memory(lambda: _native.ray_weights(_contiguous(gaussians), view, rays, threads)))
 
 
 def image_loss(

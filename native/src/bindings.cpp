@@ -2,6 +2,7 @@
 #include "bindings.h"
 
 #include "dispatch.h"
+#include "rays.h"
 #include "values.h"
 
 #include <pybind11/stl.h>
@@ -129,6 +130,29 @@ py::tuple accumulate_weights(const py::tuple& gaussians, const View& view, const
     return py::make_tuple(total, rows, found_ids, values);
 }
 
+py::tuple ray_weights_of(const py::tuple& gaussians, const View& view, const py::object& pixels, int threads) {
+    return with_precision(gaussians, [&](auto real) -> py::tuple {
+        using Real = decltype(real);
+        const GaussianArrays<Real> arrays(gaussians);
+        const auto rays = checked<int64_t>(pixels, "pixels", {-1, 2});
+        const int64_t *at = rays.data(), n = rays.shape(0);
+        for (int64_t k = 0; k < n; ++k) {
+            if (at[2 * k] < 0 || at[2 * k] >= view.width || at[2 * k + 1] < 0 || at[2 * k + 1] >= view.height)
+                throw py::value_error("pixels must lie in the image");
+        }
+        RayWeights<Real> found;
+        {
+            Frame<Real>& frame = scratch_frame<Real>();
+            py::gil_scoped_release release;
+            frame.prepare(arrays.scene(), view, threads);
+            found = ray_weights(frame, at, n);
+        }
+        return py::make_tuple(Array<int64_t>(int64_t(found.starts.size()), found.starts.data()),
+                              Array<int32_t>(int64_t(found.rows.size()), found.rows.data()),
+                              Array<Real>(int64_t(found.weights.size()), found.weights.data()));
+    });
+}
+
 }  // namespace
 }  // namespace cotton
 
@@ -151,5 +175,6 @@ PYBIND11_MODULE(_native, m) {
     m.def("render_values", render_values, "gaussians"_a, "values"_a, "view"_a, "background"_a, "threads"_a);
     m.def("values_gradient", values_gradient_of, "gaussians"_a, "view"_a, "v_image"_a, "threads"_a);
     m.def("accumulate_weights", accumulate_weights, "gaussians"_a, "view"_a, "mask_ids"_a, "threads"_a);
+    m.def("ray_weights", ray_weights_of, "gaussians"_a, "view"_a, "pixels"_a, "threads"_a);
     bind_training(m);
 }

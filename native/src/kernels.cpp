@@ -14,17 +14,10 @@ bool self_test() {
 // Constant-initialised: nothing of a foreign instruction set may run while the module is loaded.
 template <class Real>
 constexpr Kernels<Real> table() {
-    Kernels<Real> t{project<Real>,
-                    hit_tiles<Real>,
-                    forward<Real>,
-                    values_backward<Real>,
-                    backward<Real>,
-                    project_backward<Real>,
-                    sh_gradient<Real>,
-                    loss_forward<Real>,
-                    loss_backward<Real>,
-                    nullptr,
-                    self_test};
+    Kernels<Real> t{project<Real>,          hit_tiles<Real>,   forward<Real>,
+                    values_backward<Real>,  ray_weights<Real>, backward<Real>,
+                    project_backward<Real>, sh_gradient<Real>, loss_forward<Real>,
+                    loss_backward<Real>,    nullptr,           self_test};
     if constexpr (sizeof(Real) == 4) t.adam = adam;
     return t;
 }

@@ -22,6 +22,9 @@ struct Kernels {
     Forward (*forward)(int channels);
     // Sums over pixels of weight * v_tile (channels planes of kTilePixels), one row per entry.
     ValuesBackward (*values_backward)(int channels);
+    // Weights of every entry at `n` pixels of the tile: row e of `weights` (entries x n) is that of entry e.
+    void (*ray_weights)(const Tile&, const Real* records, int record_stride, const uint8_t* pixels, int n,
+                        Real* weights);
     // Gradient of all that a projected Gaussian with three channels consists of, one pair_gradient row per entry.
     void (*backward)(const Tile&, const Real* records, const Plane<const Real>* image, const Plane<const Real>* v_image,
                      Real* rows);

@@ -19,6 +19,9 @@ template <class Real>
 typename Kernels<Real>::ValuesBackward values_backward(int channels);
 
 template <class Real>
+void ray_weights(const Tile&, const Real* records, int record_stride, const uint8_t* pixels, int n, Real* weights);
+
+template <class Real>
 void backward(const Tile&, const Real* records, const Plane<const Real>* image, const Plane<const Real>* v_image,
               Real* rows);
 

@@ -19,6 +19,9 @@ inline constexpr double kMaxLogScale = 30.0;  // log scales are clamped to ± th
 // Pixel i of a tile lies in block i / 16 (row by row), there at (i % 4, i / 4 % 4).
 constexpr int pixel_x(int i) { return i / kBlockPixels % 4 * kBlock + i % 4; }
 constexpr int pixel_y(int i) { return i / kBlockPixels / 4 * kBlock + i / 4 % 4; }
+constexpr int pixel_index(int x, int y) {
+    return (y / kBlock * 4 + x / kBlock) * kBlockPixels + y % kBlock * kBlock + x % kBlock;
+}
 
 // A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn.
 struct View {

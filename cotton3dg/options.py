@@ -76,7 +76,7 @@ class MasksOptions:
     """2D boll masks."""
 
     backend: str = option("lint", "who finds the bolls in the images", choices=("lint", "import"))
-    source: str = option("", "folder of 16-bit PNGs or a COCO file to import; default: own_masks in the plant's folder")
+    source: str = option("", "folder of 16-bit PNGs or COCO file, relative to the plant's folder; default: own_masks")
     views: int = option(36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2)
 
 

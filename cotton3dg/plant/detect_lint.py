@@ -2,7 +2,8 @@
 
 Colour says in each image what may be lint: bright for its light and hardly coloured. Posters, labels and walls may be
 that too, and touching bolls look like one; so the images vote on where in space lint is (`lint_volume`), that lint
-is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels.
+is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels (`paint_bolls`). First
+small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float32, Float64
-from .lint_volume import find_bolls
+from .lint_volume import find_bolls, refine_bolls
 from .paint_bolls import paint_bolls
 from .table import level_planes
 from .views import Orbit
@@ -29,6 +30,8 @@ PALE = 0.35
 _CODES = np.arange(256) / 255
 _LINEAR = np.where(_CODES <= 0.04045, _CODES / 12.92, ((_CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Linear light of each sRGB code (IEC 61966-2-1)."""
+VOTING_SIDE_PX = 640
+"""Longer side of the images that vote: a voxel is then about two pixels wide, and finer detail has no say."""
 FLOOR = 0.1
 """Least height of the orbit's centre, which is amid the plant, above what the plant stands on, R."""
 
@@ -52,18 +55,29 @@ def detect_lint(
     Returns:
         By camera name; a boll has the same id in all images.
     """
-    total = len(images) + len(painted)
-    scores = []
-    for done, image in enumerate(images):
+    import cv2
+
+    total = 2 * len(images) + len(painted)
+    small, small_cameras, scores, rough = [], [], [], []
+    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(done, total, "looking for lint")
-        scores.append(lint_score(image))
+        factor = min(VOTING_SIDE_PX / max(camera.width, camera.height), 1.0)
+        width, height = (max(round(factor * side), 1) for side in (camera.width, camera.height))
+        small_cameras.append(camera.resized(width, height))
+        small.append(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(np.uint8))
+        scores.append(lint_score(small[-1]))
     progress(len(images), total, "comparing the views")
-    volume = find_bolls(scores, cameras, orbit, plant_floor(points, orbit))
+    volume = find_bolls(scores, small_cameras, orbit, plant_floor(points, orbit))
+    for done, view in enumerate(zip(small, scores, small_cameras, strict=True)):
+        progress(len(images) + done, total, "outlining the bolls")
+        rough.append(paint_bolls(*view, volume)[0])
+    volume = refine_bolls(volume, rough, small_cameras)
     masks = MaskSet({}, {})
-    for image, score, camera in zip(images, scores, cameras, strict=True):
+    for image, camera in zip(images, cameras, strict=True):
         if camera.name in painted:
-            masks.ids[camera.name], masks.scores[camera.name] = paint_bolls(image, score, camera, volume)
-            progress(len(images) + len(masks.ids), total, camera.name)
+            painting = paint_bolls(image, lint_score(image), camera, volume)
+            masks.ids[camera.name], masks.scores[camera.name] = painting
+            progress(2 * len(images) + len(masks.ids), total, camera.name)
     return masks
 
 

@@ -33,20 +33,35 @@ LEAST_ROOM = 0.25
 """Least share of the views with another background than white that a full contrast takes."""
 CLEARANCE = 0.04
 """Height above the table below which nothing is a boll, R: the clamp, labels, fallen locks."""
+GROWTH = 4
+"""Voxels by which a boll may grow when its first masks vote again."""
+AGREED = 0.75
+"""Share of its boll's highest vote that a voxel keeps. Views all around a ball see it through a point just outside it,
+unless they look past; so nearly all must agree, but for those that burs and branches block."""
 
 
 @dataclass(frozen=True)
 class LintVolume:
     """Voxels that are lint, each of one boll."""
 
-    centres: Float32
-    """(N, 3) su."""
+    voxels: NDArray[np.int64]
+    """(N, 3) indices in the grid."""
+    scene_from_voxel: Float64
+    """(3, 4) affine."""
     bolls: NDArray[np.int32]
     """(N,) 1 ... B."""
     contrasts: Float32
     """(N,) 1 where all views see lint, 0 where as many see white as through the empty space around."""
-    pitch: float
-    """su."""
+
+    @property
+    def centres(self) -> Float32:
+        """(N, 3) su."""
+        return _mapped(self.voxels.astype(np.float32), self.scene_from_voxel)
+
+    @property
+    def pitch(self) -> float:
+        """su."""
+        return float(np.linalg.norm(self.scene_from_voxel[:, 0]))
 
     def confidence(self, boll: int) -> float:
         """0..1, the highest contrast in a boll."""
@@ -66,9 +81,37 @@ def find_bolls(
     contrasts, scene_from_voxel = vote(scores, cameras, orbit, table)
     labels = split_touching(contrasts, CONTRAST)
     voxels = np.argwhere(labels > 0)
-    centres = voxels @ scene_from_voxel[:, :3].T + scene_from_voxel[:, 3]
     where = tuple(voxels.T)
-    return LintVolume(centres.astype(np.float32), labels[where], contrasts[where], COARSE / REFINED * orbit.radius)
+    return LintVolume(voxels, scene_from_voxel, labels[where], contrasts[where])
+
+
+def refine_bolls(volume: LintVolume, masks: Sequence[NDArray], cameras: Sequence[Camera]) -> LintVolume:
+    """The same bolls in the shape that their first masks agree on.
+
+    Masks know what is near a boll, which colours alone do not: they follow lint into its shade and leave out the white
+    wall behind it.
+
+    Args:
+        masks: (H, W) ids of each view, of whichever boll.
+        cameras: of these views.
+    """
+    from scipy import ndimage
+
+    if not len(volume.voxels):
+        return volume
+    first = volume.voxels.min(axis=0) - GROWTH
+    labels = np.zeros(np.ptp(volume.voxels, axis=0) + 2 * GROWTH + 1, np.int32)
+    labels[tuple((volume.voxels - first).T)] = volume.bolls
+    away, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
+    near = np.argwhere(away <= GROWTH)
+    bolls = labels[tuple(nearest[:, *near.T])]
+    points = _mapped((near + first).astype(np.float32), volume.scene_from_voxel)
+    shares, in_view = mean_score(points, [(ids > 0).astype(np.float32) for ids in masks], cameras)
+    shares *= in_view
+    highest = np.zeros(volume.bolls.max() + 1, np.float32)
+    np.maximum.at(highest, bolls, shares)
+    kept = (shares > 0) & (shares >= AGREED * highest[bolls])
+    return LintVolume(near[kept] + first, volume.scene_from_voxel, bolls[kept], shares[kept])
 
 
 def vote(

@@ -8,14 +8,22 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Float32
 from .lint_volume import LintVolume, pixels_of
 
-LIKELY = 0.25
-"""Score of a pixel that may be painted."""
+SURELY, LIKELY = 0.5, 0.25
+"""Scores of a pixel that is lint where its place says so too, and of one to begin with as lint."""
+CORE = 1.0
+"""Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
+SHARP_PX = 3.0
+"""Least such distance: chroma subsampling and compression blur edges by two pixels."""
 REACH = 3.0
-"""How far a mask may go beyond the silhouette of its voxels, in voxels: undersides that burs hide from most views."""
-SOFTNESS = 1.0
-"""Voxels beyond the silhouette at which the odds for lint fall by e: the votes place an edge to about one voxel."""
-LEVELS = 16
-"""Bins of a histogram of one CIELAB channel."""
+"""How far masks may go beyond the silhouettes, in voxels: undersides that burs hide from most views."""
+MARGIN = 4.0
+"""Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
+ITERATIONS = 2
+"""Rounds of GrabCut; more change hardly a pixel."""
+FEWEST = 20
+"""Pixels, of lint and of surroundings, that a colour model of five Gaussians takes."""
+UNDECIDED = 1.5
+"""Voxels on either side of the border of two bolls within which the crease in the image decides."""
 SPECK = 9
 """Pixels of the smallest piece of a mask."""
 
@@ -25,59 +33,18 @@ def paint_bolls(
 ) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Masks of the bolls of a volume in one image.
 
-    Each boll's pixels compete with what surrounds it: naive Bayes on the CIELAB channels, the colours of all bolls
-    of this image against those of the ring around this one, with the distance from the silhouette as prior. Before a
-    brown wall all that is white is the boll; before a white one the silhouette decides what colours do not.
-
     Args:
         image: (H, W, 3) RGB.
         score: (H, W) 0..1, how much each pixel looks like lint.
     Returns:
         ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
     """
-    import cv2
-
     expected, pitch_px = silhouettes(camera, volume)
-    ids = np.zeros_like(expected)
-    bolls = np.unique(expected[expected > 0])
-    if not len(bolls):
-        return ids, {}
-    lint = score > LIKELY
-    levels = cv2.cvtColor(image, cv2.COLOR_RGB2LAB) // (256 // LEVELS)
-    outside = cv2.distanceTransform((expected == 0).astype(np.uint8), cv2.DIST_L2, 5)
-    of_bolls = _histograms(levels[(expected > 0) & lint])
-    best = np.zeros(expected.shape, np.float32)
-    margin = int(np.ceil(2.5 * REACH * pitch_px))
-    for boll in bolls:
-        lines, columns = np.nonzero(expected == boll)
-        window = np.s_[
-            max(lines.min() - margin, 0) : lines.max() + margin + 1,
-            max(columns.min() - margin, 0) : columns.max() + margin + 1,
-        ]
-        own = (expected[window] == boll).astype(np.uint8)
-        away = cv2.distanceTransform(1 - own, cv2.DIST_L2, 5) - cv2.distanceTransform(own, cv2.DIST_L2, 5)
-        ring = (outside[window] > REACH * pitch_px) & (away <= margin)
-        likely = lint[window]
-        around = _histograms(levels[window][ring & likely])
-        density = (1 + (ring & likely).sum()) / (2 + ring.sum())
-        odds = -away / (SOFTNESS * pitch_px) - np.log(density)
-        for channel in range(3):
-            odds += (of_bolls[channel] - around[channel])[levels[window][..., channel]]
-        odds = cv2.GaussianBlur(np.clip(odds, -5, 5).astype(np.float32), (0, 0), 1.0)
-        odds[~likely | (away > REACH * pitch_px)] = 0
-        # Where two bolls reach for a pixel, the one in front there has it, else the likelier one.
-        odds[(expected[window] != boll) & (expected[window] > 0)] = 0
-        better = odds > best[window]
-        best[window][better] = odds[better]
-        ids[window][better] = boll
-    ids = without_specks(ids)
+    if not expected.any():
+        return expected, {}
+    lint = lint_pixels(image, score, expected, pitch_px)
+    ids = without_specks(divided(image, lint, expected, pitch_px))
     return ids, {int(boll): volume.confidence(boll) for boll in np.unique(ids[ids > 0])}
-
-
-def _histograms(levels: NDArray[np.uint8]) -> list[NDArray[np.float64]]:
-    """Logarithms of the frequencies of (N, 3) levels, a channel each, with one pixel more in every bin."""
-    counts = [1.0 + np.bincount(levels[:, channel], minlength=LEVELS) for channel in range(3)]
-    return [np.log(count / count.sum()) for count in counts]
 
 
 def silhouettes(camera: Camera, volume: LintVolume) -> tuple[NDArray[np.uint16], float]:
@@ -96,6 +63,67 @@ def silhouettes(camera: Camera, volume: LintVolume) -> tuple[NDArray[np.uint16],
     x = np.clip(columns[order, None, None] + offsets[None, :], 0, camera.width - 1)
     ids[y, x] = volume.bolls[order, None, None]
     return ids, pitch_px
+
+
+def lint_pixels(
+    image: NDArray[np.uint8], score: Float32, expected: NDArray[np.uint16], pitch_px: float
+) -> NDArray[np.bool_]:
+    """Which pixels (H, W) on and around the silhouettes are lint: GrabCut (Rother et al. 2004).
+
+    A minimum cut between colour models of lint and of what surrounds it follows the edges of the image, so lint goes on
+    into its own shade and a wall of nearly its colour ends it. Bolls that are close share a model and a cut: what
+    surrounds one must not be another.
+    """
+    import cv2
+
+    outside = cv2.distanceTransform((expected == 0).astype(np.uint8), cv2.DIST_L2, 5)
+    inside = cv2.distanceTransform((expected > 0).astype(np.uint8), cv2.DIST_L2, 5)
+    trimap = np.full(expected.shape, cv2.GC_PR_BGD, np.uint8)
+    trimap[(outside <= pitch_px) & (score > LIKELY)] = cv2.GC_PR_FGD
+    trimap[(inside > max(CORE * pitch_px, SHARP_PX)) & (score > SURELY)] = cv2.GC_FGD
+    within = outside <= REACH * pitch_px
+    trimap[~within] = cv2.GC_BGD
+    lint = np.zeros(expected.shape, bool)
+    _, groups, boxes, _ = cv2.connectedComponentsWithStats(within.astype(np.uint8))
+    margin = int(np.ceil(MARGIN * pitch_px))
+    for group, (left, top, width, height, _) in enumerate(boxes[1:], start=1):
+        window = np.s_[max(top - margin, 0) : top + height + margin, max(left - margin, 0) : left + width + margin]
+        cut = trimap[window].copy()
+        begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
+        if min(begun.sum(), (~begun).sum()) >= FEWEST:
+            cv2.setRNGSeed(0)  # GrabCut begins its models with a random k-means
+            models = np.zeros((1, 65)), np.zeros((1, 65))
+            cv2.grabCut(np.ascontiguousarray(image[window]), cut, None, *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
+            begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
+        lint[window] |= begun & (groups[window] == group)
+    return lint
+
+
+def divided(
+    image: NDArray[np.uint8], lint: NDArray[np.bool_], expected: NDArray[np.uint16], pitch_px: float
+) -> NDArray[np.uint16]:
+    """The lint (H, W) divided among the bolls: each pixel is of the nearest silhouette's boll, but along the border of
+    two silhouettes a watershed lets the crease in the image decide.
+    """
+    import cv2
+
+    _, places = cv2.distanceTransformWithLabels(
+        (expected == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    boll_of_place = np.zeros(places.max() + 1, np.uint16)
+    boll_of_place[places[expected > 0]] = expected[expected > 0]
+    nearest = np.where(lint, boll_of_place[places], 0).astype(np.uint16)
+
+    radius = max(round(UNDECIDED * pitch_px), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    largest = cv2.dilate(expected, disc)
+    smallest = cv2.erode(np.where(expected > 0, expected, np.iinfo(np.uint16).max).astype(np.uint16), disc)
+    # Marker 1 is all that is no lint, so that flooding stays within it.
+    markers = np.where(lint, 0, 1).astype(np.int32)
+    clear = lint & (expected > 0) & (largest == smallest)
+    markers[clear] = expected[clear].astype(np.int32) + 1
+    cv2.watershed(image, markers)
+    return np.where(lint & (markers > 1), markers - 1, nearest).astype(np.uint16)
 
 
 def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:

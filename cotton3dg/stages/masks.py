@@ -21,7 +21,7 @@ from ..plant.detect_lint import detect_lint
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace, json_text
 
-VERSION = 1
+VERSION = 2
 
 VOTING_VIEWS = 36
 """Least views, where there are as many, that vote on where lint is, however few get masks."""

@@ -126,8 +126,10 @@ def noticed_by(mutation: Mutation) -> list[str]:
     """Test functions that fail with the bug, of the first four failures."""
     environment = os.environ | {"COTTON3DG_REPLACED": replaced(mutation), "COTTON3DG_SCENES": "100"}
     command = [sys.executable, "-m", "pytest", "-q", "--no-header", "-rfE", "--tb=no", "--maxfail=4", *mutation.tests]
-    told = subprocess.run(command, check=False, cwd=ROOT, env=environment, capture_output=True, text=True).stdout
-    return sorted(set(re.findall(r"^(?:FAILED|ERROR) \S+::(\w+)", told, re.MULTILINE)))
+    done = subprocess.run(command, check=False, cwd=ROOT, env=environment, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        raise RuntimeError(f"the tests did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
+    return sorted(set(re.findall(r"^(?:FAILED|ERROR) \S+::(\w+)", done.stdout, re.MULTILINE)))
 
 
 if __name__ == "__main__":

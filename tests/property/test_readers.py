@@ -1,4 +1,4 @@
-"""A bounded run of the fuzz targets. COTTON3DG_FUZZ sets the number of inputs for each; 1500 unless told."""
+"""A bounded run of the fuzz targets. COTTON3DG_FUZZ sets the number of inputs for each; 800 unless told."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fuzz_readers import targets
 
-N_INPUTS = os.environ.get("COTTON3DG_FUZZ", "1500")
+N_INPUTS = os.environ.get("COTTON3DG_FUZZ", "800")
 SCRIPT = Path(__file__).with_name("fuzz_readers.py")
 
 

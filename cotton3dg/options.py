@@ -176,6 +176,8 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     },
 }
 
+_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
 T = TypeVar("T")
 
 
@@ -186,7 +188,7 @@ def checked(options: T) -> T:
         where = f"{type(options).__name__.removesuffix('Options').lower()}.{item.name}"
         low, high, choices = rules.get("at_least"), rules.get("at_most"), rules.get("choices")
         if isinstance(value, float) and not math.isfinite(value):
-            raise BadUsage(f"{where} = {value} is not a finite number")
+            raise BadUsage(f"{where} = {value} is not finite; give a number")
         if low is not None and not value >= low:
             raise BadUsage(f"{where} = {value} is too small; use at least {low}")
         if high is not None and not value <= high:
@@ -238,9 +240,9 @@ def _converted(where: str, value: Any, kind: type) -> Any:
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             return float(value)
     except (ValueError, KeyError) as error:
-        raise BadUsage(f"{where} = {value!r} is not a {kind.__name__}") from error
+        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}") from error
     if type(value) is not kind:
-        raise BadUsage(f"{where} = {value!r} is not a {kind.__name__}")
+        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}")
     return value
 
 

@@ -97,7 +97,8 @@ def instance_mask(segmentation: Any, height: int, width: int) -> NDArray[np.bool
     """(H, W) of a COCO segmentation: polygons as flat x, y lists, or run lengths, plain or compressed."""
     if isinstance(segmentation, dict):
         if [int(side) for side in segmentation["size"]] != [height, width]:
-            raise BadInput(f"a run-length mask of size {segmentation['size']} is in an image of {height} x {width}")
+            size = segmentation["size"]
+            raise BadInput(f"a run-length mask of size {size} is in an image of {height} x {width}; export it again")
         counts = segmentation["counts"]
         if isinstance(counts, str):
             counts = decompressed_counts(counts)

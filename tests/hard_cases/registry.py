@@ -62,12 +62,14 @@ CASES = (
     Case(4, "needles whose determinant cancels", "as in double: the determinant is a sum of squares", (
         PROJECTION + "test_case_04_needles_match_double",
         GRADIENTS + "test_float_matches_double",
+        SCENES + "test_random_scenes_in_float_match_double",
     )),
     Case(5, "near plane fixed in metres", "the near plane and training scale with the scene", (
         PROJECTION + "test_case_05_the_near_plane_scales_with_the_scene",
         "tests/unit/test_fit.py::test_the_size_of_the_scene_does_not_matter",
         RELATIONS + "test_scaling_the_scene_by_a_power_of_two_changes_no_bit_of_what_can_be_scaled",
         RELATIONS + "test_scaling_in_double_leaves_only_the_rounding_of_the_logarithm",
+        RELATIONS + "test_turning_the_world_changes_next_to_nothing",
     )),
     Case(6, "Gaussian at the camera centre", "culled, counted, no gradient", (
         PROJECTION + "test_case_06_a_gaussian_at_the_camera_centre_is_culled_without_gradient",

@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests" / "benchmarks")]
 
+from bench_guards import GUARDS  # noqa: E402
+from mutations import MUTATIONS  # noqa: E402
 from registry import CASES, CORE, GEOMETRY  # noqa: E402
 from report import page  # noqa: E402
 
@@ -47,3 +49,12 @@ def test_every_named_test_exists() -> None:
 def test_the_page_is_up_to_date() -> None:
     written = (ROOT / "docs" / "hard_cases.md").read_text(encoding="utf-8")
     assert written == page(), "write it again: python tests/hard_cases/report.py --page docs/hard_cases.md"
+
+
+def test_the_bugs_to_bring_back_still_fit_the_sources() -> None:
+    """So that mutations.py and bench_guards.py keep working; whoever changes a line that they name changes it there."""
+    changes = [change for mutation in MUTATIONS for change in mutation.changes]
+    changes += [change for changes_of_one in GUARDS.values() for change in changes_of_one]
+    for name, text, _ in changes:
+        path = ROOT / name if name.endswith(".py") else ROOT / "native" / "src" / name
+        assert path.read_text(encoding="utf-8").count(text) == 1, f"{name}: {text}"

@@ -84,8 +84,17 @@ class MasksOptions:
 class SegmentOptions:
     """Lifting the masks onto the Gaussians."""
 
-    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift",))
+    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift", "probability"))
     max_side: int = option(960, "longer side of the renders that masks are compared with", unit="px", at_least=64)
+    target: int = option(0, "take this mask id alone, in every view; 0 = all masks", at_least=0, at_most=65534)
+    threshold: float = option(
+        0.75, "probability: least p of lint", paper="0.75 clear, 0.9 accurate", at_least=0.0, at_most=1.0
+    )
+    steps: int = option(7000, "probability: optimisation steps, one view each", paper="12000", at_least=1)
+    spacing: int = option(
+        4, "probability: one ray for each square of so many px; 1 = all", unit="px", paper="1", at_least=1, at_most=16
+    )
+    seed: int = option(0, "probability: seed of rays and order of views", at_least=0)
 
 
 @dataclass(frozen=True)

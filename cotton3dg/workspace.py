@@ -138,6 +138,20 @@ class Workspace:
         return self.root / "segment" / "selections.npz"
 
     @property
+    def segment_json(self) -> Path:
+        """What the segmentation took, and how its maps agree with the masks."""
+        return self.root / "segment" / "segment.json"
+
+    @property
+    def probabilities_npy(self) -> Path:
+        """(N,) float32: how likely each Gaussian is lint."""
+        return self.root / "segment" / "probabilities.npy"
+
+    def probability_png(self, image_name: str) -> Path:
+        """Rendered probabilities of a view, grey; white = 1."""
+        return self.root / "segment" / f"probability_{Path(image_name).stem}.png"
+
+    @property
     def bolls_json(self) -> Path:
         return self.root / "cluster" / "bolls.json"
 

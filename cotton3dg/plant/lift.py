@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from ..core.bolls import BollSelection, LiftedMasks
 from ..core.scene import Camera
 
+Float32 = NDArray[np.float32]
+
 RIM_ID = 65535
 """Mask id of the pixels that count neither for nor against a mask."""
 FOREGROUND_SHARE = 0.25
@@ -87,30 +89,50 @@ def within_orbit(
     return np.linalg.norm(means - middle, axis=1) < 0.8 * reach_su
 
 
-def lift(views: Iterable[ViewWeights], allowed: NDArray[np.bool_], gaussians_sha256: str) -> LiftedMasks:
+def seen_weights(views: Sequence[ViewWeights], n: int) -> Float32:
+    """(V, N) blending weight of each of n Gaussians over the pixels of a view that are clearly in or out of a mask."""
+    seen = np.zeros((len(views), n), np.float32)
+    for row, view in enumerate(views):
+        rim = view.ids == RIM_ID
+        seen[row] = view.total
+        # A pair occurs once in a view, so plain indexing adds correctly.
+        seen[row, view.rows[rim]] -= view.weights[rim]
+    return np.maximum(seen, 0, out=seen)
+
+
+def foreground_vote(views: Sequence[ViewWeights], seen: Float32) -> NDArray[np.float64]:
+    """(N,) share, 0..1, of each Gaussian's weight that lies inside masks; `seen` as `seen_weights` gives it."""
+    held = np.zeros(seen.shape[1])
+    for view in views:
+        inside = view.ids != RIM_ID
+        held += np.bincount(view.rows[inside], view.weights[inside], len(held))
+    return np.minimum(held / np.maximum(seen.sum(axis=0, dtype=np.float64), 1e-12), 1.0)
+
+
+def lift(
+    views: Iterable[ViewWeights],
+    allowed: NDArray[np.bool_],
+    gaussians_sha256: str,
+    foreground: NDArray | None = None,
+    least_foreground: float = FOREGROUND_SHARE,
+) -> LiftedMasks:
     """Collect the views' weights into one selection of Gaussians a mask.
 
     Args:
         views: one entry a view, in any order.
         allowed: (N,) Gaussians that may belong to a boll at all.
         gaussians_sha256: of the model that was rendered.
+        foreground: (N,) 0..1, how likely each Gaussian is lint; None = `foreground_vote`.
+        least_foreground: what a candidate needs of it.
     Returns:
         candidates, what each view sees of them and a selection for every mask that holds one; without any mask all
         are empty.
     """
     ordered = sorted(views, key=lambda view: view.view)
-    seen = np.zeros((len(ordered), len(allowed)), np.float32)
-    held = np.zeros(len(allowed))
-    for row, view in enumerate(ordered):
-        rim = view.ids == RIM_ID
-        seen[row] = view.total
-        # A pair occurs once in a view, so plain indexing adds correctly.
-        seen[row, view.rows[rim]] -= view.weights[rim]
-        held += np.bincount(view.rows[~rim], view.weights[~rim], len(allowed))
-    np.maximum(seen, 0, out=seen)
-    total = seen.sum(axis=0, dtype=np.float64)
-    foreground = np.minimum(held / np.maximum(total, 1e-12), 1.0)
-    chosen = allowed & (foreground >= FOREGROUND_SHARE) & (seen.max(axis=0, initial=0) >= LEAST_WEIGHT_PX)
+    seen = seen_weights(ordered, len(allowed))
+    if foreground is None:
+        foreground = foreground_vote(ordered, seen)
+    chosen = allowed & (foreground >= least_foreground) & (seen.max(axis=0, initial=0) >= LEAST_WEIGHT_PX)
     selections = []
     for view in ordered:
         keep = (view.ids != RIM_ID) & (view.ids > 0) & chosen[view.rows]

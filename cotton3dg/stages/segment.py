@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
 from ..files.bolls import write_lifted
 from ..files.colmap import read_cameras
-from ..files.images import fitted_size, read_ids
+from ..files.images import fitted_size, read_ids, write_image
 from ..files.ply import read_gaussians
 from ..options import SegmentOptions
-from ..plant.lift import ViewWeights, lift, resized_ids, rim_width_px, with_rim, within_orbit
-from ..splat.metrics import focus
-from ..splat.ops import accumulate_weights
-from ..workspace import Workspace
+from ..plant.lift import (
+    FOREGROUND_SHARE,
+    ViewWeights,
+    foreground_vote,
+    lift,
+    resized_ids,
+    rim_width_px,
+    seen_weights,
+    with_rim,
+    within_orbit,
+)
+from ..plant.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
+from ..splat.metrics import focus, to_uint8
+from ..splat.ops import accumulate_weights, render_values
+from ..workspace import Workspace, json_text
 
-VERSION = 1
+VERSION = 2
+SHOWN_VIEWS = 4
+"""Maps of probabilities that are saved as images."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -25,32 +45,39 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them."""
+    """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them; and segment.json.
+
+    The method `probability` also writes probabilities.npy and rendered maps.
+    """
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     workspace.require(workspace.folder("masks"), "masks")
-    masked = [camera for camera in cameras if workspace.mask_png(camera.name).exists()]
-    id_images = []
-    for camera in masked:
-        path = workspace.mask_png(camera.name)
-        ids = read_ids(path)
-        if ids.shape != (camera.height, camera.width):
-            raise BadInput(
-                f"{path.name} is {ids.shape[1]}x{ids.shape[0]} px, its image is {camera.width}x{camera.height}; "
-                "masks must fit the undistorted images"
-            )
-        id_images.append(resized_ids(ids, *fitted_size(camera.width, camera.height, options.max_side)))
+    masked, id_images = _masks(workspace, cameras, options)
+    allowed = within_orbit(gaussians.means, cameras, *focus(cameras))
     rim_px = rim_width_px(id_images)
+    begin_s = time.perf_counter()
     views = []
     for done, (camera, ids) in enumerate(zip(masked, id_images, strict=True)):
         progress(done, len(masked), camera.name)
-        height, width = ids.shape
-        weights = accumulate_weights(gaussians, camera.resized(width, height), with_rim(ids, rim_px))
+        weights = accumulate_weights(gaussians, camera, with_rim(ids, rim_px))
         views.append(ViewWeights(camera.name, weights.total, weights.rows, weights.ids, weights.weights))
     progress(len(masked), len(masked))
-    lifted = lift(views, within_orbit(gaussians.means, cameras, *focus(cameras)), gaussians.sha256())
+    report: dict[str, Any] = {"method": options.method, "weights_seconds": time.perf_counter() - begin_s}
+    foreground, least = None, FOREGROUND_SHARE
+    maps: dict[str, NDArray[np.float32]] = {}
+    if options.method == "probability" and masked:
+        vote = foreground_vote(views, seen_weights(views, len(gaussians)))
+        foreground, maps, table = _probabilities(gaussians, masked, id_images, vote, options, progress)
+        least = options.threshold
+        report |= {"threshold": least, "target": options.target, **table}
+    lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
     with workspace.writing("segment") as folder:
         write_lifted(folder / workspace.selections_npz.name, lifted)
+        (folder / workspace.segment_json.name).write_text(json_text(report), encoding="utf-8")
+        if foreground is not None:
+            np.save(folder / workspace.probabilities_npy.name, foreground)
+        for name, image in maps.items():
+            write_image(folder / workspace.probability_png(name).name, np.repeat(to_uint8(image)[..., None], 3, axis=2))
     summary = {
         "views": len(lifted.views),
         "masks": len(lifted.selections),
@@ -63,3 +90,65 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     return StageOutcome(
         summary, ("no_bolls",), ("no mask holds any Gaussian; look at masks/, try another --backend or import masks",)
     )
+
+
+def _masks(
+    workspace: Workspace, cameras: Sequence[Camera], options: SegmentOptions
+) -> tuple[list[Camera], list[NDArray[np.uint16]]]:
+    """The views that have masks, and these, both at the size of the renders."""
+    masked, id_images = [], []
+    for camera in cameras:
+        path = workspace.mask_png(camera.name)
+        if not path.exists():
+            continue
+        ids = read_ids(path)
+        if ids.shape != (camera.height, camera.width):
+            raise BadInput(
+                f"{path.name} is {ids.shape[1]}x{ids.shape[0]} px, its image is {camera.width}x{camera.height}; "
+                "masks must fit the undistorted images"
+            )
+        if options.target:
+            ids = np.where(ids == options.target, ids, np.uint16(0))
+        size = fitted_size(camera.width, camera.height, options.max_side)
+        masked.append(camera.resized(*size))
+        id_images.append(resized_ids(ids, *size))
+    return masked, id_images
+
+
+def _probabilities(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    id_images: Sequence[NDArray[np.uint16]],
+    vote: NDArray,
+    options: SegmentOptions,
+    progress: Progress,
+) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], dict[str, Any]]:
+    """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote."""
+    begin_s = time.perf_counter()
+    masks = [ids > 0 for ids in id_images]
+    views = [
+        view_of_rays(gaussians, camera, inside, options.spacing, options.seed + k)
+        for k, (camera, inside) in enumerate(zip(cameras, masks, strict=True))
+    ]
+    report: dict[str, Any] = {"rays_seconds": time.perf_counter() - begin_s}
+    rows, kept = [], []
+    for step, probabilities in trained(views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed):
+        if step % 100 == 0:
+            progress(step, options.steps, "probabilities")
+        if step in REPORTED_STEPS or step == options.steps:
+            rows.append({"steps": step, "seconds": time.perf_counter() - begin_s})
+            kept.append(probabilities.copy())
+    columns = np.stack([*kept, vote.astype(np.float32)], axis=1)
+    shown = {cameras[k].name: np.zeros(0, np.float32) for k in range(0, len(cameras), -(-len(cameras) // SHOWN_VIEWS))}
+
+    def maps() -> Iterator[NDArray[np.float32]]:
+        for camera in cameras:
+            rendered = render_values(gaussians, camera, columns).image
+            if camera.name in shown:
+                shown[camera.name] = rendered[..., len(kept) - 1]
+            yield rendered
+
+    ious = [dict(zip(map(str, THRESHOLDS), row.tolist(), strict=True)) for row in mean_binary_ious(maps(), masks)]
+    report["by_steps"] = [row | {"mbiou": iou} for row, iou in zip(rows, ious, strict=False)]
+    report["vote"] = {"mbiou": ious[-1]}
+    return kept[-1], shown, report

@@ -5,95 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from boll_scene import CENTRES, N_VIEWS, RADIUS, made_workspace, model, write_masks
 
-from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.bolls import read_bolls, read_lifted
-from cotton3dg.files.images import write_ids
 from cotton3dg.files.ply import read_gaussians, write_gaussians
 from cotton3dg.options import ClusterOptions, SegmentOptions
 from cotton3dg.plant.match import match_bolls
-from cotton3dg.splat.ops import render_values
 from cotton3dg.stages import cluster, segment
 from cotton3dg.workspace import Workspace
-
-CENTRES = np.array([[0, 0, 3.0], [0.5, 0, 2.0], [-0.35, 0.35, 1.5], [0.05, 0.55, 1.45], [0, -0.6, 1.0]])
-"""The third and fourth touch."""
-RADIUS = 0.22
-N_VIEWS = 12
-
-
-def model() -> tuple[Gaussians, np.ndarray]:
-    """Gaussians and the boll of each, 0 = stem."""
-    rng = np.random.default_rng(0)
-    directions = rng.normal(size=(5, 160, 3))
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    stem = np.column_stack([rng.normal(0, 0.02, (300, 2)), rng.uniform(0, 2.7, 300)])
-    means = np.concatenate([(CENTRES[:, None] + RADIUS * directions).reshape(-1, 3), stem]).astype(np.float32)
-    n = len(means)
-    gaussians = Gaussians(
-        means,
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.full((n, 3), np.log(0.035), np.float32),
-        np.full(n, 3.0, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
-    return gaussians, np.concatenate([np.repeat(np.arange(1, 6), 160), np.zeros(300, int)])
-
-
-def cameras() -> list[Camera]:
-    views = []
-    for i in range(N_VIEWS):
-        angle = 2 * np.pi * i / N_VIEWS
-        centre = np.array([6 * np.cos(angle), 6 * np.sin(angle), 2.5])
-        forward = np.array([0, 0, 1.7]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.column_stack([rotation, -rotation @ centre])
-        views.append(Camera(f"{i:06d}.jpg", 240, 200, 260.0, 260.0, 120.0, 100.0, pose))
-    return views
-
-
-def write_model(folder: Path, views: list[Camera]) -> None:
-    import pycolmap
-
-    model = pycolmap.Reconstruction()
-    first = views[0]
-    intrinsics = [first.fx, first.fy, first.cx, first.cy]
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(model="PINHOLE", width=first.width, height=first.height, params=intrinsics, camera_id=1)
-    )
-    for i, view in enumerate(views, 1):
-        image = pycolmap.Image(name=view.name, camera_id=1, image_id=i)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(view.cam_from_scene))
-    folder.mkdir(parents=True)
-    model.write_binary(str(folder))
-
-
-def write_masks(workspace: Workspace, ids: list[np.ndarray]) -> None:
-    with workspace.writing("masks") as folder:
-        for view, image in zip(cameras(), ids, strict=True):
-            write_ids(folder / workspace.mask_png(view.name).name, image)
 
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Workspace:
-    workspace = Workspace(tmp_path)
-    gaussians, bolls = model()
-    write_model(workspace.undistorted / "sparse", cameras())
-    with workspace.writing("train") as folder:
-        write_gaussians(folder / workspace.gaussians_ply.name, gaussians)
-    shares = np.eye(6, dtype=np.float32)[bolls]
-    ids = []
-    for i, view in enumerate(cameras()):
-        rendered = render_values(gaussians, view, shares).image
-        name = np.where(rendered.sum(axis=2) > 0.5, rendered.argmax(axis=2), 0)
-        # Other numbers in every view: nothing may rest on them.
-        ids.append(np.where(name > 0, (name * 7 + i) % 5 + 1 + i, 0).astype(np.uint16))
-    ids[4] = np.zeros_like(ids[4])
-    write_masks(workspace, ids)
-    return workspace
+    return made_workspace(tmp_path)
 
 
 @pytest.mark.parametrize("n_masks", [12, 4])

@@ -34,6 +34,7 @@ TRAINING = "tests/hard_cases/test_core_training.py::"
 GRADIENTS = "tests/native/test_gradients.py::"
 POINTS = "tests/hard_cases/test_geometry.py::"
 SFM = "tests/hard_cases/test_sfm_failures.py::"
+PROBABILITY = "tests/unit/test_probability.py::"
 COLMAP = "tests/unit/test_colmap.py::"
 VIDEO = "tests/unit/test_video.py::"
 IMAGES = "tests/unit/test_images.py::"
@@ -138,8 +139,9 @@ CASES = (
         "tests/end_to_end/test_segment_cluster.py::test_wrong_masks_and_missing_inputs_are_named",
     )),
     Case(23, "binary cross-entropy at 0 and 1", "finite, clamped after the step, never stuck", (
-        TRAINING + "test_case_23_cross_entropy_is_finite_at_the_ends",
-        TRAINING + "test_case_23_flipped_labels_recover",
+        PROBABILITY + "test_cross_entropy_is_finite_at_the_ends",
+        PROBABILITY + "test_flipped_labels_recover",
+        PROBABILITY + "test_masks_without_sense_give_probabilities_all_the_same",
     )),
     Case(24, "normalising a zero feature", "stays zero, without gradient", (
         TRAINING + "test_case_24_features_without_direction_stay_zero_without_gradient",

@@ -80,7 +80,10 @@ def lint_pixels(
     inside = cv2.distanceTransform((expected > 0).astype(np.uint8), cv2.DIST_L2, 5)
     trimap = np.full(expected.shape, cv2.GC_PR_BGD, np.uint8)
     trimap[(outside <= pitch_px) & (score > LIKELY)] = cv2.GC_PR_FGD
-    trimap[(inside > max(CORE * pitch_px, SHARP_PX)) & (score > SURELY)] = cv2.GC_FGD
+    sure = (score > SURELY) & (inside > max(CORE * pitch_px, SHARP_PX))
+    # Of a boll that shows so little of itself that nothing is deep inside, all that is likely must do.
+    small = np.bincount(expected[sure], minlength=int(expected.max()) + 1) < FEWEST
+    trimap[sure | ((score > SURELY) & (inside > 0) & small[expected])] = cv2.GC_FGD
     within = outside <= REACH * pitch_px
     trimap[~within] = cv2.GC_BGD
     lint = np.zeros(expected.shape, bool)

@@ -7,8 +7,8 @@ from scipy import ndimage
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.plant.detect_lint import detect_lint, draw_overlay, lint_score
-from cotton3dg.plant.lint_volume import find_bolls
-from cotton3dg.plant.paint_bolls import without_specks
+from cotton3dg.plant.lint_volume import find_bolls, refine_bolls
+from cotton3dg.plant.paint_bolls import divided, lint_pixels, without_specks
 from cotton3dg.plant.split_touching import split_touching, typical_diameter
 from cotton3dg.plant.views import fit_orbit
 
@@ -56,6 +56,13 @@ def test_the_white_wall_the_posters_and_the_paper_are_no_bolls(views, masks) -> 
     for camera, truth in zip(cameras, truths, strict=True):
         near = ndimage.binary_dilation(truth > 0, iterations=9)  # half a boll
         assert not masks.ids[camera.name][~near].any()
+
+
+def test_masks_end_where_bolls_end_before_the_brown_and_the_white_wall(views, masks) -> None:
+    cameras, _, truths = views
+    for camera, truth in zip(cameras, truths, strict=True):
+        found, true = masks.ids[camera.name] > 0, truth > 0
+        assert (found & true).sum() > 0.85 * (found | true).sum()
 
 
 def test_bolls_have_their_place_and_size_in_space(views) -> None:
@@ -169,6 +176,63 @@ def test_empty_volumes_have_no_bolls(shape: tuple[int, int, int]) -> None:
 def test_typical_diameter_is_that_of_most_parts() -> None:
     volume = balls((12, 20, 20), (30, 20, 20), (48, 20, 20))
     assert typical_diameter(volume) == pytest.approx(10, rel=0.08)
+
+
+def shaded_ball(darkest: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball of lint before brown, darker and warmer downwards: RGB and its exact mask."""
+    y, x = np.mgrid[:120, :120] - 60.0
+    ball = np.hypot(x, y) < 18
+    light = np.interp(y, [-2, 18], [0.9, darkest])[..., None]
+    linear = np.where(
+        ball[..., None],
+        light * np.stack([np.ones_like(y), light[..., 0] ** 0.3, light[..., 0] ** 0.6], -1),
+        [0.1, 0.07, 0.04],
+    )
+    noise = np.random.default_rng(3).normal(0, 2, linear.shape)
+    return np.clip(255 * linear ** (1 / 2.2) + noise, 0, 255).astype(np.uint8), ball
+
+
+def test_lint_goes_on_into_its_own_shade() -> None:
+    image, ball = shaded_ball(0.2)
+    lit = np.flatnonzero(ball.any(axis=1))[:24]
+    expected = np.zeros(ball.shape, np.uint16)
+    expected[lit] = ball[lit]
+    lint = lint_pixels(image, lint_score(image), expected, 5.0)
+    assert (lint & ball).sum() > 0.95 * (lint | ball).sum()
+
+
+def test_what_shows_little_of_itself_is_kept() -> None:
+    image, ball = shaded_ball(0.9)
+    strip = ball & (np.abs(np.arange(120) - 60) < 3)  # behind two branches
+    image[ball & ~strip] = image[0, 0]
+    lint = lint_pixels(image, lint_score(image), strip.astype(np.uint16), 5.0)
+    assert (lint & strip).sum() > 0.8 * (lint | strip).sum()
+
+
+def test_the_crease_divides_two_bolls_not_the_silhouettes() -> None:
+    y, x = np.mgrid[:80, :120]
+    lint = (np.hypot(x - 40, y - 40) < 18) | (np.hypot(x - 74, y - 40) < 18)
+    image = np.where(lint[..., None], 230, 40).astype(np.uint8).repeat(3, 2)
+    image[:, 57:58] = np.minimum(image[:, 57:58], 150)
+    expected = np.where(lint, np.where(x < 60, 1, 2), 0).astype(np.uint16)  # three pixels too far to the right
+    ids = divided(image, lint, expected, 4.0)
+    assert (ids[lint] > 0).all() and not ids[~lint].any()
+    wrong = lint & (ids != np.where(x < 57, 1, 2)) & (abs(x - 57) > 1)
+    assert wrong.sum() < 0.2 * (lint & (x > 57) & (x < 60)).sum()
+
+
+def test_masks_give_bolls_their_shape_and_keep_their_number(views) -> None:
+    cameras, images, truths = views
+    table = np.array([0, 0, 1.0, 0])
+    volume = find_bolls([lint_score(image) for image in images], cameras, fit_orbit(cameras), table)
+    refined = refine_bolls(volume, truths, cameras)
+    assert set(refined.bolls) == set(volume.bolls)
+    for boll in np.unique(refined.bolls):
+        centres = refined.centres[refined.bolls == boll]
+        away = np.linalg.norm(BOLLS - centres.mean(axis=0), axis=1)
+        assert away.min() < 0.15 * RADIUS
+        diameter = np.cbrt(6 / np.pi * len(centres)) * refined.pitch
+        assert 0.95 < diameter / (2 * RADIUS) < 1.35
 
 
 def test_specks_are_removed_and_pieces_behind_a_branch_kept() -> None:

@@ -122,14 +122,19 @@ def status(
 def evaluate(
     plant_dir: PlantDir,
     truth: Annotated[Path | None, typer.Option(help="truth.json; default: the one in PLANT_DIR")] = None,
+    masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
 ) -> None:
     """A finished plant beside its truth: error of each trait, bolls found and missed."""
     from . import display
     from .evaluate import evaluate as compare
+    from .evaluate_masks import evaluate_masks
     from .workspace import Workspace
 
     with _reported(plant_dir):
         workspace = Workspace(plant_dir)
+        if masks:
+            display.print_mask_scores(*evaluate_masks(workspace, masks))
+            return
         display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
 
 

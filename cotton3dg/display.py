@@ -18,6 +18,7 @@ from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
     from .evaluate import BollMatches, TraitError
+    from .evaluate_masks import MaskScore
 
 PLAIN_INTERVAL_S = 30.0
 """How often a line is printed where there is no terminal."""
@@ -144,3 +145,11 @@ def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
         f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
         f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.median_volume_error_pct:.1f} %"
     )
+
+
+def print_mask_scores(scores: list[MaskScore], mean_iou: float, n_images: int) -> None:
+    """Precision, recall and F1, one IoU a line, and mIoU."""
+    print(f"{'IoU':<6}{'precision':>10}{'recall':>8}{'F1':>8}")
+    for score in scores:
+        print(f"{score.iou:<6.2f}{score.precision:>10.3f}{score.recall:>8.3f}{score.f1:>8.3f}")
+    print(f"mIoU {mean_iou:.3f}, {n_images} images judged")

@@ -38,6 +38,7 @@ struct RatioLimits {
 };
 
 struct Footprint {
+    Pack not_finite;         // 0, or NaN when the mean, the quaternion or a log scale is not finite
     Pack cam[3];             // position in the camera frame, su
     Pack ratio[2];           // x / z and y / z, clamped
     PackMask ratio_free[2];  // not clamped
@@ -65,7 +66,11 @@ COTTON_INLINE Footprint footprint(const Scene<Real>& scene, const View& view, co
                                   const Rows& rows) {
     Footprint f;
     Pack position[3];
-    for (int k = 0; k < 3; ++k) position[k] = gather(scene.means, 3, k, rows);
+    f.not_finite = Pack{};
+    for (int k = 0; k < 3; ++k) {
+        position[k] = gather(scene.means, 3, k, rows);
+        f.not_finite += position[k] * 0.0;
+    }
     const double* w = view.rotation;
     for (int k = 0; k < 3; ++k) {
         f.cam[k] =
@@ -87,6 +92,7 @@ COTTON_INLINE Footprint footprint(const Scene<Real>& scene, const View& view, co
     for (int k = 0; k < 4; ++k) {
         f.quat[k] = gather(scene.quats, 4, k, rows);
         largest = maximum(largest, absolute(f.quat[k]));
+        f.not_finite += f.quat[k] * 0.0;
     }
     f.degenerate = ~(largest > 1e-30);
     Pack norm2{};
@@ -97,6 +103,7 @@ COTTON_INLINE Footprint footprint(const Scene<Real>& scene, const View& view, co
 
     for (int k = 0; k < 3; ++k) {
         const Pack log_scale = gather(scene.log_scales, 3, k, rows);
+        f.not_finite += log_scale * 0.0;
         f.scale_free[k] = (log_scale > -kMaxLogScale) & (log_scale < kMaxLogScale);
         f.scale[k] = exp2<double>(minimum(maximum(log_scale, Pack{} - kMaxLogScale), Pack{} + kMaxLogScale) * kLog2E);
     }

@@ -21,14 +21,6 @@ COTTON_INLINE void tile_range(double mean, double half, int size, uint16_t& begi
     end = uint16_t(last > first ? last : first);
 }
 
-template <class Real>
-bool parameters_finite(const Scene<Real>& scene, int64_t row) {
-    double total = 0;
-    for (int k = 0; k < 3; ++k) total += scene.means[3 * row + k] * Real(0) + scene.log_scales[3 * row + k] * Real(0);
-    for (int k = 0; k < 4; ++k) total += scene.quats[4 * row + k] * Real(0);
-    return total + scene.opacity_logits[row] * Real(0) == 0;
-}
-
 // Writes the channels of a record; returns whether they are finite and, for colours, within kMaxColour.
 template <class Real>
 bool write_values(const Scene<Real>& scene, const double centre[3], int64_t row, double depth, Real* to) {
@@ -65,6 +57,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         const Footprint f = footprint(scene, view, limits, rows);
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, rows);
+        const Pack not_finite = f.not_finite + logit * 0.0;
         const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
         const Pack log2_opacity = -log2(1 + odds_against);
         const Pack cut2 = log2_opacity + 7.994353436858858;  // log2(255): u² + v² beyond it is below the alpha cut
@@ -80,7 +73,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         for (int lane = 0; lane < rows.count; ++lane) {
             const int64_t row = first + lane;
             const double depth = f.cam[2][lane];
-            if (!parameters_finite(scene, row)) {
+            if (!(not_finite[lane] == 0)) {
                 ++count.culled[kNonFinite];
                 continue;
             }

@@ -176,8 +176,8 @@ struct Exp2;
 // Minimax polynomial of 2^f on [-0.5, 0.5], relative error 2e-7 with rounding.
 template <>
 struct Exp2<float> {
-    using Int = int32_t;
-    static constexpr float magic = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+    typedef uint32_t Bits __attribute__((vector_size(kVectorBytes)));  // unsigned: allowed to overflow beyond ±126
+    static constexpr float magic = 12582912.0f;                        // 1.5 * 2^23: adding it rounds to an integer
     static constexpr int shift = 23;
     static constexpr float coefficients[] = {1.00000007f,   0.693146967f,   0.240221197f,
                                              0.0555071331f, 0.00967554152f, 0.00132764602f};
@@ -186,7 +186,7 @@ struct Exp2<float> {
 // Taylor series of 2^f on [-0.5, 0.5], relative error below 1e-16.
 template <>
 struct Exp2<double> {
-    using Int = int64_t;
+    typedef uint64_t Bits __attribute__((vector_size(kVectorBytes)));
     static constexpr double magic = 6755399441055744.0;  // 1.5 * 2^52
     static constexpr int shift = 52;
     static constexpr double coefficients[] = {1.0,
@@ -214,8 +214,8 @@ COTTON_INLINE Vec<Real> exp2(Vec<Real> x) {
     const Vec<Real> f = x - (shifted - E::magic);
     Vec<Real> result = broadcast(E::coefficients[n - 1]);
     for (int k = n - 2; k >= 0; --k) result = fma(result, f, broadcast(E::coefficients[k]));
-    const Mask<Real> exponent = (Mask<Real>)shifted << E::shift;
-    return (Vec<Real>)((Mask<Real>)result + exponent);
+    const typename E::Bits exponent = (typename E::Bits)shifted << E::shift;
+    return (Vec<Real>)((typename E::Bits)result + exponent);
 }
 
 // log2 of positive normal doubles: the series of atanh around 1, relative error about 1e-16.

@@ -29,7 +29,7 @@ STEPS = 4
 """Steps in each turn."""
 GUARDS: dict[str, tuple[Change, ...]] = {
     "parameters that are not finite are culled": ((
-        "project.cpp", "if (!parameters_finite(scene, row)) {", "if (false) {"
+        "project.cpp", "if (!(not_finite[lane] == 0)) {", "if (false) {"
     ),),
     "projections and colours that are not finite are culled": (
         ("project.cpp", "for (double number : numbers) all_finite &= finite(number);", "(void)numbers;"),

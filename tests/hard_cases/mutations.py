@@ -48,7 +48,7 @@ MUTATIONS = (
         "                }\n",
     ),)),
     Mutation("parameters that are not finite are not culled", ((
-        "project.cpp", "if (!parameters_finite(scene, row)) {", "if (false && !parameters_finite(scene, row)) {"
+        "project.cpp", "if (!(not_finite[lane] == 0)) {", "if (false) {"
     ),)),
     Mutation("colours that are not finite are not culled", (("project.cpp", "return usable;", "return true;"),)),
     Mutation("sort that is not stable", (("frame.cpp", "rows[i] = visible[i];", "rows[i] = visible[n - 1 - i];"),)),

@@ -84,7 +84,7 @@ class MasksOptions:
 class SegmentOptions:
     """Lifting the masks onto the Gaussians."""
 
-    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift", "probability"))
+    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift", "probability", "affinity"))
     max_side: int = option(960, "longer side of the renders that masks are compared with", unit="px", at_least=64)
     target: int = option(0, "take this mask id alone, in every view; 0 = all masks", at_least=0, at_most=65534)
     threshold: float = option(
@@ -94,7 +94,10 @@ class SegmentOptions:
     spacing: int = option(
         4, "probability: one ray for each square of so many px; 1 = all", unit="px", paper="1", at_least=1, at_most=16
     )
-    seed: int = option(0, "probability: seed of rays and order of views", at_least=0)
+    views: int = option(4, "affinity: views that prompt, evenly around the plant", paper="4", at_least=2)
+    features: int = option(16, "affinity: length of a feature", paper="32 in SAGA", at_least=2, at_most=64)
+    feature_steps: int = option(3000, "affinity: optimisation steps, one view each", paper="10000", at_least=1)
+    seed: int = option(0, "probability, affinity: seed of rays, order of views and first features", at_least=0)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.bolls import LiftedMasks
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
@@ -19,6 +20,7 @@ from ..files.colmap import read_cameras
 from ..files.images import fitted_size, read_ids, write_image
 from ..files.ply import read_gaussians
 from ..options import SegmentOptions
+from ..plant.affinity import neighbour_means, sample_rays, train_features
 from ..plant.lift import (
     FOREGROUND_SHARE,
     ViewWeights,
@@ -31,6 +33,8 @@ from ..plant.lift import (
     within_orbit,
 )
 from ..plant.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
+from ..plant.prompts import PromptView, prompted
+from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..splat.metrics import focus, to_uint8
 from ..splat.ops import accumulate_weights, render_values
 from ..workspace import Workspace, json_text
@@ -54,23 +58,23 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     workspace.require(workspace.folder("masks"), "masks")
     masked, id_images = _masks(workspace, cameras, options)
     allowed = within_orbit(gaussians.means, cameras, *focus(cameras))
-    rim_px = rim_width_px(id_images)
-    begin_s = time.perf_counter()
-    views = []
-    for done, (camera, ids) in enumerate(zip(masked, id_images, strict=True)):
-        progress(done, len(masked), camera.name)
-        weights = accumulate_weights(gaussians, camera, with_rim(ids, rim_px))
-        views.append(ViewWeights(camera.name, weights.total, weights.rows, weights.ids, weights.weights))
-    progress(len(masked), len(masked))
-    report: dict[str, Any] = {"method": options.method, "weights_seconds": time.perf_counter() - begin_s}
-    foreground, least = None, FOREGROUND_SHARE
+    report: dict[str, Any] = {"method": options.method, "target": options.target}
+    foreground = None
     maps: dict[str, NDArray[np.float32]] = {}
-    if options.method == "probability" and masked:
-        vote = foreground_vote(views, seen_weights(views, len(gaussians)))
-        foreground, maps, table = _probabilities(gaussians, masked, id_images, vote, options, progress)
-        least = options.threshold
-        report |= {"threshold": least, "target": options.target, **table}
-    lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
+    if options.method == "affinity":
+        lifted, facts = _by_features(gaussians, masked, id_images, allowed, options, progress)
+        report |= facts
+    else:
+        begin_s = time.perf_counter()
+        views = _weights(gaussians, masked, id_images, rim_width_px(id_images), progress)
+        report["weights_seconds"] = time.perf_counter() - begin_s
+        least = FOREGROUND_SHARE
+        if options.method == "probability" and masked:
+            vote = foreground_vote(views, seen_weights(views, len(gaussians)))
+            foreground, maps, facts = _probabilities(gaussians, masked, id_images, vote, options, progress)
+            least = options.threshold
+            report |= {"threshold": least, **facts}
+        lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
     with workspace.writing("segment") as folder:
         write_lifted(folder / workspace.selections_npz.name, lifted)
         (folder / workspace.segment_json.name).write_text(json_text(report), encoding="utf-8")
@@ -83,7 +87,6 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         "masks": len(lifted.selections),
         "candidates": len(lifted.candidates),
         "gaussians": len(gaussians),
-        "rim_px": rim_px,
     }
     if lifted.selections:
         return StageOutcome(summary)
@@ -113,6 +116,23 @@ def _masks(
         masked.append(camera.resized(*size))
         id_images.append(resized_ids(ids, *size))
     return masked, id_images
+
+
+def _weights(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    id_images: Sequence[NDArray[np.uint16]],
+    rim_px: int,
+    progress: Progress,
+) -> list[ViewWeights]:
+    """Blending weights over each view and inside each of its masks, which end `rim_px` before their edges."""
+    views = []
+    for done, (camera, ids) in enumerate(zip(cameras, id_images, strict=True)):
+        progress(done, len(cameras), camera.name)
+        weights = accumulate_weights(gaussians, camera, with_rim(ids, rim_px))
+        views.append(ViewWeights(camera.name, weights.total, weights.rows, weights.ids, weights.weights))
+    progress(len(cameras), len(cameras))
+    return views
 
 
 def _probabilities(
@@ -152,3 +172,32 @@ def _probabilities(
     report["by_steps"] = [row | {"mbiou": iou} for row, iou in zip(rows, ious, strict=False)]
     report["vote"] = {"mbiou": ious[-1]}
     return kept[-1], shown, report
+
+
+def _by_features(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    id_images: Sequence[NDArray[np.uint16]],
+    allowed: NDArray[np.bool_],
+    options: SegmentOptions,
+    progress: Progress,
+) -> tuple[LiftedMasks, dict[str, Any]]:
+    """Sets of Gaussians alike, one for each mask of a few views around the plant."""
+    begin_s = time.perf_counter()
+    smoothing = neighbour_means(gaussians.means)
+    rays = [
+        sample_rays(gaussians, camera, ids, smoothing, options.seed + k)
+        for k, (camera, ids) in enumerate(zip(cameras, id_images, strict=True))
+    ]
+    report: dict[str, Any] = {"rays_seconds": time.perf_counter() - begin_s}
+    features, losses = train_features(
+        rays, len(gaussians), options.features, options.feature_steps, options.seed, progress
+    )
+    report |= {"training_seconds": time.perf_counter() - begin_s, "loss": losses[:: max(1, len(losses) // 20)]}
+    angles = azimuths(cameras, fit_orbit(cameras)) if len(cameras) > 1 else np.zeros(len(cameras))
+    chosen = evenly_spaced(angles, options.views)
+    weights = _weights(gaussians, [cameras[k] for k in chosen], [id_images[k] for k in chosen], 0, progress)
+    prompts = [PromptView(cameras[k], id_images[k], weight) for k, weight in zip(chosen, weights, strict=True)]
+    lifted, dropped = prompted(gaussians, smoothing @ features, prompts, allowed, gaussians.sha256())
+    seconds = time.perf_counter() - begin_s
+    return lifted, report | {"seconds": seconds, "sets": len(lifted.selections), "dropped_masks": dropped}

@@ -15,7 +15,10 @@ from cotton3dg.plant.match import match_bolls
 from cotton3dg.stages import cluster, segment
 from cotton3dg.workspace import Workspace
 
-QUICK = {"probability": SegmentOptions(method="probability", steps=1500, spacing=2)}
+QUICK = {
+    "probability": SegmentOptions(method="probability", steps=1500, spacing=2),
+    "affinity": SegmentOptions(method="affinity", feature_steps=150),
+}
 
 
 @pytest.fixture
@@ -46,6 +49,19 @@ def test_probabilities_become_bolls(workspace):
     for method in ("consensus", "dbscan"):
         cluster.run(workspace, ClusterOptions(method=method))
         assert {0, 1, 4} <= found(workspace)
+
+
+def test_features_become_bolls(workspace):
+    outcome = segment.run(workspace, QUICK["affinity"])
+    assert outcome.flags == () and outcome.summary["views"] == 4
+    report = json.loads(workspace.segment_json.read_text())
+    # One of the four views may be that without masks.
+    assert report["sets"] == outcome.summary["masks"] >= 13
+    assert report["loss"][-1] < 0.8 * report["loss"][0]
+    cluster.run(workspace, ClusterOptions(method="dbscan"))
+    assert {0, 1, 4} <= found(workspace)
+    six = segment.run(workspace, SegmentOptions(method="affinity", feature_steps=2, views=6))
+    assert six.summary["views"] == 6
 
 
 def test_a_single_target(workspace):

@@ -66,8 +66,9 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         report |= facts
     else:
         begin_s = time.perf_counter()
-        views = _weights(gaussians, masked, id_images, rim_width_px(id_images), progress)
-        report["weights_seconds"] = time.perf_counter() - begin_s
+        rim_px = rim_width_px(id_images)
+        views = _weights(gaussians, masked, id_images, rim_px, progress)
+        report |= {"rim_px": rim_px, "weights_seconds": time.perf_counter() - begin_s}
         least = FOREGROUND_SHARE
         if options.method == "probability" and masked:
             vote = foreground_vote(views, seen_weights(views, len(gaussians)))

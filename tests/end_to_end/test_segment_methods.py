@@ -64,6 +64,19 @@ def test_features_become_bolls(workspace):
     assert six.summary["views"] == 6
 
 
+@pytest.mark.parametrize("method", QUICK)
+def test_flipped_labels_in_some_views_do_no_harm(workspace, method):
+    """Two of twelve views say boll where there is none and none where there is one."""
+    gaussians, bolls = model()
+    masks = masks_of(gaussians, bolls, cameras())
+    for k in (2, 7):
+        masks[k] = (masks[k] == 0).astype(np.uint16)
+    write_masks(workspace, masks)
+    segment.run(workspace, QUICK[method])
+    cluster.run(workspace, ClusterOptions(method="dbscan"))
+    assert {0, 1, 4} <= found(workspace)
+
+
 def test_a_single_target(workspace):
     gaussians, bolls = model()
     write_masks(workspace, masks_of(gaussians, bolls, cameras()))

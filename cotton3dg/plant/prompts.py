@@ -2,9 +2,11 @@
 
 A mask is a prompt: its query is the mean of the rendered features in it, and Gaussians similar to the query are its
 boll. Departures: similarity alone cannot tell two bolls that no view shows together, for nothing ever pushed their
-features apart; so a set starts from the Gaussians that the mask itself shows and grows over close neighbours within a
-ball. The threshold adapts to the features inside the mask. Sets of fewer than 10 Gaussians, and those whose convex
-hull is far larger than the others', are dropped (the paper's cap of 25,000 has no unit).
+features apart; so a set starts from the Gaussians that have most of their weight in the mask and grows over close
+neighbours within a ball. The least similarity is 0.75 or, where it is more, what 90 % of the mask's own Gaussians
+reach (pixels' features agree far better than those of the Gaussians behind them, and cannot set it). Sets of fewer
+than 10 Gaussians, and those whose convex hull is far larger than the others', are dropped (the paper's cap of 25,000
+has no unit).
 """
 
 from __future__ import annotations
@@ -66,28 +68,27 @@ def prompted(
     usable = allowed & (gaussians.opacities >= FAINT) & (lengths[:, 0] > 1e-6)
     ordered = sorted(views, key=lambda view: view.camera.name)
     sets: list[tuple[int, int, NDArray[np.int64], float]] = []
-    dropped = {"too_small": 0, "too_large": 0}
     best = np.zeros(len(gaussians), np.float32)
     for v, view in enumerate(ordered):
         rendered = _inner_features(gaussians, unit, view)
         for mask_id, inside in rendered.items():
-            query = _unit(inside.mean(axis=0))
-            threshold = max(LEAST_SIMILARITY, float(np.percentile(_unit(inside) @ query, 10)))
-            similarity = unit @ query
+            similarity = unit @ _unit(inside.mean(axis=0))
             held = view.weights.rows[view.weights.ids == mask_id]
             share = view.weights.weights[view.weights.ids == mask_id] / np.maximum(view.weights.total[held], 1e-12)
-            alike = usable & (similarity > threshold)
-            seeds = held[(share >= 0.5) & alike[held] & (view.weights.total[held] >= LEAST_WEIGHT_PX)]
+            held = held[(share >= 0.5) & (view.weights.total[held] >= LEAST_WEIGHT_PX) & usable[held]]
+            lowest = float(np.percentile(similarity[held], 10)) if len(held) else 1.0
+            alike = usable & (similarity >= max(LEAST_SIMILARITY, lowest))
+            seeds = held[alike[held]]
             rows = grown(gaussians.means, seeds, alike) if len(seeds) >= MIN_GAUSSIANS else seeds
             volume = convex_volume(gaussians.means[rows]).value if len(rows) >= MIN_GAUSSIANS else np.nan
             if np.isnan(volume):
                 continue
             sets.append((v, mask_id, rows, volume))
             best[rows] = np.maximum(best[rows], similarity[rows])
-    dropped["too_small"] = sum(len(np.setdiff1d(view.ids, [0, RIM_ID])) for view in ordered) - len(sets)
     cap = VOLUME_CAP * float(np.median([volume for *_, volume in sets])) if sets else 0.0
-    dropped["too_large"] = sum(volume > cap for *_, volume in sets)
+    n_masks = sum(len(np.setdiff1d(view.ids, [0, RIM_ID])) for view in ordered)
     kept = [(v, mask_id, rows) for v, mask_id, rows, volume in sets if volume <= cap]
+    dropped = {"too_small": n_masks - len(sets), "too_large": len(sets) - len(kept)}
     candidates = np.unique(np.concatenate([np.zeros(0, np.int64), *(rows for *_, rows in kept)]))
     seen = np.array([view.weights.total for view in ordered], np.float32).reshape(len(ordered), len(gaussians))
     selections = tuple(

@@ -116,12 +116,18 @@ def test_features_agree_within_bolls_only(scene, trained):
     assert np.median(np.sum(unit[bolls > 0] * means[bolls[bolls > 0] - 1], axis=1)) > 0.75
 
 
-def test_masks_prompt_their_bolls(scene, trained):
-    gaussians, bolls, views, id_images = scene
-    prompts = []
+@pytest.fixture(scope="module")
+def prompts(scene):
+    gaussians, _, views, id_images = scene
+    found = []
     for view, ids in zip(views, id_images, strict=True):
-        found = accumulate_weights(gaussians, view, ids)
-        prompts.append(PromptView(view, ids, ViewWeights(view.name, found.total, found.rows, found.ids, found.weights)))
+        sums = accumulate_weights(gaussians, view, ids)
+        found.append(PromptView(view, ids, ViewWeights(view.name, sums.total, sums.rows, sums.ids, sums.weights)))
+    return found
+
+
+def test_masks_prompt_their_bolls(scene, trained, prompts):
+    gaussians, bolls, views, id_images = scene
     allowed = np.ones(len(gaussians), bool)
     lifted, dropped = prompted(gaussians, trained[0], prompts[::-1], allowed, "sha")
     n_masks = sum(len(np.unique(ids)) - 1 for ids in id_images)
@@ -132,6 +138,20 @@ def test_masks_prompt_their_bolls(scene, trained):
         assert np.isin(selection.indices, lifted.candidates).all() and (selection.weights > 0).all()
     nothing, dropped = prompted(gaussians, np.zeros_like(trained[0]), prompts, allowed, "")
     assert not nothing.selections and nothing.seen.shape == (4, 0) and dropped["too_small"] == n_masks
+
+
+def test_gaussians_are_judged_among_gaussians(scene, prompts):
+    """Pixels mix features and agree far better than the Gaussians behind them, most of which belong to the set."""
+    gaussians, bolls, _, _ = scene
+    noise = np.random.default_rng(0).normal(size=(len(gaussians), 16))
+    features = (np.eye(6, 16)[bolls] + 0.15 * noise).astype(np.float32)
+    lifted, _ = prompted(gaussians, features, prompts, np.ones(len(gaussians), bool), "")
+    for selection in lifted.selections:
+        weights = prompts[lifted.views.index(selection.view)].weights
+        inside = weights.rows[
+            (weights.ids == selection.mask_id) & (weights.weights > 0.9 * weights.total[weights.rows])
+        ]
+        assert np.isin(inside[bolls[inside] == selection.mask_id], selection.indices).mean() > 0.75
 
 
 def test_views_without_masks_train_nothing(scene):

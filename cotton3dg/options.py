@@ -92,7 +92,12 @@ class SegmentOptions:
     )
     steps: int = option(7000, "probability: optimisation steps, one view each", paper="12000", at_least=1)
     spacing: int = option(
-        4, "probability: one ray for each square of so many px; 1 = all", unit="px", paper="1", at_least=1, at_most=16
+        4,
+        "probability: one ray for each square of so many px; 1 = all, 5 GB",
+        unit="px",
+        paper="1",
+        at_least=1,
+        at_most=16,
     )
     views: int = option(4, "affinity: views that prompt, evenly around the plant", paper="4", at_least=2)
     features: int = option(16, "affinity: length of a feature", paper="32 in SAGA", at_least=2, at_most=64)

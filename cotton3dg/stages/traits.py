@@ -60,6 +60,8 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
             flags.append("no_stem")
             warnings.append("no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot")
     metrics = _facts(workspace.require(workspace.metrics_json, "train"))
+    if "pixel_su" not in metrics:
+        raise BadInput("metrics.json does not say how large a pixel was; run `cotton3dg train` again")
     drawn = as_drawn(gaussians, metrics["pixel_su"])
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None

@@ -82,6 +82,7 @@ def measured(workspace):
     facts = scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners))
     with workspace.writing("scale") as folder:
         (folder / "scale.json").write_text(json_text(facts))
+    workspace.metrics_json.write_text(json_text({"pixel_su": 1e-4}))
     traits.run(workspace, TraitsOptions())
     return workspace
 

@@ -142,6 +142,12 @@ def test_bolls_of_another_model_are_refused(workspace):
         traits.run(workspace, TraitsOptions())
 
 
+def test_a_model_without_the_size_of_its_pixels_is_refused(workspace):
+    workspace.metrics_json.write_text(json.dumps({"psnr_db": 30.0}))
+    with pytest.raises(BadInput, match="run `cotton3dg train` again"):
+        traits.run(workspace, TraitsOptions())
+
+
 def test_what_is_missing_is_named(workspace):
     workspace.scale_json.unlink()
     with pytest.raises(MissingInput, match="cotton3dg scale"):

@@ -132,10 +132,13 @@ def divided(
 def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
     """`ids` without pieces of fewer than `SPECK` pixels."""
     import cv2
+    from scipy import ndimage
 
     kept = ids.copy()
-    for boll in np.unique(ids[ids > 0]):
-        _, pieces, facts, _ = cv2.connectedComponentsWithStats((ids == boll).astype(np.uint8), connectivity=8)
-        small = facts[:, cv2.CC_STAT_AREA] < SPECK
-        kept[small[pieces] & (ids == boll)] = 0
+    for boll, box in enumerate(ndimage.find_objects(ids), start=1):
+        if box is not None:
+            own = (ids[box] == boll).astype(np.uint8)
+            _, pieces, facts, _ = cv2.connectedComponentsWithStats(own, connectivity=8)
+            small = facts[:, cv2.CC_STAT_AREA] < SPECK
+            kept[box][small[pieces] & (own > 0)] = 0
     return kept

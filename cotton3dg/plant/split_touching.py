@@ -111,11 +111,16 @@ def _steps(shape: tuple[int, ...]) -> list[int]:
 
 def _boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32]:
     """Labels renumbered 1 ... B without those that are too small, too large or too thin to be bolls."""
+    from scipy import ndimage
+
     volumes = np.bincount(labels.ravel())
     sizes = np.cbrt(6 / np.pi * volumes) / diameter
     kept = (sizes >= SMALLEST) & (sizes <= LARGEST)
     kept[0] = False
+    # Each in its own box: a scene that is no plant may have thousands.
+    boxes = ndimage.find_objects(labels)
     for label in np.flatnonzero(kept):
-        extents = np.sqrt(np.linalg.eigvalsh(np.cov(np.argwhere(labels == label).T) + np.eye(3) / 12))
+        voxels = np.argwhere(labels[boxes[label - 1]] == label)
+        extents = np.sqrt(np.linalg.eigvalsh(np.cov(voxels.T) + np.eye(3) / 12))
         kept[label] = extents[0] >= THINNEST * extents[2]
     return np.where(kept, np.cumsum(kept), 0).astype(np.int32)[labels]

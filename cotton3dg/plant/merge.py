@@ -325,6 +325,8 @@ def _instances(
         rows = labels == name
         centre, widths = extent(points[rows])
         views = tuple(lifted.views[view] for view in np.flatnonzero(found[k]))
+        if len(views) < 2:
+            continue
         confidence = float((verdicts[k] >= 0).sum() / max((verdicts[k] != -1).sum(), 1))
         doubts = [flags[int(name)]] if int(name) in flags else []
         doubts += ["disputed"] if confidence < 0.5 else []

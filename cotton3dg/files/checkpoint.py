@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.scene import Gaussians
 from ..errors import BadInput
 from ..splat.fit import Fit, Training
-from ..splat.ops import AdamState, DensityStatistics
+from ..splat.state import AdamState, DensityStatistics
 from ..splat.views import View
 from .arrays import read_arrays
 

@@ -21,7 +21,8 @@ from ..errors import StageFailed
 from ..options import TrainOptions
 from . import density
 from .metrics import PLANT_REGION, focus
-from .ops import AdamState, DensityStatistics, LearningRates, StepReport, train_step
+from .ops import StepReport, train_step
+from .state import AdamState, DensityStatistics, LearningRates
 from .views import View
 
 COARSEST_SIDE_PX = 200

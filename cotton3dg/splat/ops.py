@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Float32, Gaussians
 from cotton3dg.errors import OutOfResources
+from cotton3dg.splat.state import AdamState, DensityStatistics, LearningRates, arrays_of
 
 T = TypeVar("T")
 Background = tuple[float, float, float] | NDArray[Any]
@@ -72,93 +73,6 @@ class RayWeights:
     """(P,) Gaussians, those of a ray front to back."""
     weights: Float32
     """(P,) > 0; what a ray's sum lacks of 1 is its transmittance."""
-
-
-@dataclass(frozen=True)
-class LearningRates:
-    """Step sizes of Adam and its constants; `means` is in su."""
-
-    means: float
-    quats: float
-    log_scales: float
-    opacity_logits: float
-    sh0: float
-    sh_rest: float
-    beta1: float = 0.9
-    beta2: float = 0.999
-    epsilon: float = 1e-15
-
-    def as_array(self) -> Float32:
-        """(9,) in the order of the fields."""
-        return np.array(
-            [
-                self.means,
-                self.quats,
-                self.log_scales,
-                self.opacity_logits,
-                self.sh0,
-                self.sh_rest,
-                self.beta1,
-                self.beta2,
-                self.epsilon,
-            ],
-            np.float32,
-        )
-
-
-@dataclass
-class AdamState:
-    """Moments of the gradient. Every Gaussian counts its own steps, since it is updated only in views that show it."""
-
-    first: Gaussians
-    second: Gaussians
-    steps: NDArray[np.int32]
-    """(N,)"""
-
-    @staticmethod
-    def zeros(gaussians: Gaussians) -> AdamState:
-        """The state before the first step."""
-        first, second = (Gaussians(*(np.zeros_like(a) for a in _arrays(gaussians))) for _ in range(2))
-        return AdamState(first, second, np.zeros(len(gaussians), np.int32))
-
-    def __getitem__(self, rows: NDArray | slice) -> AdamState:
-        """The state of the Gaussians at `rows`."""
-        return AdamState(self.first[rows], self.second[rows], self.steps[rows])
-
-    def extended(self, count: int) -> AdamState:
-        """The state with `count` new Gaussians, which start from zero, at the end."""
-
-        def extend(array: NDArray[Any]) -> NDArray[Any]:
-            return np.concatenate([array, np.zeros((count, *array.shape[1:]), array.dtype)])
-
-        first, second = (Gaussians(*map(extend, _arrays(moments))) for moments in (self.first, self.second))
-        return AdamState(first, second, extend(self.steps))
-
-
-@dataclass
-class DensityStatistics:
-    """Sums over training views for density control. A view counts for the Gaussians that have weight in it."""
-
-    grad_px: Float32
-    """(N,) length of d loss / d projected mean, in the units of Kerbl et al.: per px times half the image size."""
-    abs_grad_px: Float32
-    """(N,) the same of the sum of absolute per-pixel gradients (AbsGS)."""
-    max_radius_px: Float32
-    """(N,) largest 3-sigma radius."""
-    weight: Float32
-    """(N,) blending weight."""
-    count: NDArray[np.int32]
-    """(N,) views."""
-
-    @staticmethod
-    def zeros(count: int) -> DensityStatistics:
-        """Nothing seen yet."""
-        grad_px, abs_grad_px, max_radius_px, weight = np.zeros((4, count), np.float32)
-        return DensityStatistics(grad_px, abs_grad_px, max_radius_px, weight, np.zeros(count, np.int32))
-
-    def as_arrays(self) -> tuple[NDArray[Any], ...]:
-        """In the order of the fields."""
-        return self.grad_px, self.abs_grad_px, self.max_radius_px, self.weight, self.count
 
 
 @dataclass(frozen=True)
@@ -369,9 +283,9 @@ def train_step(
     return StepReport(
         **_within_memory(
             lambda: _native.train_step(
-                _arrays(gaussians),
-                _arrays(adam.first),
-                _arrays(adam.second),
+                arrays_of(gaussians),
+                arrays_of(adam.first),
+                arrays_of(adam.second),
                 adam.steps,
                 statistics.as_arrays(),  # type: ignore[arg-type]
                 view,
@@ -387,13 +301,8 @@ def train_step(
     )
 
 
-def _arrays(gaussians: Gaussians) -> _native.Arrays:
-    g = gaussians
-    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
-
-
 def _contiguous(gaussians: Gaussians) -> _native.Arrays:
-    means, quats, log_scales, opacity_logits, sh = map(np.ascontiguousarray, _arrays(gaussians))
+    means, quats, log_scales, opacity_logits, sh = map(np.ascontiguousarray, arrays_of(gaussians))
     return means, quats, log_scales, opacity_logits, sh
 
 

@@ -1,0 +1,104 @@
+"""What a training keeps from one step to the next besides the Gaussians, and how large its steps are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float32, Gaussians
+
+
+def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32, Float32]:
+    """The arrays in the order in which the core takes them."""
+    g = gaussians
+    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Step sizes of Adam and its constants; `means` is in su."""
+
+    means: float
+    quats: float
+    log_scales: float
+    opacity_logits: float
+    sh0: float
+    sh_rest: float
+    beta1: float = 0.9
+    beta2: float = 0.999
+    epsilon: float = 1e-15
+
+    def as_array(self) -> Float32:
+        """(9,) in the order of the fields."""
+        return np.array(
+            [
+                self.means,
+                self.quats,
+                self.log_scales,
+                self.opacity_logits,
+                self.sh0,
+                self.sh_rest,
+                self.beta1,
+                self.beta2,
+                self.epsilon,
+            ],
+            np.float32,
+        )
+
+
+@dataclass
+class AdamState:
+    """Moments of the gradient. Every Gaussian counts its own steps, since it is updated only in views that show it."""
+
+    first: Gaussians
+    second: Gaussians
+    steps: NDArray[np.int32]
+    """(N,)"""
+
+    @staticmethod
+    def zeros(gaussians: Gaussians) -> AdamState:
+        """The state before the first step."""
+        first, second = (Gaussians(*(np.zeros_like(a) for a in arrays_of(gaussians))) for _ in range(2))
+        return AdamState(first, second, np.zeros(len(gaussians), np.int32))
+
+    def __getitem__(self, rows: NDArray | slice) -> AdamState:
+        """The state of the Gaussians at `rows`."""
+        return AdamState(self.first[rows], self.second[rows], self.steps[rows])
+
+    def extended(self, count: int) -> AdamState:
+        """The state with `count` new Gaussians, which start from zero, at the end."""
+
+        def extend(array: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([array, np.zeros((count, *array.shape[1:]), array.dtype)])
+
+        first, second = (Gaussians(*map(extend, arrays_of(moments))) for moments in (self.first, self.second))
+        return AdamState(first, second, extend(self.steps))
+
+
+@dataclass
+class DensityStatistics:
+    """Sums over training views for density control. A view counts for the Gaussians that have weight in it."""
+
+    grad_px: Float32
+    """(N,) length of d loss / d projected mean, in the units of Kerbl et al.: per px times half the image size."""
+    abs_grad_px: Float32
+    """(N,) the same of the sum of absolute per-pixel gradients (AbsGS)."""
+    max_radius_px: Float32
+    """(N,) largest 3-sigma radius."""
+    weight: Float32
+    """(N,) blending weight."""
+    count: NDArray[np.int32]
+    """(N,) views."""
+
+    @staticmethod
+    def zeros(count: int) -> DensityStatistics:
+        """Nothing seen yet."""
+        grad_px, abs_grad_px, max_radius_px, weight = np.zeros((4, count), np.float32)
+        return DensityStatistics(grad_px, abs_grad_px, max_radius_px, weight, np.zeros(count, np.int32))
+
+    def as_arrays(self) -> tuple[NDArray[Any], ...]:
+        """In the order of the fields."""
+        return self.grad_px, self.abs_grad_px, self.max_radius_px, self.weight, self.count

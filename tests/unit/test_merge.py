@@ -117,6 +117,24 @@ def test_a_single_view_makes_no_boll():
     assert merge_views(masks, scene.means, UP) == []
 
 
+def test_a_second_view_of_a_quarter_of_it_makes_no_boll():
+    """What a clearly seen mask holds and a second view hardly sees has one witness; it was a boll of one view."""
+    means = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
+    rows = np.arange(20)
+    glimpse = np.where(rows < 5, 10.0, 0.5).astype(np.float32)
+    full = np.full(20, 10, np.float32)
+    ids = np.ones(20, np.uint16)
+    witnesses = [
+        ViewWeights("a.jpg", full, rows, ids, full),
+        ViewWeights("b.jpg", glimpse, rows[:5], ids[:5], full[:5]),
+    ]
+    assert merge_views(lift(witnesses, np.ones(20, bool), "sha"), means, UP) == []
+    witnesses[1] = ViewWeights("b.jpg", full, rows, ids, full)
+    assert [boll.views for boll in merge_views(lift(witnesses, np.ones(20, bool), "sha"), means, UP)] == [
+        ("a.jpg", "b.jpg")
+    ]
+
+
 def test_contraction_adds_up_evidence():
     # 0-1 and 1-2 attract, but 0-2 repel more: the weaker attraction loses.
     evidence = np.array([[0, 3, -5], [3, 0, 2], [-5, 2, 0]], np.float32)

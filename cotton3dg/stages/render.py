@@ -22,6 +22,7 @@ from .. import _native
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage, NoBolls
+from ..files.arrays import read_array
 from ..files.bolls import boll_labels, read_bolls
 from ..files.colmap import read_cameras
 from ..files.encode import video_encoder
@@ -160,10 +161,7 @@ def _plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool
     unknown = np.zeros(n, bool)
     if not required and not workspace.plant_npy.exists():
         return unknown
-    try:
-        rows = np.load(workspace.require(workspace.plant_npy, "traits"), allow_pickle=False)
-    except (OSError, EOFError, ValueError) as error:
-        raise BadInput(f"{workspace.plant_npy.name} is damaged ({error}); run `cotton3dg traits --force`") from error
+    rows = read_array(workspace.require(workspace.plant_npy, "traits"))
     measured = (workspace.read_record("traits") or {}).get("inputs", {})
     now = workspace.hashes(workspace.gaussians_ply)
     current = rows.shape == (n,) and all(measured.get(name, found) == found for name, found in now.items())

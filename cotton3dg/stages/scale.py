@@ -19,7 +19,7 @@ from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_ta
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace, json_text
 
-VERSION = 1
+VERSION = 2
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3

@@ -75,9 +75,48 @@ class TrainOptions:
 class MasksOptions:
     """2D boll masks."""
 
-    backend: str = option("lint", "who finds the bolls in the images", choices=("lint", "import"))
-    source: str = option("", "folder of 16-bit PNGs or COCO file, relative to the plant's folder; default: own_masks")
+    backend: str = option(
+        "lint",
+        "who finds the bolls in the images",
+        paper="yolo, sam, grounded-sam",
+        choices=("lint", "import", "yolo", "sam", "grounded-sam"),
+    )
     views: int = option(36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2)
+    source: str = option("", "import: folder or file of masks (PNG, COCO, Labelme, YOLO labels); default: own_masks")
+    classes: str = option("", "import, yolo: classes that are bolls, by comma; default: the only one")
+    weights: str = option("", "yolo: model, .pt or .onnx; sam, grounded-sam: folder of a SAM or SAM 2 model")
+    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    confidence: float = option(0.25, "networks: least score of a boll", at_least=0.0, at_most=1.0)
+    image_size: int = option(
+        1280, "yolo: longer side of what the model sees", unit="px", paper="1280", at_least=32, at_most=8192
+    )
+    nms_iou: float = option(0.7, "yolo: overlap of boxes above which only the surest stays", at_least=0.0, at_most=1.0)
+    tile: int = option(
+        0, "networks: side of squares looked at one by one, for small bolls; 0 = whole images", unit="px", at_least=0
+    )
+    prompts: str = option("", "sam: table of points (image,x,y) or boxes (image,x1,y1,x2,y2); default: from lint")
+    detector: str = option("", "grounded-sam: folder of a Grounding DINO model")
+    prompt: str = option("cotton boll", "grounded-sam: what to look for", paper="cotton boll")
+    text_confidence: float = option(0.35, "grounded-sam: least score of a box", at_least=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True)
+class MasksTrainOptions:
+    """Train a YOLO segmentation model on annotated images; writes best.pt, best.onnx and training.json."""
+
+    annotations: str = option("", "folder of images with COCO, Labelme or YOLO labels; several by comma")
+    classes: str = option("", "classes that are bolls, by comma; default: the only one")
+    weights: str = option("", "pretrained .pt to start from, or an architecture, e.g. yolo11n-seg.yaml, from scratch")
+    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    image_size: int = option(1280, "longer side of the images", unit="px", paper="1280", at_least=32, at_most=8192)
+    batch: int = option(16, "images a step", paper="16", at_least=1)
+    epochs: int = option(500, "times each image is seen", paper="500", at_least=1)
+    validation: float = option(0.2, "share of the images that judges and never trains", at_least=0.01, at_most=0.9)
+    brightness: float = option(0.4, "brightness changes by up to this share", at_least=0.0, at_most=1.0)
+    blur: float = option(0.5, "share of the images that are also shown blurred", at_least=0.0, at_most=1.0)
+    rotation: float = option(15.0, "largest turn", unit="°", at_least=0.0, at_most=180.0)
+    rescaling: float = option(0.5, "size changes by up to this share", at_least=0.0, at_most=0.9)
+    seed: int = option(0, "seed of the split, the order and the first weights", at_least=0)
 
 
 @dataclass(frozen=True)
@@ -99,6 +138,7 @@ class SegmentOptions:
         at_least=1,
         at_most=16,
     )
+    holdout: int = option(8, "probability: every n-th view with masks is held out for mBIoU; 0 = none", at_least=0)
     views: int = option(4, "affinity: views that prompt, evenly around the plant", paper="4", at_least=2)
     features: int = option(16, "affinity: length of a feature", paper="32 in SAGA", at_least=2, at_most=64)
     feature_steps: int = option(3000, "affinity: optimisation steps, one view each", paper="10000", at_least=1)
@@ -110,18 +150,43 @@ class ClusterOptions:
     """From the selections of single views to bolls."""
 
     method: str = option("consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan"))
+    boll_plys: bool = option(False, "save each boll's Gaussians as a PLY of its own")
     eps: float = option(
         0.6, "dbscan: farthest distance of two objects, in median widths of a mask", paper="0.3 su", at_least=0.0
     )
+
+
+MARKER_DICTIONARIES = (
+    "4x4_50",
+    "5x5_100",
+    "6x6_250",
+    "7x7_1000",
+    "aruco_original",
+    "apriltag_16h5",
+    "apriltag_25h9",
+    "apriltag_36h10",
+    "apriltag_36h11",
+)
 
 
 @dataclass(frozen=True)
 class ScaleOptions:
     """Metric scale and up axis."""
 
-    method: str = option("table", "the reference of known size", choices=("table", "none"))
+    method: str = option(
+        "table",
+        "the reference of known size; all = every one there is, reconciled",
+        paper="sections",
+        choices=("table", "sections", "aruco", "distance", "all", "none"),
+    )
     table_length_cm: float = option(120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0)
     table_width_cm: float = option(60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0)
+    marker_cm: float = option(
+        12.0, "aruco: black square of a printed marker, or a square of a board", unit="cm", at_least=0.5
+    )
+    dictionary: str = option("4x4_50", "aruco: OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
+    board: str = option("", "aruco: COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
+    distance_cm: float = option(0.0, "distance: between the two points of scale_points.csv", unit="cm", at_least=0.0)
     require_scale: bool = option(False, "fail (exit 5) instead of leaving the metric cells blank")
 
 
@@ -156,6 +221,17 @@ class SimulateOptions:
 
 
 @dataclass(frozen=True)
+class MarkersOptions:
+    """A sheet of markers to print; measure its ruler of 10 cm before use."""
+
+    paper: str = option("a4", "size of the sheet", choices=("a4", "a3", "letter"))
+    marker_cm: float = option(12.0, "black square of a marker, or a square of the board", unit="cm", at_least=0.5)
+    dictionary: str = option("4x4_50", "OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
+    board: str = option("", "COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
+    first: int = option(0, "id of the first marker; a second sheet needs others", at_least=0)
+
+
+@dataclass(frozen=True)
 class RenderOptions:
     """A film of the trained model, saved below render/ in the plant's folder."""
 
@@ -182,7 +258,12 @@ STAGE_OPTIONS: dict[str, type] = {
     "traits": TraitsOptions,
 }
 
-COMMAND_OPTIONS: dict[str, type] = {**STAGE_OPTIONS, "simulate": SimulateOptions, "render": RenderOptions}
+COMMAND_OPTIONS: dict[str, type] = {
+    **STAGE_OPTIONS,
+    "simulate": SimulateOptions,
+    "render": RenderOptions,
+    "masks-train": MasksTrainOptions,
+}
 
 PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     "draft": {"frames": {"count": 60}, "train": {"max_side": 480, "steps": 2000, "max_gaussians": 60_000}},
@@ -192,6 +273,20 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
         "train": {"steps": 30_000, "sh_degree": 3, "max_gaussians": 1_000_000},
     },
 }
+
+def board_squares(text: str) -> tuple[int, int] | None:
+    """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.
+
+    Raises:
+        BadUsage: the text is no board.
+    """
+    if not text:
+        return None
+    columns, by, rows = text.lower().partition("x")
+    if not (by and columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) > 1):
+        raise BadUsage(f"board {text!r} cannot be used; write COLUMNSxROWS, e.g. 4x5")
+    return int(columns), int(rows)
+
 
 _KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 

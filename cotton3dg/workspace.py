@@ -52,6 +52,11 @@ class Workspace:
         """Boll masks that the user made, for the import back end."""
         return self.root / "own_masks"
 
+    @property
+    def scale_points(self) -> Path:
+        """Two points of known distance that the user picked in images, for scale --method distance."""
+        return self.root / "scale_points.csv"
+
     def capture(self) -> Path:
         """The user's video, or the `images` folder.
 
@@ -134,6 +139,11 @@ class Workspace:
         return self.root / "masks" / f"{Path(image_name).stem}.png"
 
     @property
+    def annotations_json(self) -> Path:
+        """The masks as COCO, for annotation tools; the images they belong to are beside it."""
+        return self.root / "annotations" / "bolls.json"
+
+    @property
     def selections_npz(self) -> Path:
         return self.root / "segment" / "selections.npz"
 
@@ -146,6 +156,11 @@ class Workspace:
     def probabilities_npy(self) -> Path:
         """(N,) float32: how likely each Gaussian is lint."""
         return self.root / "segment" / "probabilities.npy"
+
+    @property
+    def features_npy(self) -> Path:
+        """(N, C) float32: smoothed affinity features, zero where there is none; alike within a boll."""
+        return self.root / "segment" / "features.npy"
 
     def probability_png(self, image_name: str) -> Path:
         """Rendered probabilities of a view, grey; white = 1."""
@@ -163,6 +178,10 @@ class Workspace:
     def bolls_ply(self) -> Path:
         """The model with each boll in a colour of its own and the rest in grey, for viewers."""
         return self.root / "cluster" / "bolls.ply"
+
+    def boll_ply(self, boll_id: int) -> Path:
+        """The Gaussians of one boll."""
+        return self.root / "cluster" / f"boll_{boll_id:03d}.ply"
 
     @property
     def scale_json(self) -> Path:

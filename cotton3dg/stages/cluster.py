@@ -26,7 +26,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none) and bolls.ply, coloured by boll."""
+    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none) and bolls.ply, coloured by boll; on request
+    a PLY a boll."""
     lifted = read_lifted(workspace.require(workspace.selections_npz, "segment"))
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     if lifted.gaussians_sha256 != gaussians.sha256():
@@ -44,6 +45,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         (folder / workspace.bolls_json.name).write_text(json_text(table), encoding="utf-8")
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
+        for boll in bolls if options.boll_plys else []:
+            write_gaussians(folder / workspace.boll_ply(boll.boll_id).name, gaussians[boll.indices])
     doubtful = sum(bool(boll.flags) for boll in bolls)
     summary = {
         "bolls": len(bolls),

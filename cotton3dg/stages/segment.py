@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,7 @@ from ..splat.metrics import focus, to_uint8
 from ..splat.ops import accumulate_weights, render_values
 from ..workspace import Workspace, json_text
 
-VERSION = 2
+VERSION = 3
 SHOWN_VIEWS = 4
 """Maps of probabilities that are saved as images."""
 
@@ -51,7 +51,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
     """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them; and segment.json.
 
-    The method `probability` also writes probabilities.npy and rendered maps.
+    The method `probability` also writes probabilities.npy and rendered maps, `affinity` features.npy.
     """
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
@@ -59,10 +59,10 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     masked, id_images = _masks(workspace, cameras, options)
     allowed = within_orbit(gaussians.means, cameras, *focus(cameras))
     report: dict[str, Any] = {"method": options.method, "target": options.target}
-    foreground = None
+    foreground = features = None
     maps: dict[str, NDArray[np.float32]] = {}
     if options.method == "affinity":
-        lifted, facts = _by_features(gaussians, masked, id_images, allowed, options, progress)
+        lifted, features, facts = _by_features(gaussians, masked, id_images, allowed, options, progress)
         report |= facts
     else:
         begin_s = time.perf_counter()
@@ -71,8 +71,7 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         report |= {"rim_px": rim_px, "weights_seconds": time.perf_counter() - begin_s}
         least = FOREGROUND_SHARE
         if options.method == "probability" and masked:
-            vote = foreground_vote(views, seen_weights(views, len(gaussians)))
-            foreground, maps, facts = _probabilities(gaussians, masked, id_images, vote, options, progress)
+            foreground, maps, facts = _probabilities(gaussians, masked, id_images, views, options, progress)
             least = options.threshold
             report |= {"threshold": least, **facts}
         lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
@@ -81,6 +80,8 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         (folder / workspace.segment_json.name).write_text(json_text(report), encoding="utf-8")
         if foreground is not None:
             np.save(folder / workspace.probabilities_npy.name, foreground)
+        if features is not None:
+            np.save(folder / workspace.features_npy.name, features)
         for name, image in maps.items():
             write_image(folder / workspace.probability_png(name).name, np.repeat(to_uint8(image)[..., None], 3, axis=2))
     summary = {
@@ -140,17 +141,19 @@ def _probabilities(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     id_images: Sequence[NDArray[np.uint16]],
-    vote: NDArray,
+    weights: Sequence[ViewWeights],
     options: SegmentOptions,
     progress: Progress,
 ) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote."""
+    """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote.
+
+    Every `holdout`-th view neither trains nor votes, and has an mBIoU of its own.
+    """
     begin_s = time.perf_counter()
     masks = [ids > 0 for ids in id_images]
-    views = [
-        view_of_rays(gaussians, camera, inside, options.spacing, options.seed + k)
-        for k, (camera, inside) in enumerate(zip(cameras, masks, strict=True))
-    ]
+    held_out = set(range(options.holdout - 1, len(cameras), options.holdout)) if options.holdout else set()
+    training = [k for k in range(len(cameras)) if k not in held_out]
+    views = [view_of_rays(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
     report: dict[str, Any] = {"rays_seconds": time.perf_counter() - begin_s}
     rows, kept = [], []
     for step, probabilities in trained(views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed):
@@ -159,19 +162,24 @@ def _probabilities(
         if step in REPORTED_STEPS or step == options.steps:
             rows.append({"steps": step, "seconds": time.perf_counter() - begin_s})
             kept.append(probabilities.copy())
+    voting = [weights[k] for k in training]
+    vote = foreground_vote(voting, seen_weights(voting, len(gaussians)))
     columns = np.stack([*kept, vote.astype(np.float32)], axis=1)
     shown = {cameras[k].name: np.zeros(0, np.float32) for k in range(0, len(cameras), -(-len(cameras) // SHOWN_VIEWS))}
 
-    def maps() -> Iterator[NDArray[np.float32]]:
-        for camera in cameras:
-            rendered = render_values(gaussians, camera, columns).image
-            if camera.name in shown:
-                shown[camera.name] = rendered[..., len(kept) - 1]
+    def maps(judged: Iterable[int]) -> Iterator[NDArray[np.float32]]:
+        for k in judged:
+            rendered = render_values(gaussians, cameras[k], columns).image
+            if cameras[k].name in shown:
+                shown[cameras[k].name] = rendered[..., len(kept) - 1]
             yield rendered
 
-    ious = [dict(zip(map(str, THRESHOLDS), row.tolist(), strict=True)) for row in mean_binary_ious(maps(), masks)]
-    report["by_steps"] = [row | {"mbiou": iou} for row, iou in zip(rows, ious, strict=False)]
-    report["vote"] = {"mbiou": ious[-1]}
+    table = rows + [report.setdefault("vote", {})]
+    for name, judged in (("mbiou", training), ("mbiou_held_out", sorted(held_out))):
+        if judged:
+            for row, ious in zip(table, mean_binary_ious(maps(judged), [masks[k] for k in judged]), strict=True):
+                row[name] = dict(zip(map(str, THRESHOLDS), ious.tolist(), strict=True))
+    report["by_steps"] = rows
     return kept[-1], shown, report
 
 
@@ -182,8 +190,8 @@ def _by_features(
     allowed: NDArray[np.bool_],
     options: SegmentOptions,
     progress: Progress,
-) -> tuple[LiftedMasks, dict[str, Any]]:
-    """Sets of Gaussians alike, one for each mask of a few views around the plant."""
+) -> tuple[LiftedMasks, NDArray[np.float32], dict[str, Any]]:
+    """Sets of Gaussians alike, one for each mask of a few views around the plant; and the features (N, C)."""
     begin_s = time.perf_counter()
     smoothing = neighbour_means(gaussians.means)
     rays = [
@@ -199,6 +207,7 @@ def _by_features(
     chosen = evenly_spaced(angles, options.views)
     weights = _weights(gaussians, [cameras[k] for k in chosen], [id_images[k] for k in chosen], 0, progress)
     prompts = [PromptView(cameras[k], id_images[k], weight) for k, weight in zip(chosen, weights, strict=True)]
-    lifted, dropped = prompted(gaussians, smoothing @ features, prompts, allowed, gaussians.sha256())
+    smooth = (smoothing @ features).astype(np.float32)
+    lifted, dropped = prompted(gaussians, smooth, prompts, allowed, gaussians.sha256())
     seconds = time.perf_counter() - begin_s
-    return lifted, report | {"seconds": seconds, "sets": len(lifted.selections), "dropped_masks": dropped}
+    return lifted, smooth, report | {"seconds": seconds, "sets": len(lifted.selections), "dropped_masks": dropped}

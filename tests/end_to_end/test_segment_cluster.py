@@ -56,6 +56,16 @@ def test_objects_join_by_distance_too(workspace):
     assert 4 <= summary["bolls"] <= 6
 
 
+def test_each_boll_gets_a_ply_on_request(workspace):
+    segment.run(workspace, SegmentOptions())
+    cluster.run(workspace, ClusterOptions(boll_plys=True))
+    labels, gaussians = np.load(workspace.labels_npy), model()[0]
+    for k in range(1, 6):
+        assert np.array_equal(read_gaussians(workspace.boll_ply(k)).means, gaussians.means[labels == k])
+    cluster.run(workspace, ClusterOptions())
+    assert not workspace.boll_ply(1).exists()
+
+
 def test_the_same_masks_give_the_same_files(workspace):
     digests = []
     for _ in range(2):

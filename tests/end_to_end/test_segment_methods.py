@@ -42,7 +42,7 @@ def test_probabilities_become_bolls(workspace):
     (row,) = report["by_steps"]
     assert row["steps"] == 1500 and row["seconds"] > 0
     assert row["mbiou"]["0.7"] > 0.65 and list(row["mbiou"]) == ["0.7", "0.75", "0.8", "0.9"]
-    assert report["vote"]["mbiou"]["0.7"] > 0.5
+    assert report["vote"]["mbiou"]["0.7"] > 0.5 and row["mbiou_held_out"]["0.7"] > 0.6
     maps = sorted(workspace.folder("segment").glob("probability_*.png"))
     assert len(maps) == 4 and read_image(maps[0]).shape == (200, 240, 3)
     assert read_image(maps[0]).max() > 200
@@ -58,6 +58,14 @@ def test_features_become_bolls(workspace):
     # One of the four views may be that without masks.
     assert report["sets"] == outcome.summary["masks"] >= 13
     assert report["loss"][-1] < 0.8 * report["loss"][0]
+    features, truth = np.load(workspace.features_npy), model()[1]
+    assert features.shape == (len(truth), 16) and features.dtype == np.float32 and np.isfinite(features).all()
+    # Alike within a boll and unlike between bolls, as far as so few steps go.
+    means = np.stack([features[truth == boll].mean(axis=0) for boll in (1, 2, 5)])
+    means /= np.linalg.norm(means, axis=1, keepdims=True)
+    within = np.mean([(features[truth == boll] @ means[k]).mean() for k, boll in enumerate((1, 2, 5))])
+    between = np.mean([(features[truth == boll] @ means[k - 1]).mean() for k, boll in enumerate((1, 2, 5))])
+    assert within > between + 0.2
     cluster.run(workspace, ClusterOptions(method="dbscan"))
     assert {0, 1, 4} <= found(workspace)
     six = segment.run(workspace, SegmentOptions(method="affinity", feature_steps=2, views=6))

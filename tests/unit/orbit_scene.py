@@ -6,6 +6,7 @@ about what a trained model does on opaque surfaces.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,7 +143,7 @@ def exact_masks(scene: Scene, nearest: np.ndarray) -> np.ndarray:
 
 
 def degraded_masks(
-    scene: Scene,
+    touching: Iterable[tuple[int, int]],
     ids: np.ndarray,
     rng: np.random.Generator,
     *,
@@ -151,14 +152,15 @@ def degraded_masks(
     split: float = 0.05,
     always_merged: tuple[tuple[int, int], ...] = (),
 ) -> np.ndarray:
-    """Masks as a detector makes them: some missed, touching ones merged, some split, edges 1 px off, ids shuffled."""
+    """Masks as a detector makes them: some missed, some split, edges 1 px off, ids shuffled, and of the pairs of bolls
+    in `touching` some merged where they touch in the image."""
     import cv2
 
     ids = ids.astype(np.int32)
     parts = [ids == i for i in np.unique(ids) if i > 0]
     names = {int(i): k for k, i in enumerate(i for i in np.unique(ids) if i > 0)}
     kernel = np.ones((3, 3), np.uint8)
-    for a, b in scene.touching:
+    for a, b in touching:
         if a not in names or b not in names or names[a] == names[b]:
             continue
         here, there = parts[names[a]], parts[names[b]]

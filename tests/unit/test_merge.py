@@ -27,7 +27,7 @@ def lifted(seed: int, n_views: int = 36, **degradation) -> tuple[Scene, np.ndarr
     """A scene, which of its Gaussians are seen, and its degraded masks lifted onto them."""
     scene, cameras, drawings = drawn(seed, n_views)
     rng = np.random.default_rng(seed + 100)
-    masks = [degraded_masks(scene, exact_masks(scene, nearest), rng, **degradation) for nearest, _ in drawings]
+    masks = [degraded_masks(scene.touching, exact_masks(scene, nearest), rng, **degradation) for nearest, _ in drawings]
     rim = rim_width_px(masks)
     views = []
     visible = np.zeros(len(scene.means), bool)

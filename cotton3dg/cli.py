@@ -14,7 +14,15 @@ import typer
 
 from . import __version__
 from .errors import BadUsage, Cotton3dgError
-from .options import PRESETS, STAGE_OPTIONS, RenderOptions, SimulateOptions, help_text
+from .options import (
+    PRESETS,
+    STAGE_OPTIONS,
+    MarkersOptions,
+    MasksTrainOptions,
+    RenderOptions,
+    SimulateOptions,
+    help_text,
+)
 
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
@@ -25,6 +33,8 @@ app = typer.Typer(
 )
 
 PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
+ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
+NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
 NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
 Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
 Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
@@ -176,6 +186,35 @@ def _render(plant_dir: Path, **flags: Any) -> None:
         display.print_render(record, workspace.root)
 
 
+def _masks_train(folder: Path, **flags: Any) -> None:
+    from . import display, options
+    from .stages.masks_train import train
+
+    with _reported(folder):
+        chosen = options.resolve("masks-train", _given(flags))
+        with display.ProgressDisplay() as watcher:
+            typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
+
+
+# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be told from a folder of that name.
+@app.command("masks-export", rich_help_panel="Own masks")
+def masks_export(plant_dir: PlantDir) -> None:
+    """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
+    from .stages.masks_export import export
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        typer.echo(f"saved as {export(Workspace(plant_dir))}")
+
+
+def _markers(file: Path, **flags: Any) -> None:
+    from . import options
+    from .stages.markers import print_markers
+
+    with _reported(file):
+        typer.echo(print_markers(file, options.resolve("markers", _given(flags))))
+
+
 def _given(flags: dict[str, Any]) -> dict[str, Any]:
     """The flags that the user gave; the others are None so that TOML and presets can speak."""
     return {name: value for name, value in flags.items() if value is not None}
@@ -202,6 +241,8 @@ def _with_flags(command: Callable[..., None], options: type, **arguments: Any) -
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
 app.command("render", rich_help_panel="Everything")(_with_flags(_render, RenderOptions, plant_dir=PlantDir))
+app.command("masks-train", rich_help_panel="Own masks")(_with_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
+app.command("markers", rich_help_panel="Trying it out")(_with_flags(_markers, MarkersOptions, file=NewFile))
 app.command("simulate", rich_help_panel="Trying it out")(_with_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

@@ -1,12 +1,8 @@
-"""Boll masks made elsewhere: a folder of grey PNG files, or COCO JSON with polygons or run lengths.
-
-COCO's format: https://cocodataset.org/#format-data; its compressed run lengths are those of pycocotools' maskApi.c.
-"""
+"""Boll masks made elsewhere: grey PNG files, COCO, Labelme, or YOLO labels, fitted to a plant's images."""
 
 from __future__ import annotations
 
-import json
-import math
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,128 +12,97 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.scene import Camera
 from ..errors import BadInput, MissingInput
-from .images import MAX_PIXELS, list_images, read_ids
+from .coco import is_coco, parse_coco
+from .images import IMAGE_SUFFIXES, list_images, read_ids, read_image
+from .instances import AnnotatedImage, mask_set, read_json
+from .labelme import is_labelme, parse_labelme
+from .yolo_labels import read_yolo_labels
 
-MAX_JSON_BYTES = 2**28
 SAME_ASPECT = 0.01
 """Relative difference of aspect ratios that rounding to whole pixels leaves in small images."""
+CLASS_NAMES = "classes.txt"
+"""Beside YOLO labels: the name of a class a line."""
 
 
-def read_masks(source: Path) -> MaskSet:
-    """Read masks from a folder of grey PNGs, one an image, from a COCO file, or from a folder that holds one.
+def read_masks(
+    source: Path, sizes: Mapping[str, tuple[int, int]] | None = None, classes: Collection[str] = ()
+) -> MaskSet:
+    """Read masks from a COCO or Labelme file, or a folder with such files, YOLO labels or grey PNGs, in this order.
 
+    Args:
+        sizes: height and width of images by stem, for YOLO labels that have no images beside them.
+        classes: names of the classes that are bolls; none = the only one there is.
     Returns:
         By the stem of the image's file name, at the size they have in the source.
     Raises:
         MissingInput: nothing is there. BadInput: a file is damaged or no mask.
     """
     if not source.exists():
-        raise MissingInput(f"{source} is not there; give a folder of PNG masks or a COCO file as --source")
+        raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file as --source")
+    documents = [source] if source.is_file() else sorted(source.rglob("*.json"))
+    images = _parsed(documents)
+    if not images and source.is_dir():
+        images = _labelled(source, sizes or {})
+    if images:
+        return mask_set(images, classes, source.name)
     if source.is_file():
-        return read_coco(source)
-    documents = sorted(source.glob("*.json"))
-    images = [path for path in list_images(source) if path.suffix.lower() == ".png"]
-    if len(documents) == 1 and not images:
-        return read_coco(documents[0])
-    if not images:
-        raise MissingInput(f"{source} holds no PNG masks and no single COCO file; put one mask an image there")
-    return MaskSet({path.stem: read_ids(path) for path in images})
+        raise BadInput(f"{source.name} is neither COCO nor Labelme; export one of these, or masks as PNG")
+    pngs = [path for path in list_images(source) if path.suffix.lower() == ".png"]
+    if not pngs:
+        raise MissingInput(f"{source} holds no masks (PNG, COCO, Labelme, YOLO labels); put them there")
+    return MaskSet({path.stem: read_ids(path) for path in pngs})
 
 
-def read_coco(path: Path) -> MaskSet:
-    """Read instance masks from a COCO file; where instances overlap, the smaller one is in front.
+def annotated_images(source: Path) -> dict[str, Path]:
+    """The photos in and below a folder, by stem, that annotations may belong to.
 
     Raises:
-        BadInput: the file is damaged or not COCO.
+        BadInput: two have the same stem.
     """
-    if path.stat().st_size > MAX_JSON_BYTES:
-        raise BadInput(f"{path.name} is larger than {MAX_JSON_BYTES >> 20} MiB; export fewer images or as PNG masks")
-    try:
-        document = json.loads(path.read_bytes())
-        images = {image["id"]: image for image in document["images"]}
-        annotations: dict[Any, list[dict[str, Any]]] = {key: [] for key in images}
-        for annotation in document["annotations"]:
-            annotations[annotation["image_id"]].append(annotation)
-        ids, scores = {}, {}
-        for key, image in images.items():
-            stem = Path(str(image["file_name"]).replace("\\", "/")).stem
-            if stem in ids:
-                raise BadInput(f"{path.name} lists the image {stem} twice; keep one entry")
-            ids[stem], scores[stem] = _painted(annotations[key], int(image["height"]), int(image["width"]))
-    except BadInput as error:
-        raise BadInput(str(error) if path.name in str(error) else f"{path.name}: {error}") from error
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        raise BadInput(f"{path.name} is not a whole COCO file ({error!r:.80}); export it again") from error
-    return MaskSet(ids, scores)
+    found: dict[str, Path] = {}
+    for path in sorted(source.rglob("*")):
+        if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file() and not path.name.startswith("."):
+            if path.stem in found:
+                raise BadInput(f"{source.name} has two images named {path.stem}; rename one, with its annotation")
+            found[path.stem] = path
+    return found
 
 
-def _painted(annotations: list[dict[str, Any]], height: int, width: int) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """One image's (H, W) ids, 1 ... in the order of the annotations, and their scores."""
-    if not 0 < height * width <= MAX_PIXELS or min(height, width) <= 0:
-        raise BadInput(f"an image of {width} x {height} px cannot be; export it again")
-    if len(annotations) > np.iinfo(np.uint16).max:
-        raise BadInput(f"{len(annotations)} instances in one image do not fit into 16 bits; leave some out")
-    areas, pieces = [], []
-    for annotation in annotations:
-        mask = instance_mask(annotation["segmentation"], height, width)
-        pixels = np.flatnonzero(mask)
-        areas.append(len(pixels))
-        pieces.append(pixels)
-    ids = np.zeros(height * width, np.uint16)
-    for index in np.argsort(-np.array(areas, np.int64), kind="stable"):
-        ids[pieces[index]] = index + 1
-    scores = {}
-    for number, annotation in enumerate(annotations, start=1):
-        score = float(annotation.get("score", 1.0))
-        scores[number] = min(max(score, 0.0), 1.0) if math.isfinite(score) else 0.0
-    return ids.reshape(height, width), {number: scores[number] for number in np.unique(ids[ids > 0]).tolist()}
+def _parsed(documents: list[Path]) -> dict[str, AnnotatedImage]:
+    """What COCO and Labelme files say, by image; other JSON files are left alone."""
+    images: dict[str, AnnotatedImage] = {}
+    for path in documents:
+        document = read_json(path)
+        if is_coco(document):
+            more = parse_coco(document, path.name)
+        elif is_labelme(document):
+            more = dict([parse_labelme(document, path)])
+        else:
+            continue
+        if twice := sorted(images.keys() & more.keys()):
+            raise BadInput(f"{path.name} annotates {twice[0]}, which another file annotates too; keep one of them")
+        images |= more
+    return images
 
 
-def instance_mask(segmentation: Any, height: int, width: int) -> NDArray[np.bool_]:
-    """(H, W) of a COCO segmentation: polygons as flat x, y lists, or run lengths, plain or compressed."""
-    if isinstance(segmentation, dict):
-        if [int(side) for side in segmentation["size"]] != [height, width]:
-            size = segmentation["size"]
-            raise BadInput(f"a run-length mask of size {size} is in an image of {height} x {width}; export it again")
-        counts = segmentation["counts"]
-        if isinstance(counts, str):
-            counts = decompressed_counts(counts)
-        runs = np.array(counts, np.int64)
-        if (runs < 0).any() or (runs > height * width).any() or runs.sum() != height * width:
-            raise BadInput(f"run lengths do not add up to {height} x {width} px; export the file again")
-        values = np.arange(len(runs)) % 2 == 1
-        return np.repeat(values, runs).reshape(width, height).T
-
-    import cv2
-
-    mask = np.zeros((height, width), np.uint8)
-    for polygon in segmentation:
-        corners = np.array(polygon, np.float64).reshape(-1, 2)
-        if not np.isfinite(corners).all() or (np.abs(corners) > 1e5).any():
-            raise BadInput("a polygon has a corner that is no number or far outside; export the file again")
-        # Corners count from the corner of the first pixel, OpenCV counts from its centre; 4 bits of fraction.
-        cv2.fillPoly(mask, [np.round((corners - 0.5) * 16).astype(np.int32)], 1, shift=4)
-    return mask.astype(bool)
-
-
-def decompressed_counts(text: str) -> list[int]:
-    """Run lengths from COCO's compressed string: 5 bits a character, from the third run on relative to two before."""
-    counts: list[int] = []
-    value, shift = 0, 0
-    for character in text.encode("ascii"):
-        bits = character - 48
-        if not 0 <= bits < 64 or shift > 50:
-            raise BadInput("a compressed run-length mask is damaged; export the file again")
-        value |= (bits & 0x1F) << shift
-        shift += 5
-        if not bits & 0x20:
-            if bits & 0x10:
-                value -= 1 << shift
-            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
-            value, shift = 0, 0
-    if shift:
-        raise BadInput("a compressed run-length mask is cut off; export the file again")
-    return counts
+def _labelled(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, AnnotatedImage]:
+    """YOLO labels below a folder, or below its `labels`, by image."""
+    folder = source / "labels" if (source / "labels").is_dir() else source
+    paths = [path for path in sorted(folder.rglob("*.txt")) if path.name != CLASS_NAMES]
+    if not paths:
+        return {}
+    names = source / CLASS_NAMES
+    class_names = names.read_text(encoding="utf-8").split("\n") if names.is_file() else []
+    photos, images = annotated_images(source), {}
+    for path in paths:
+        if path.stem in photos:
+            height, width = read_image(photos[path.stem]).shape[:2]
+        elif path.stem in sizes:
+            height, width = sizes[path.stem]
+        else:
+            raise BadInput(f"{path.name} belongs to no known image; name labels like their images, or keep both there")
+        images[path.stem] = read_yolo_labels(path, height, width, class_names)
+    return images
 
 
 def undistorted_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir: Path) -> NDArray[np.uint16]:

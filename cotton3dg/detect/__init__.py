@@ -1,0 +1,1 @@
+"""Networks that find bolls in single images, each with the user's own weights: from pixels to instance ids."""

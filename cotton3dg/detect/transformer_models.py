@@ -1,0 +1,98 @@
+"""Models of Hugging Face's transformers from local folders, without network."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float32
+from ..errors import BadInput, EnvironmentUnusable, MissingInput
+from .trust import demand_trust
+
+MEAN, STD = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]], np.float32)
+"""Of ImageNet's red, green and blue: what SAM and Grounding DINO were trained with."""
+
+
+def model_kind(folder: Path, option: str, kinds: Collection[str]) -> str:
+    """`model_type` of the model in a folder.
+
+    Args:
+        option: that named the folder, for messages. kinds: that will do.
+    Raises:
+        MissingInput, BadInput: no folder, no config.json in it, or a model of another kind.
+    """
+    if not folder.is_dir():
+        raise MissingInput(
+            f"{folder} is not a folder; give a folder with config.json and model.safetensors as {option}"
+        )
+    config = folder / "config.json"
+    if not config.is_file():
+        raise MissingInput(f"{folder} has no config.json; copy the whole folder of the model from Hugging Face")
+    try:
+        kind = json.loads(config.read_bytes())["model_type"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"config.json in {folder.name} is damaged; copy the model's folder again") from error
+    if kind not in kinds:
+        raise BadInput(f"{folder.name} holds a model of kind {kind!r}; {option} takes {' or '.join(sorted(kinds))}")
+    return str(kind)
+
+
+def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
+    """A model of one of transformers' classes, ready to be asked.
+
+    Args:
+        trusted: whether pickled weights (.bin) will do; those in .safetensors always do.
+    Raises:
+        EnvironmentUnusable: no transformers. MissingInput: no weights. BadUsage: pickled ones. BadInput: damaged ones.
+    """
+    transformers = load_transformers()
+    pickled = not list(folder.glob("*.safetensors"))
+    if pickled and not list(folder.glob("*.bin")):
+        raise MissingInput(f"{folder} has no model.safetensors; copy the whole folder of the model from Hugging Face")
+    if pickled:
+        demand_trust(f"the model in {folder.name}", trusted, "save it as .safetensors")
+    try:
+        model, told = getattr(transformers, class_name).from_pretrained(
+            folder, local_files_only=True, use_safetensors=not pickled, output_loading_info=True
+        )
+    # Damaged weights fail in as many ways as there are lines in the readers.
+    except Exception as error:
+        raise BadInput(f"the model in {folder.name} cannot be read ({error!r:.80}); copy its folder again") from error
+    if lacking := len(told["missing_keys"]) + len(told["mismatched_keys"]):
+        raise BadInput(f"the weights in {folder.name} lack {lacking} parts of the model; copy its folder again")
+    return model.eval()
+
+
+def load_transformers() -> Any:
+    """The package, offline and quiet.
+
+    Raises:
+        EnvironmentUnusable: it is not installed.
+    """
+    os.environ.update({"HF_HUB_OFFLINE": "1", "TRANSFORMERS_OFFLINE": "1", "HF_HUB_DISABLE_TELEMETRY": "1"})
+    try:
+        import transformers
+    except ImportError as error:
+        raise EnvironmentUnusable(
+            f"{error.name or 'transformers'} is not installed; run pip install 'cotton3dg[sam]'"
+        ) from error
+    logging.getLogger("transformers").setLevel(logging.ERROR)
+    transformers.utils.logging.disable_progress_bar()
+    return transformers
+
+
+def normalised(image: NDArray[np.uint8], height: int, width: int) -> Float32:
+    """(3, height, width) of an image (H, W, 3): resized, and its colours relative to those of ImageNet."""
+    import cv2
+
+    shrinks = height < image.shape[0]
+    resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    values = (resized.astype(np.float32) / 255 - MEAN) / STD
+    return np.ascontiguousarray(values.transpose(2, 0, 1))

@@ -1,0 +1,42 @@
+"""The masks of a plant as COCO, for annotation tools. Not a stage of the pipeline: no other one reads it.
+
+    annotations/  bolls.json (polygons)   images/ (undistorted, as the masks)
+
+Correct them in the tool, export COCO, Labelme or YOLO labels, and hand that to `masks --backend import --source` or to
+`masks-train --annotations`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from ..errors import MissingInput
+from ..files.coco import coco_document
+from ..files.colmap import read_cameras
+from ..files.images import read_ids
+from ..workspace import Workspace, json_text
+
+
+def export(workspace: Workspace) -> Path:
+    """Write annotations/.
+
+    Returns:
+        The COCO file.
+    Raises:
+        MissingInput: there are no masks.
+    """
+    document = json.loads(workspace.require(workspace.masks_json, "masks").read_text(encoding="utf-8"))
+    cameras = {camera.name for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))}
+    names = [image["name"] for image in document["images"]]
+    if missing := sorted(set(names) - cameras):
+        raise MissingInput(f"the image {missing[0]} of the masks is gone; run `cotton3dg masks` again")
+    final = workspace.annotations_json
+    with workspace.writing("annotations") as folder:
+        (folder / "images").mkdir()
+        for name in names:
+            shutil.copyfile(workspace.undistorted_image(name), folder / "images" / Path(name).name)
+        coco = coco_document({name: read_ids(workspace.mask_png(name)) for name in names})
+        (folder / final.name).write_text(json_text(coco), encoding="utf-8")
+    return final

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from . import __version__
-from .errors import BadUsage, Cotton3dgError
+from .errors import SOME_FAILED, BadUsage, Cotton3dgError
 from .options import (
     PRESETS,
     STAGE_OPTIONS,
@@ -88,6 +88,8 @@ def run(
     preset: Preset = "standard",
     force: Force = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="for another run of this plant, instead of failing")] = False,
+    defaults: Annotated[Path | None, typer.Option(help="cotton3dg.toml of many plants; a plant's own wins")] = None,
     set_: Set = None,
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
@@ -96,16 +98,44 @@ def run(
 
     with _reported(plant_dir):
         workspace = Workspace(plant_dir)
-        options = pipeline.stage_options(workspace, preset, _parsed_overrides(set_))
+        options = pipeline.stage_options(workspace, preset, _parsed_overrides(set_), defaults)
         stages = pipeline.selected(from_, until)
         if dry_run:
             workspace.capture()
             display.print_plan(pipeline.plan(workspace, options, stages, force=force))
             return
         with display.ProgressDisplay() as watcher:
-            pipeline.run(workspace, options, stages, force=force, watcher=watcher)
+            pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher)
         if "traits" in stages:
             display.print_traits(workspace.traits_csv)
+
+
+@app.command(rich_help_panel="Everything")
+def batch(
+    folder: Annotated[Path, typer.Argument(help="folder with a folder for each plant")],
+    jobs: Annotated[int, typer.Option(help="plants side by side; 0 = as many as cores and memory allow")] = 0,
+    preset: Preset = "standard",
+    retry: Annotated[int, typer.Option(help="more tries for plants that a fault of the machine stopped")] = 0,
+    only_failed: Annotated[bool, typer.Option("--only-failed", help="those that batch.csv calls failed")] = False,
+    set_: Set = None,
+) -> None:
+    """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
+    from . import display, pipeline
+    from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, saved_results
+
+    with _reported(folder):
+        plants = find_plants(folder)
+        pipeline.stage_options(None, preset, _parsed_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
+        arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
+        work = Batch(folder, arguments, jobs or default_jobs(), retry, lambda line: typer.echo(line, err=True))
+        if only_failed:
+            work.results = saved_results(folder)
+            failed = {result.folder for result in work.results.values() if result.state == "failed"}
+            plants = [plant for plant in plants if plant.relative_to(folder).as_posix() in failed]
+        results = work.run(plants)
+        display.print_batch(results, folder / TABLE)
+    if any(result.state != "done" for result in results):
+        raise typer.Exit(SOME_FAILED)
 
 
 @app.command(rich_help_panel="Everything")

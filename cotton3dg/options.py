@@ -214,6 +214,10 @@ class SimulateOptions:
     table: bool = option(True, "whether the plant stands on a table")
     table_length_cm: float = option(120.0, "long side of the table top", unit="cm", at_least=50.0, at_most=200.0)
     table_width_cm: float = option(60.0, "short side of the table top", unit="cm", at_least=30.0, at_most=120.0)
+    markers: int = option(0, "printed ArUco markers (4x4_50) that lie on the table", at_least=0, at_most=6)
+    marker_cm: float = option(12.0, "black square of a marker", unit="cm", at_least=2.0, at_most=20.0)
+    hidden: float = option(0.0, "share of the table that a box hides at one end", at_least=0.0, at_most=0.5)
+    second_table: bool = option(False, "another table, of another shape, beside the plant's")
     blur: float = option(0.0, "motion blur: open time of the shutter, share of a frame", at_least=0.0, at_most=1.0)
     exposure: float = option(0.0, "drift of the exposure, up and down", unit="EV", at_least=0.0, at_most=2.0)
     distortion: float = option(0.0, "radial distortion k1 of the lens (OpenCV)", at_least=-0.2, at_most=0.2)
@@ -263,6 +267,7 @@ COMMAND_OPTIONS: dict[str, type] = {
     "simulate": SimulateOptions,
     "render": RenderOptions,
     "masks-train": MasksTrainOptions,
+    "markers": MarkersOptions,
 }
 
 PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
@@ -273,6 +278,7 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
         "train": {"steps": 30_000, "sh_degree": 3, "max_gaussians": 1_000_000},
     },
 }
+
 
 def board_squares(text: str) -> tuple[int, int] | None:
     """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.

@@ -87,7 +87,7 @@ def find_table(
         return NoTable("no level plane lies below the cameras")
     refused = NoTable("")
     for plane in planes:
-        first = _first_rectangle(points, plane, orbit)
+        first = first_rectangle(points, plane, orbit)
         if first is None:
             continue
         for guess in (first, *(_completed(first, aspect) if images else ())):
@@ -188,7 +188,7 @@ def _fitted_plane(points: Float64, up: Float64) -> Float64:
     return np.append(normal, -normal @ middle)
 
 
-def _first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
+def first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
     """The rectangle around the largest connected part of a plane; None for a speck."""
     import cv2
     from scipy.spatial import cKDTree

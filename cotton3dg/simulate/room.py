@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -96,6 +97,13 @@ def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
     if options.table:
         _table(build, 0.01 * options.table_length_cm, 0.01 * options.table_width_cm)
     _clamp(build, stem_base)
+    # Drawn last and with other numbers: the same seed is the same room with and without them.
+    build.rng = np.random.default_rng([options.seed, 3])
+    _markers(build, options)
+    if options.hidden:
+        _box_on_table(build, options)
+    if options.second_table:
+        _side_table(build)
     return Room(tuple(build.panels), _lamps(rng, half), TUBE)
 
 
@@ -197,6 +205,35 @@ def _table(build: _Builder, length: float, width: float) -> None:
     size = rng.uniform((0.10, 0.07), (0.16, 0.12))
     corner = np.array([rng.uniform(-0.45, 0.25) * length, rng.choice([-0.26, 0.40]) * width, 0.0008])
     build.panel(corner, (size[0], 0, 0), (0, -size[1], 0), poster, 4.0)
+
+
+def _markers(build: _Builder, options: SimulateOptions) -> None:
+    """ArUco markers 0, 1, ... (4x4_50) on sheets of paper, at both ends of the table."""
+    side, half = 0.01 * options.marker_cm, 0.005 * np.array([options.table_length_cm, options.table_width_cm])
+    for number in range(options.markers):
+        picture = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), number, 600)
+        paper = np.pad(picture, 100, constant_values=255)
+        sheet = np.repeat(0.06 + 0.86 * paper[..., None].astype(np.float32) / 255, 3, axis=2)
+        end, row = (-1) ** number, number // 2
+        middle = np.array([end * (half[0] - 0.9 * side), (row - 1) * 1.45 * side + 0.1 * side, 0.0012])
+        turn = build.rng.uniform(-0.15, 0.15)
+        across = np.array([np.cos(turn), np.sin(turn), 0.0]) * side * 8 / 6
+        down = np.array([across[1], -across[0], 0.0])
+        build.panels.append(Panel(middle - 0.5 * (across + down), across, down, sheet))
+
+
+def _box_on_table(build: _Builder, options: SimulateOptions) -> None:
+    """A box over one end of the table, a little wider than it."""
+    length, width = 0.01 * options.table_length_cm, 0.01 * options.table_width_cm
+    size = (options.hidden * length + 0.03, width + 0.06, 0.2)
+    build.box((0.5 * length + 0.03 - 0.5 * size[0], 0.0, 0.002), size, 0.0, cardboard)
+
+
+def _side_table(build: _Builder) -> None:
+    """A square table of the same height."""
+    wood = np.array([0.60, 0.45, 0.31]) * build.rng.uniform(0.7, 1.3)
+    foot = (0.1, 0.86, -TABLE_THICKNESS)
+    build.box(foot, (0.7, 0.7, TABLE_THICKNESS), 0.0, lambda canvas: planks(canvas, wood, plank=0.12), finer=2.0)
 
 
 def _clamp(build: _Builder, stem_base: Float64) -> None:

@@ -1,0 +1,39 @@
+"""A sheet of markers to print. Not a stage of the pipeline: it is laid on the table before filming."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import BadUsage
+from ..files.sheet import write_sheet
+from ..options import MarkersOptions, board_squares
+from ..plant.markers import MarkerKind, draw_sheet
+from ..workspace import explained_disk_errors, replacing
+
+DOTS_PER_CM = 100
+PAPER_CM = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.94)}
+
+
+def print_markers(file: Path, options: MarkersOptions) -> str:
+    """Write the sheet; returns how it is used.
+
+    Raises:
+        BadUsage: another suffix than .pdf and .png, or the paper is too small.
+    """
+    if file.suffix.lower() not in (".pdf", ".png"):
+        raise BadUsage(f"{file.name} is neither .pdf nor .png; name the sheet so")
+    kind = MarkerKind(options.dictionary, options.marker_cm, board_squares(options.board))
+    try:
+        sheet = draw_sheet(kind, *PAPER_CM[options.paper], DOTS_PER_CM, options.first)
+    except ValueError as error:
+        raise BadUsage(f"{error}; use a larger --paper or a smaller --marker-cm") from error
+    with explained_disk_errors(file.parent):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as partial:
+            write_sheet(partial, sheet, DOTS_PER_CM, pdf=file.suffix.lower() == ".pdf")
+    board = f" --set scale.board={options.board}" if options.board else ""
+    return (
+        f"saved as {file}\nPrint it at 100 %, measure its ruler of 10 cm, lay it flat beside the plant and film; then\n"
+        f"  cotton3dg run PLANT_DIR --set scale.method=aruco --set scale.marker_cm={options.marker_cm:g}"
+        f" --set scale.dictionary={options.dictionary}{board}"
+    )

@@ -17,6 +17,7 @@ from .core.progress import Progress as StageProgress
 from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
+    from .batch import Result
     from .evaluate import BollMatches, TraitError
     from .evaluate_masks import MaskScore
 
@@ -125,6 +126,14 @@ def print_traits(traits_csv: Path) -> None:
             for name, value in row.items():
                 print(f"{name:<22} {value}")
     print(f"saved as {traits_csv}")
+
+
+def print_batch(results: list[Result], table: Path) -> None:
+    """How many plants are done, the reasons of those that are not, and where the table is."""
+    for result in results:
+        if result.state != "done":
+            print(f"{result.folder}: {result.state}" + (f": {result.reason}" if result.reason else ""))
+    print(f"{sum(result.state == 'done' for result in results)} of {len(results)} plants done\nsaved as {table}")
 
 
 def print_render(record: dict[str, Any], root: Path) -> None:

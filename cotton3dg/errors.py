@@ -58,3 +58,7 @@ class StageFailed(Cotton3dgError):
     """A stage ended in a fault of its own; the log has the traceback."""
 
     exit_code = 1
+
+
+SOME_FAILED = 8
+"""Exit code of a batch when some plants failed or were not tried: no error of its own, the others are done."""

@@ -57,16 +57,17 @@ def stage_module(stage: str) -> ModuleType:
 
 
 def stage_options(
-    workspace: Workspace, preset: str = "standard", overrides: dict[str, dict[str, Any]] | None = None
+    workspace: Workspace | None,
+    preset: str = "standard",
+    overrides: dict[str, dict[str, Any]] | None = None,
+    defaults: Path | None = None,
 ) -> dict[str, Any]:
-    """Options of every stage: default < preset < the plant's TOML < `overrides` (command line)."""
+    """Options of every stage: default < preset < TOML `defaults` < the plant's TOML < `overrides` (command line)."""
     if preset not in PRESETS:
         raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
-    toml, overrides = read_toml(workspace.options_file), overrides or {}
-    return {
-        stage: resolve(stage, PRESET_VALUES[preset].get(stage, {}), toml.get(stage, {}), overrides.get(stage, {}))
-        for stage in STAGES
-    }
+    files = [file for file in (defaults, workspace and workspace.options_file) if file]
+    layers = [PRESET_VALUES[preset], *(read_toml(file) for file in files), overrides or {}]
+    return {stage: resolve(stage, *(layer.get(stage, {}) for layer in layers)) for stage in STAGES}
 
 
 def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
@@ -130,15 +131,16 @@ def run(
     stages: tuple[str, ...] = STAGES,
     *,
     force: bool = False,
+    wait: bool = False,
     watcher: Watcher | None = None,
 ) -> None:
-    """Run those of `stages` that are stale, in order, holding the plant's lock.
+    """Run those of `stages` that are stale, in order, holding the plant's lock (after a wait for it, if `wait`).
 
     Raises:
         Cotton3dgError: the first failure; results of earlier stages stay.
     """
     watcher = watcher or Watcher()
-    with workspace.locked(), _logged(workspace):
+    with workspace.locked(wait=wait), _logged(workspace):
         workspace.capture()
         for stage in stages:
             reason = "forced" if force else stale_reason(workspace, stage, options[stage])

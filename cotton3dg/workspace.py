@@ -283,13 +283,17 @@ class Workspace:
 
     # ------------------------------------------------------------------ lock
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the plant's folder for this process; the lock ends with the process, however it dies."""
+    def locked(self, *, wait: bool = False) -> Iterator[None]:
+        """Hold the plant's folder for this process; the lock ends with the process, however it dies.
+
+        Args:
+            wait: until whoever holds it ends, instead of failing.
+        """
         with explained_disk_errors(self.root):
             handle = os.open(self.root / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             except OSError as error:
                 if error.errno not in (errno.EAGAIN, errno.EACCES):
                     raise

@@ -1,5 +1,6 @@
 """From a simulated video to traits.csv through the command line, killed once in every stage on the way."""
 
+import csv
 import os
 import signal
 import subprocess
@@ -97,3 +98,36 @@ def test_a_dry_run_says_why_and_changes_nothing(plant):
     assert "table_length_cm 120.0 -> 100.0" in lines["scale"]
     assert lines["traits"] == "runs: after scale"
     assert {path: path.read_bytes() for path in (plant.root / "records").iterdir()} == records
+
+
+def test_a_batch_skips_the_finished_plant_and_explains_the_broken_ones(plant):
+    folder = plant.root.parent
+    broken = {"empty": "no video", "no_video": "cannot", "odd_options": "frames.count", "two_videos": "several videos"}
+    for name in broken:
+        (folder / name).mkdir()
+    (folder / "no_video" / "walk.mp4").write_bytes(b"this is no video" * 100)
+    (folder / "odd_options" / "walk.mp4").touch()
+    (folder / "odd_options" / "cotton3dg.toml").write_text("[frames]\ncount = 1\n")
+    for name in "ab":
+        (folder / "two_videos" / f"{name}.mp4").touch()
+    tables = []
+    for options in ((), ("--only-failed", "--jobs", "1")):
+        done = subprocess.run(
+            [sys.executable, "-m", "cotton3dg.cli", "batch", str(folder), "--preset", "draft", *options],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 8, done.stderr
+        with (folder / "batch.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [row["folder"] for row in rows] == [*sorted(broken), "plant_007"]
+        for row in rows[:-1]:
+            assert broken[row["folder"]] in row["reason"], row
+            assert f"{row['folder']}: {row['state']}: {row['reason']}" in done.stdout
+        tables.append((folder / "batch.csv").read_bytes())
+    with plant.traits_csv.open(newline="") as file:
+        (own,) = csv.DictReader(file)
+    assert {name: rows[-1][name] for name in own} == own
+    assert tables[0] == tables[1]
+    assert (folder / "batch_bolls.csv").read_bytes() == plant.bolls_csv.read_bytes()

@@ -1,0 +1,295 @@
+"""Many plants: each in a process of its own, so that a fault costs one plant, and one table of all of them.
+
+The table is saved again after every plant. A batch that dies leaves its running plants to finish by themselves; the
+next one waits for them, skips what is up to date and goes on.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
+from .files.tables import BOLLS, TRAITS, Column, csv_text
+from .workspace import Workspace, write_text_atomically
+
+RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
+
+TABLE, BOLL_TABLE, OPTIONS_FILE = "batch.csv", "batch_bolls.csv", "cotton3dg.toml"
+
+MEMORY_OF_A_RUN_GIB = 3.0
+"""What one plant needs with room to spare; decides how many run side by side unless --jobs does."""
+
+WORTH_RETRYING = (StageFailed.exit_code, OutOfResources.exit_code)
+"""A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
+
+INTERRUPTED = 130
+"""Exit code of a run that Ctrl-C ended."""
+
+STATES = ("failed", "waiting", "done")
+"""In the order of the table: what needs attention comes first."""
+
+COLUMNS = (
+    Column("folder", "", "the plant's folder, relative to the batch's"),
+    Column("state", "", "failed, waiting (not yet tried) or done"),
+    Column("exit_code", "1", "of cotton3dg run; negative: the signal that ended it"),
+    Column("reason", "", "why it failed and what to do"),
+    *TRAITS,
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of one plant."""
+
+    folder: str
+    state: str = "waiting"
+    exit_code: int | None = None
+    reason: str = ""
+
+    @property
+    def worth_retrying(self) -> bool:
+        return self.exit_code is not None and (self.exit_code < 0 or self.exit_code in WORTH_RETRYING)
+
+
+def find_plants(folder: Path) -> list[Path]:
+    """Folders of plants below `folder`, in order of name: those with a capture, and leaves that lack one.
+
+    A leaf without video or images is a plant whose video was forgotten; leaving it out would hide that.
+
+    Raises:
+        MissingInput: `folder` is no folder, or no folder is below it.
+    """
+    if not folder.is_dir():
+        raise MissingInput(f"{folder} is not a folder; give the folder that holds a folder a plant")
+    plants = [plant for child in _folders(folder) for plant in _plants_at(child)]
+    if not plants:
+        raise MissingInput(f"{folder} holds no folders; put each plant's video into a folder of its own below it")
+    return plants
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+
+
+def _plants_at(folder: Path) -> list[Path]:
+    try:
+        Workspace(folder).capture()
+    except MissingInput:
+        return [plant for child in _folders(folder) for plant in _plants_at(child)] or [folder]
+    except Cotton3dgError:
+        pass  # its run will explain
+    return [folder]
+
+
+def default_jobs() -> int:
+    """Plants to run side by side: one a core, as far as memory goes."""
+    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return max(1, min(len(cores()), int(memory_gib / MEMORY_OF_A_RUN_GIB)))
+
+
+def cores() -> list[int]:
+    """The cores this process may use."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+
+
+@dataclass
+class Batch:
+    """A batch at work; `results` and the tables are right at any time."""
+
+    folder: Path
+    arguments: Sequence[str] = ()
+    """Further arguments of `cotton3dg run`."""
+    jobs: int = 1
+    retries: int = 0
+    tell: Callable[[str], None] = print
+    command: Sequence[str] = RUN
+    results: dict[str, Result] = field(default_factory=dict)
+    _tried: int = 0
+    _processes: set[subprocess.Popen[str]] = field(default_factory=set)
+    _saving: threading.Lock = field(default_factory=threading.Lock)
+    _draining: threading.Event = field(default_factory=threading.Event)
+
+    def run(self, plants: Sequence[Path]) -> list[Result]:
+        """Run all plants; returns every result the batch knows, failures first.
+
+        The first Ctrl-C lets the running plants finish and starts no others, the second interrupts them.
+        """
+        if self.jobs < 1:
+            raise BadUsage(f"--jobs {self.jobs}: at least 1")
+        names = [plant.relative_to(self.folder).as_posix() for plant in plants]
+        self.results |= {name: Result(name) for name in names}
+        self._save()
+        slots: SimpleQueue[list[int]] = SimpleQueue()
+        for slot in range(self.jobs):
+            slots.put(cores()[slot :: self.jobs] or cores())
+        began = time.monotonic()
+        with ThreadPoolExecutor(self.jobs) as pool:
+            futures = [pool.submit(self._one, name, slots, began, len(names)) for name in names]
+            for interruption in (
+                "no further plant is started, the running ones finish; Ctrl-C again interrupts them",
+                "the running plants are interrupted; the same command continues",
+            ):
+                try:
+                    wait(futures)
+                    break
+                except KeyboardInterrupt:
+                    self.tell(interruption)
+                    if self._draining.is_set():
+                        self._interrupt()
+                    self._draining.set()
+            else:
+                wait(futures)
+        for future in futures:
+            future.result()
+        return self.ordered()
+
+    def ordered(self) -> list[Result]:
+        """Failures first, then what waits, then what is done; by folder."""
+        return sorted(self.results.values(), key=lambda result: (STATES.index(result.state), result.folder))
+
+    def _one(self, name: str, slots: SimpleQueue[list[int]], began: float, total: int) -> None:
+        if self._draining.is_set():
+            return
+        slot = slots.get()
+        try:
+            for attempt in range(self.retries + 1):
+                result = self._attempt(name, slot)
+                if not result.worth_retrying or attempt == self.retries or self._draining.is_set():
+                    break
+                self.tell(f"{name}: {result.reason}; tried again")
+        finally:
+            slots.put(slot)
+        with self._saving:
+            self.results[name] = result
+            self._save()
+            self._tried += 1
+            left_s = (time.monotonic() - began) / self._tried * (total - self._tried)
+            self.tell(f"[{self._tried}/{total}] {name}: {self._outcome(result)}; about {_duration(left_s)} left")
+
+    def _attempt(self, name: str, slot: list[int]) -> Result:
+        # A session of its own keeps the terminal's Ctrl-C from it: whether it ends is decided here.
+        process = subprocess.Popen(
+            [*self.command, str(self.folder / name), "--wait", *self._options()],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._processes.add(process)
+        _bound(process.pid, slot, self.jobs)
+        try:
+            _, said = process.communicate()
+        finally:
+            self._processes.discard(process)
+        code = process.returncode
+        if code == 0:
+            return Result(name, "done", 0)
+        if code in (-signal.SIGINT, INTERRUPTED):
+            return Result(name, "waiting", None, "interrupted")
+        return Result(name, "failed", code, _reason(Path(name).name, code, said))
+
+    def _options(self) -> list[str]:
+        shared = self.folder / OPTIONS_FILE
+        return [*self.arguments, *(["--defaults", str(shared)] if shared.is_file() else [])]
+
+    def _interrupt(self) -> None:
+        for process in list(self._processes):
+            process.send_signal(signal.SIGINT)
+
+    def _outcome(self, result: Result) -> str:
+        if result.state != "done":
+            return f"{result.state}: {result.reason}"
+        row = self._rows(result, "traits_csv")[0]
+        flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
+        return f"{row['boll_count'] or 'no'} bolls in {_duration(float(row['seconds']))}{flags}"
+
+    def _save(self) -> None:
+        ordered = self.ordered()
+        blank = dict.fromkeys((column.name for column in TRAITS), "")
+        rows = [vars(result) | (self._rows(result, "traits_csv") or [blank])[0] for result in ordered]
+        bolls = [row for result in ordered for row in self._rows(result, "bolls_csv")]
+        write_text_atomically(self.folder / TABLE, csv_text(COLUMNS, rows))
+        write_text_atomically(self.folder / BOLL_TABLE, csv_text(BOLLS, bolls))
+
+    def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
+        """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""
+        path: Path = getattr(Workspace(self.folder / result.folder), table)
+        if result.state != "done" or not path.is_file():
+            return []
+        columns = TRAITS if table == "traits_csv" else BOLLS
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [
+                {column.name: _value(row.get(column.name, ""), column) for column in columns}
+                for row in csv.DictReader(file)
+            ]
+
+
+def saved_results(folder: Path) -> dict[str, Result]:
+    """What the saved table says of each folder.
+
+    Raises:
+        MissingInput: there is no table.
+    """
+    if not (folder / TABLE).is_file():
+        raise MissingInput(f"{TABLE} is missing; run the whole batch first")
+    with (folder / TABLE).open(encoding="utf-8-sig", newline="") as file:
+        results = [
+            Result(_folder(row), row["state"], int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
+            for row in csv.DictReader(file)
+        ]
+    return {result.folder: result for result in results if (folder / result.folder).is_dir()}
+
+
+def _folder(row: dict[str, str]) -> str:
+    """The cell without the apostrophe that keeps spreadsheets from computing a name such as =1."""
+    name = row["folder"]
+    return name[1:] if name[:1] == "'" and name[1:2] in "=+-@" else name
+
+
+def _bound(pid: int, slot: list[int], jobs: int) -> None:
+    """Keep a process to its share of cores and memory, where the system can (Linux)."""
+    if not hasattr(resource, "prlimit"):
+        return
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // jobs
+    try:
+        os.sched_setaffinity(pid, slot)
+        resource.prlimit(pid, resource.RLIMIT_DATA, (memory, memory))
+    except ProcessLookupError:
+        pass  # it ended already, and its exit code says how
+
+
+def _reason(name: str, code: int, said: str) -> str:
+    """The last line that a failed run printed, without its plant's name; or the signal that ended it."""
+    if code < 0:
+        cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
+        return f"ended by signal {-code}{cause}"
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    return lines[-1].removeprefix(f"{name}: ") if lines else "no reason was given; see its run.log"
+
+
+def _value(cell: str, column: Column) -> Any:
+    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like."""
+    if not cell:
+        return None
+    if not column.unit:
+        return cell
+    return float(cell) if column.digits is not None else int(cell)
+
+
+def _duration(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"

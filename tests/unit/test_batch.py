@@ -1,0 +1,213 @@
+"""Batches whose plants are run by a stand-in that does what the plant's `behaviour` file says."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from cotton3dg.batch import BOLL_TABLE, TABLE, Batch, default_jobs, find_plants, saved_results
+from cotton3dg.errors import BadUsage, MissingInput
+from cotton3dg.files.tables import BOLLS, TRAITS, csv_text
+
+STAND_IN = """
+import os, pathlib, signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+plant = pathlib.Path(sys.argv[1])
+(plant / "arguments").write_text(" ".join(sys.argv[2:]))
+tries = plant / "tries"
+tries.write_text(str(int(tries.read_text()) + 1 if tries.exists() else 1))
+what, _, rest = (plant / "behaviour").read_text().partition(" ")
+if what == "fail":
+    print("frames: starts\\n" + plant.name + ": " + rest, file=sys.stderr)
+    sys.exit(4)
+if what == "die":
+    os.kill(os.getpid(), signal.SIGKILL)
+if what == "flaky" and tries.read_text() == "1":
+    print(plant.name + ": a fault; try again", file=sys.stderr)
+    sys.exit(1)
+if what == "sleep":
+    (plant / "awake").touch()
+    time.sleep(float(rest))
+(plant / "traits").mkdir(exist_ok=True)
+for name in ("traits", "bolls"):
+    (plant / "traits" / (name + ".csv")).write_bytes((plant / (name + ".template")).read_bytes())
+"""
+
+
+@pytest.fixture
+def stand_in(tmp_path):
+    script = tmp_path / "stand_in.py"
+    script.write_text(STAND_IN)
+    return [sys.executable, str(script)]
+
+
+def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
+    plant = folder / name
+    plant.mkdir(parents=True)
+    (plant / "walk.mp4").touch()
+    (plant / "behaviour").write_text(behaviour)
+    row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
+    row |= {"plant_id": "=" + plant.name, "seconds": 90.04}
+    bolls = [{column.name: -2.5 if column.digits is not None else 3 if column.unit else "007" for column in BOLLS}] * 2
+    (plant / "traits.template").write_text(csv_text(TRAITS, [row], excel=True), newline="")
+    (plant / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
+    return plant
+
+
+def table(folder: Path, name: str = TABLE) -> list[dict[str, str]]:
+    with (folder / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_failures_come_first_with_their_reasons_and_cost_no_other_plant(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a")
+    make_plant(field, "b", "fail no video; film it")
+    make_plant(field, "c", "die")
+    make_plant(field, "d")
+    said = []
+    results = Batch(field, ["--preset", "draft"], 2, tell=said.append, command=stand_in).run(find_plants(field))
+    assert [(r.folder, r.state, r.exit_code) for r in results] == [
+        ("b", "failed", 4), ("c", "failed", -9), ("a", "done", 0), ("d", "done", 0)
+    ]  # fmt: skip
+    rows = table(field)
+    assert [row["folder"] for row in rows] == ["b", "c", "a", "d"]
+    assert rows[0]["reason"] == "no video; film it"
+    assert "signal 9" in rows[1]["reason"]
+    assert rows[0]["boll_count"] == ""
+    assert len(said) == 4
+    assert any("b: failed: no video; film it" in line for line in said)
+    assert (field / "a" / "arguments").read_text() == "--wait --preset draft"
+
+
+def test_cells_of_the_plants_tables_arrive_unchanged(tmp_path, stand_in):
+    field = tmp_path / "field"
+    plant = make_plant(field, "a")
+    Batch(field, jobs=1, tell=lambda line: None, command=stand_in).run([plant])
+    own = table(plant / "traits", "bolls.csv")
+    assert table(field, BOLL_TABLE) == own
+    assert own[0]["plant_id"] == "007"
+    assert own[0]["x_cm"] == "-2.50"
+    row = table(field)[0]
+    assert row["plant_id"] == "'=a"
+    assert {name: row[name] for name in ("boll_count", "seconds", "psnr_db")} == {
+        "boll_count": "7", "seconds": "90.0", "psnr_db": "1.50"
+    }  # fmt: skip
+
+
+def test_only_faults_of_the_machine_are_tried_again(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "bad", "fail no video; film it")
+    make_plant(field, "flaky", "flaky")
+    make_plant(field, "dead", "die")
+    results = Batch(field, jobs=1, retries=1, tell=lambda line: None, command=stand_in).run(find_plants(field))
+    assert {r.folder: r.state for r in results} == {"bad": "failed", "dead": "failed", "flaky": "done"}
+    assert {name: (field / name / "tries").read_text() for name in ("bad", "flaky", "dead")} == {
+        "bad": "1", "flaky": "2", "dead": "2"
+    }  # fmt: skip
+
+
+def test_options_of_the_batch_reach_every_plant(tmp_path, stand_in):
+    field = tmp_path / "field"
+    plant = make_plant(field, "a")
+    (field / "cotton3dg.toml").write_text("[frames]\ncount = 30\n")
+    Batch(field, tell=lambda line: None, command=stand_in).run([plant])
+    assert (plant / "arguments").read_text() == f"--wait --defaults {field / 'cotton3dg.toml'}"
+
+
+def test_plants_are_found_at_any_depth_and_forgotten_videos_are_not_left_out(tmp_path):
+    make_plant(tmp_path, "east/plant_2")
+    make_plant(tmp_path, "east/plant_10")
+    (tmp_path / "east" / "plant_2" / "sfm" / "images").mkdir(parents=True)  # a plant's own folders are no plants
+    (tmp_path / "west" / "empty").mkdir(parents=True)
+    (tmp_path / "photos" / "images").mkdir(parents=True)
+    (tmp_path / ".hidden").mkdir()
+    found = [plant.relative_to(tmp_path).as_posix() for plant in find_plants(tmp_path)]
+    assert found == ["east/plant_10", "east/plant_2", "photos", "west/empty"]
+
+
+def test_folders_without_plants_are_told(tmp_path):
+    with pytest.raises(MissingInput, match="holds no folders"):
+        find_plants(tmp_path)
+    with pytest.raises(MissingInput, match="is not a folder"):
+        find_plants(tmp_path / "nowhere")
+    with pytest.raises(MissingInput, match="run the whole batch first"):
+        saved_results(tmp_path)
+    with pytest.raises(BadUsage, match="--jobs 0"):
+        Batch(tmp_path, jobs=0).run([])
+    assert default_jobs() >= 1
+
+
+def test_the_saved_table_tells_what_failed(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "=odd name", "fail no video; film it")
+    make_plant(field, "good")
+    results = Batch(field, tell=lambda line: None, command=stand_in).run(find_plants(field))
+    assert saved_results(field) == {result.folder: result for result in results}
+
+
+def test_a_killed_batch_has_saved_what_was_done_and_the_next_goes_on(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a")
+    make_plant(field, "b", "sleep 60")
+    code = (
+        "import sys; from pathlib import Path; from cotton3dg.batch import Batch, find_plants;"
+        f"f = Path({str(field)!r}); Batch(f, jobs=1, command={stand_in!r}).run(find_plants(f))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL)
+    until((field / "b" / "awake").exists)
+    process.kill()
+    process.wait()
+    assert {row["folder"]: row["state"] for row in table(field)} == {"a": "done", "b": "waiting"}
+    (field / "b" / "behaviour").write_text("ok")
+    results = Batch(field, tell=lambda line: None, command=stand_in).run(find_plants(field))
+    assert [result.state for result in results] == ["done", "done"]
+
+
+def test_the_first_ctrl_c_drains(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a", "sleep 1.5")
+    make_plant(field, "b")
+    said = []
+    pressed = threading.Thread(target=lambda: (until((field / "a" / "awake").exists), press()))
+    pressed.start()
+    results = Batch(field, jobs=1, tell=said.append, command=stand_in).run(find_plants(field))
+    pressed.join()
+    assert [(result.folder, result.state) for result in results] == [("b", "waiting"), ("a", "done")]
+    assert "no further plant is started" in said[0]
+
+
+def test_the_second_ctrl_c_interrupts(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a", "sleep 60")
+
+    def twice() -> None:
+        until((field / "a" / "awake").exists)
+        press()
+        time.sleep(0.5)
+        press()
+
+    pressed = threading.Thread(target=twice)
+    pressed.start()
+    began = time.monotonic()
+    (result,) = Batch(field, jobs=1, tell=lambda line: None, command=stand_in).run(find_plants(field))
+    pressed.join()
+    assert (result.state, result.reason) == ("waiting", "interrupted")
+    assert time.monotonic() - began < 40
+
+
+def press() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def until(condition) -> None:
+    limit = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < limit
+        time.sleep(0.05)

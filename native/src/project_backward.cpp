@@ -96,6 +96,8 @@ COTTON_INLINE void colour_backward(const Scene<Real>& scene, const double centre
 
 }  // namespace
 
+static_assert(row_gradient::abs_grad_px % kLanes<float> == 0 && row_gradient::abs_grad_px + 1 <= row_gradient::size);
+
 template <class Real>
 bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
                       const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
@@ -103,7 +105,8 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
     const RatioLimits limits(view);
     double centre[3];
     camera_centre(view, centre);
-    Real not_finite = 0;
+    Vec<Real> not_finite{};
+    Real last_not_finite = 0;
     for (int64_t first = 0; first < n; first += kPack) {
         const PackRows pack = pack_rows(visible + first, n - first);
         alignas(64) Real sums[kPack][pair_gradient::size];
@@ -149,10 +152,11 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
             row[row_gradient::grad_px] = Real(grad_px[lane]);
             row[row_gradient::abs_grad_px] = Real(abs_grad_px[lane]);
             colour_backward(scene, centre, pack[lane], row + row_gradient::colour, row + row_gradient::mean);
-            for (int k = 0; k <= row_gradient::abs_grad_px; ++k) not_finite += row[k] * Real(0);
+            for (int k = 0; k < row_gradient::abs_grad_px; k += kLanes<Real>) not_finite += load(row + k) * Real(0);
+            last_not_finite += row[row_gradient::abs_grad_px] * Real(0);
         }
     }
-    return not_finite == 0;
+    return sum<Real>(not_finite) + last_not_finite == 0;
 }
 
 template <class Real>

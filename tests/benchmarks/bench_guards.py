@@ -58,11 +58,14 @@ GUARDS: dict[str, tuple[Change, ...]] = {
     "a saturated alpha has no gradient": ((
         "rasterize.cpp", "b.alpha[j] < Real(kAlphaCap) ? fnma(odds, rest, here) : V{}", "fnma(odds, rest, here)"
     ),),
-    "gradients are checked before the step": ((
-        "project_backward.cpp",
-        "for (int k = 0; k <= row_gradient::abs_grad_px; ++k) not_finite += row[k] * Real(0);",
-        "",
-    ),),
+    "gradients are checked before the step": (
+        (
+            "project_backward.cpp",
+            "for (int k = 0; k < row_gradient::abs_grad_px; k += kLanes<Real>) not_finite += load(row + k) * Real(0);",
+            "",
+        ),
+        ("project_backward.cpp", "last_not_finite += row[row_gradient::abs_grad_px] * Real(0);", ""),
+    ),
     "Adam's gradients are clamped": ((
         "adam.cpp", "minimum(maximum(gradient, V{} - kLargestGradient), V{} + kLargestGradient)", "gradient"
     ),),

@@ -182,7 +182,7 @@ class ScaleOptions:
     table_length_cm: float = option(120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0)
     table_width_cm: float = option(60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0)
     marker_cm: float = option(
-        12.0, "aruco: black square of a printed marker, or a square of a board", unit="cm", at_least=0.5
+        10.0, "aruco: black square of a printed marker, or a square of a board", unit="cm", at_least=0.5
     )
     dictionary: str = option("4x4_50", "aruco: OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
     board: str = option("", "aruco: COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
@@ -229,7 +229,7 @@ class MarkersOptions:
     """A sheet of markers to print; measure its ruler of 10 cm before use."""
 
     paper: str = option("a4", "size of the sheet", choices=("a4", "a3", "letter"))
-    marker_cm: float = option(12.0, "black square of a marker, or a square of the board", unit="cm", at_least=0.5)
+    marker_cm: float = option(10.0, "black square of a marker, or a square of the board", unit="cm", at_least=0.5)
     dictionary: str = option("4x4_50", "OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
     board: str = option("", "COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
     first: int = option(0, "id of the first marker; a second sheet needs others", at_least=0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 from ..errors import BadInput
 from .candidates import cut_by_tile, tiles
-from .transformer_models import load_model, load_transformers, model_kind, normalised
+from .transformer_models import load_model, model_kind, normalised, transformers_class
 from .yolo import suppressed
 
 KINDS = ("grounding-dino",)
@@ -54,7 +54,7 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
     model_kind(folder, "--detector", KINDS)
     model = load_model("GroundingDinoForObjectDetection", folder, trusted=trusted)
     try:
-        tokenizer = load_transformers().AutoTokenizer.from_pretrained(folder, local_files_only=True)
+        tokenizer = transformers_class("AutoTokenizer").from_pretrained(folder, local_files_only=True)
         # It was trained on names in lower case, each with a full stop behind it.
         words = dict(tokenizer(text.strip().lower().rstrip(".") + ".", return_tensors="pt"))
     except Exception as error:

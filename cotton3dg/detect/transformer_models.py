@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 from collections.abc import Collection
 from pathlib import Path
@@ -52,14 +51,14 @@ def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
     Raises:
         EnvironmentUnusable: no transformers. MissingInput: no weights. BadUsage: pickled ones. BadInput: damaged ones.
     """
-    transformers = load_transformers()
+    model_class = transformers_class(class_name)
     pickled = not list(folder.glob("*.safetensors"))
     if pickled and not list(folder.glob("*.bin")):
         raise MissingInput(f"{folder} has no model.safetensors; copy the whole folder of the model from Hugging Face")
     if pickled:
         demand_trust(f"the model in {folder.name}", trusted, "save it as .safetensors")
     try:
-        model, told = getattr(transformers, class_name).from_pretrained(
+        model, told = model_class.from_pretrained(
             folder, local_files_only=True, use_safetensors=not pickled, output_loading_info=True
         )
     # Damaged weights fail in as many ways as there are lines in the readers.
@@ -70,11 +69,11 @@ def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
     return model.eval()
 
 
-def load_transformers() -> Any:
-    """The package, offline and quiet.
+def transformers_class(name: str) -> Any:
+    """A class of transformers, offline and quiet.
 
     Raises:
-        EnvironmentUnusable: it is not installed.
+        EnvironmentUnusable: the package is not installed, too old for the class, or does not load.
     """
     os.environ.update({"HF_HUB_OFFLINE": "1", "TRANSFORMERS_OFFLINE": "1", "HF_HUB_DISABLE_TELEMETRY": "1"})
     try:
@@ -83,9 +82,16 @@ def load_transformers() -> Any:
         raise EnvironmentUnusable(
             f"{error.name or 'transformers'} is not installed; run pip install 'cotton3dg[sam]'"
         ) from error
-    logging.getLogger("transformers").setLevel(logging.ERROR)
+    transformers.utils.logging.set_verbosity_error()
     transformers.utils.logging.disable_progress_bar()
-    return transformers
+    try:
+        return getattr(transformers, name)
+    # Its classes are imported when they are asked for, with all that they import in turn.
+    except (ImportError, AttributeError, RuntimeError) as error:
+        raise EnvironmentUnusable(
+            f"transformers {transformers.__version__} does not load {name} ({error!r:.80}); run pip install -U "
+            "'cotton3dg[sam]', with torchvision from the same index as torch or not at all"
+        ) from error
 
 
 def normalised(image: NDArray[np.uint8], height: int, width: int) -> Float32:

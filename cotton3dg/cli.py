@@ -159,6 +159,27 @@ def status(
 
 
 @app.command(rich_help_panel="Trying it out")
+def doctor(
+    folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+) -> None:
+    """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
+    from dataclasses import asdict
+
+    from . import display
+    from .doctor import examine
+    from .errors import EnvironmentUnusable
+
+    findings = examine(folder)
+    if as_json:
+        typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
+    else:
+        display.print_findings(findings)
+    if any(finding.fatal and finding.remedy for finding in findings):
+        raise typer.Exit(EnvironmentUnusable.exit_code)
+
+
+@app.command(rich_help_panel="Trying it out")
 def evaluate(
     plant_dir: PlantDir,
     truth: Annotated[Path | None, typer.Option(help="truth.json; default: the one in PLANT_DIR")] = None,

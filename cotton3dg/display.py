@@ -18,6 +18,7 @@ from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
     from .batch import Result
+    from .doctor import Finding
     from .evaluate import BollMatches, TraitError
     from .evaluate_masks import MaskScore
 
@@ -134,6 +135,14 @@ def print_batch(results: list[Result], table: Path) -> None:
         if result.state != "done":
             print(f"{result.folder}: {result.state}" + (f": {result.reason}" if result.reason else ""))
     print(f"{sum(result.state == 'done' for result in results)} of {len(results)} plants done\nsaved as {table}")
+
+
+def print_findings(findings: list[Finding]) -> None:
+    """What a machine has, and what to do about what it lacks."""
+    for finding in findings:
+        print(f"{'!' if finding.remedy else ' '} {finding.name:<32} {finding.found}")
+        if finding.remedy:
+            print(f"  {'':<32} -> {finding.remedy}")
 
 
 def print_render(record: dict[str, Any], root: Path) -> None:

@@ -1,0 +1,70 @@
+import json
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from cotton3dg import doctor
+
+
+def test_this_machine_is_usable_and_every_dependency_is_looked_at(tmp_path):
+    findings = {finding.name: finding for finding in doctor.examine(tmp_path)}
+    assert [f for f in findings.values() if f.fatal and f.remedy] == []
+    assert {"torch", "open3d", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python"} <= findings.keys()
+    assert findings["numpy"].found == metadata.version("numpy")
+    assert "instruction set" in findings["C++ core"].found
+    assert "ultralytics" not in findings  # extras are not missed
+
+
+@pytest.mark.parametrize(
+    ("code", "said", "found", "remedy"),
+    [
+        (0, "", "1.0", ""),
+        (
+            1,
+            "ImportError: libusb-1.0.so.0: cannot open shared object file: No such file",
+            "libusb-1.0.so.0 is missing",
+            "sudo apt-get install libusb-1.0-0",
+        ),
+        (1, "ImportError: libodd.so.3: cannot open shared object file", "libodd.so.3", "package that has libodd.so.3"),
+        (-4, "", "signal 4", "build of lib for this processor"),
+        (1, "Traceback\nValueError: numpy too old\n", "numpy too old", "--force-reinstall lib"),
+        (1, "", "no reason was given", "--force-reinstall lib"),
+    ],
+)
+def test_failed_imports_name_what_to_do(code, said, found, remedy):
+    finding = doctor._import_finding("lib", "1.0", code, said)
+    assert found in finding.found
+    assert remedy in finding.remedy
+    assert bool(finding.remedy) == finding.fatal == (code != 0)
+
+
+def test_a_missing_library_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(doctor, "_libraries", lambda: ["numpy", "no-such-library"])
+    missing = doctor.examine(tmp_path)[2]
+    assert (missing.found, missing.remedy, missing.fatal) == ("missing", "pip install no-such-library", True)
+
+
+def test_ffmpeg_without_the_phones_codecs_is_told(monkeypatch):
+    monkeypatch.setattr(doctor, "_said_by", lambda *command: "ffmpeg version 1\n V....D h264   H.264\n A..... hevc x\n")
+    codecs = doctor._ffmpeg()[1]
+    assert codecs.found == "no hevc"
+    assert codecs.remedy
+
+
+def test_without_ffmpeg_the_machine_is_unusable(monkeypatch):
+    monkeypatch.setattr(doctor, "ffmpeg_binary", lambda: "/nowhere/ffmpeg")
+    (finding,) = doctor._ffmpeg()
+    assert finding.fatal
+    assert finding.remedy == "sudo apt-get install ffmpeg"
+
+
+def test_the_command_prints_and_its_exit_code_tells(tmp_path):
+    command = [sys.executable, "-m", "cotton3dg.cli", "doctor", str(tmp_path)]
+    found = json.loads(subprocess.run([*command, "--json"], capture_output=True, text=True, check=True).stdout)
+    assert {"name", "found", "remedy", "fatal"} == found[0].keys()
+    bare = subprocess.run(command, capture_output=True, text=True, check=False, env={"PATH": "/nowhere", "HOME": "/"})
+    assert "C++ core" in bare.stdout
+    assert bare.returncode in (0, 3)  # imageio-ffmpeg may bring its own
+    assert ("sudo apt-get install ffmpeg" in bare.stdout) == (bare.returncode == 3)

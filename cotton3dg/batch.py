@@ -21,6 +21,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.tables import BOLLS, TRAITS, Column, csv_text
 from .workspace import Workspace, write_text_atomically
@@ -97,12 +98,7 @@ def _plants_at(folder: Path) -> list[Path]:
 def default_jobs() -> int:
     """Plants to run side by side: one a core, as far as memory goes."""
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    return max(1, min(len(cores()), int(memory_gib / MEMORY_OF_A_RUN_GIB)))
-
-
-def cores() -> list[int]:
-    """The cores this process may use."""
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+    return max(1, min(len(usable_cores()), int(memory_gib / MEMORY_OF_A_RUN_GIB)))
 
 
 @dataclass
@@ -134,7 +130,7 @@ class Batch:
         self._save()
         slots: SimpleQueue[list[int]] = SimpleQueue()
         for slot in range(self.jobs):
-            slots.put(cores()[slot :: self.jobs] or cores())
+            slots.put(usable_cores()[slot :: self.jobs] or usable_cores())
         began = time.monotonic()
         with ThreadPoolExecutor(self.jobs) as pool:
             futures = [pool.submit(self._one, name, slots, began, len(names)) for name in names]

@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from . import __version__
+from .core.machine import usable_cores
 from .errors import Cotton3dgError
 from .files.video import ffmpeg_binary
 
@@ -54,7 +55,7 @@ class Finding:
 def examine(folder: Path) -> list[Finding]:
     """Everything that matters for running plants in `folder`. Takes seconds: the large libraries are imported."""
     libraries = _libraries()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(len(usable_cores())) as pool:
         imported = list(pool.map(_library, libraries))
     return [
         Finding("cotton3dg", f"{__version__}, Python {sys.version.split()[0]}"),
@@ -133,10 +134,9 @@ def _said_by(*command: str) -> str:
 def _machine(folder: Path) -> list[Finding]:
     page, pages = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_PHYS_PAGES")
     memory_gib = page * pages / 2**30
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     free_gib = shutil.disk_usage(folder).free / 2**30
     return [
-        Finding("processor", f"{cores} cores for this process"),
+        Finding("processor", f"{len(usable_cores())} cores for this process"),
         Finding(
             "memory",
             f"{memory_gib:.1f} GiB",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from .images import read_image, write_image
 
@@ -81,6 +81,7 @@ def _find_features(image_folder: Path, names: list[str], database: Path, setting
     import pycolmap
 
     options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = len(usable_cores())
     options.max_image_size = settings.max_side
     options.sift.max_num_features = settings.max_features
     # Octave -1 would double the image first: four times the work for the finest, least repeatable features.
@@ -113,10 +114,16 @@ def _match(database: Path, pairs_file: Path, settings: ReconstructionSettings) -
 
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = pairs_file
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = len(usable_cores())
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = settings.seed
     pycolmap.match_image_pairs(
-        database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+        database,
+        matching_options=matching,
+        pairing_options=pairing,
+        verification_options=verification,
+        device=pycolmap.Device.cpu,
     )
 
 
@@ -187,7 +194,7 @@ def undistort(image_folder: Path, model_folder: Path, target_folder: Path) -> No
         write_image(images / name, picture)
 
     registered = [model.image(image_id) for image_id in model.reg_image_ids()]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(len(usable_cores())) as threads:
         list(threads.map(undistort_one, [image.name for image in registered]))
     for image in registered:
         seen_px = np.array([point.xy for point in image.points2D]).reshape(-1, 2)

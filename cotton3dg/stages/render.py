@@ -8,7 +8,6 @@ Not a stage of the pipeline: nothing depends on it.
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage, NoBolls
@@ -85,7 +85,7 @@ def _film(
     """Render and save, one frame in memory at a time, and count the time of the core alone."""
     background = BACKGROUNDS[options.background]
     near_su, far_su = (share * distance_su for share in DEPTH_RANGE)
-    threads = options.threads or os.cpu_count() or 1
+    threads = options.threads or len(usable_cores())
     name = "_".join([options.view, options.show, *["plant"] * options.plant_only])
     wall_s = cpu_s = 0.0
     with workspace.writing(f"render/{name}") as folder:

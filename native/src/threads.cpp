@@ -1,6 +1,9 @@
 #include "threads.h"
 
 #include <unistd.h>
+#if defined(__linux__)
+#include <sched.h>
+#endif
 
 #include <atomic>
 #include <condition_variable>
@@ -85,10 +88,19 @@ Pool& pool() {
     return *current;
 }
 
+// The standard library counts all cores of the machine, also those that a cluster's scheduler gave to others.
+int usable_cores() {
+#if defined(__linux__)
+    cpu_set_t usable;
+    if (sched_getaffinity(0, sizeof usable, &usable) == 0) return CPU_COUNT(&usable);
+#endif
+    return int(std::thread::hardware_concurrency());
+}
+
 }  // namespace
 
 int thread_count(int threads) {
-    if (threads <= 0) threads = int(std::thread::hardware_concurrency());
+    if (threads <= 0) threads = usable_cores();
     return threads < 1 ? 1 : threads > kMaxThreads ? kMaxThreads : threads;
 }
 

@@ -11,7 +11,7 @@ from lint_scene import orbit_cameras
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.annotations import read_masks, undistorted_ids
-from cotton3dg.files.coco import coco_document, decompressed_counts, segmentation_pixels
+from cotton3dg.files.coco import decompressed_counts, segmentation_pixels
 from cotton3dg.files.images import write_ids
 
 H, W = 12, 20

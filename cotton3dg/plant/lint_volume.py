@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
 from .split_touching import split_touching
-from .views import Orbit
+from .views import Orbit, azimuths
 
 REACH = 0.4
 """Radius of the searched space, R: walls and shelves stand outside the circle of the cameras, plants well inside."""
@@ -26,16 +26,20 @@ REFINED = 3
 """Fine voxels along a coarse one."""
 IN_VIEW = 0.6
 """Least share of the views that have a voxel in their image; the plant is meant to be in all."""
-CONTRAST = 0.65
-"""Least contrast of a boll's best voxels: the share of the views that see lint there, beyond those that see white
+CONTRAST = 0.8
+"""Least contrast of a boll's best voxels: the share of an arc's views that see lint there, beyond those that see white
 through empty space anyway."""
+SECTORS, ARC = 6, 4
+"""The orbit's sectors and how many of them, side by side, have a vote of their own; the best one counts. What a boll
+hangs on hides it from one side, and half a turn shows as much of its outline as a whole one; an arc of two thirds
+holds that half, while a white wall shines through empty space from half a turn at most."""
 LEAST_ROOM = 0.25
 """Least share of the views with another background than white that a full contrast takes."""
 CLEARANCE = 0.04
 """Height above the table below which nothing is a boll, R: the clamp, labels, fallen locks."""
 GROWTH = 4
 """Voxels by which a boll may grow when its first masks vote again."""
-AGREED = 0.75
+AGREED = 0.8
 """Share of its boll's highest vote that a voxel keeps. Views all around a ball see it through a point just outside it,
 unless they look past; so nearly all must agree, but for those that burs and branches block."""
 
@@ -131,11 +135,14 @@ def vote(
     if table is not None:
         height = _mapped(cells, scene_from_cell) @ table[:3].astype(np.float32) + np.float32(table[3])
         allowed &= height > CLEARANCE * orbit.radius
-    shares = np.zeros(allowed.shape, np.float32)
-    shares[allowed], in_view = mean_score(_mapped(cells[allowed], scene_from_cell), scores, cameras)
-    allowed[allowed] = in_view >= IN_VIEW
-    usual = _usual_share(shares, allowed)
-    hopeful = ndimage.binary_dilation(allowed & (_contrast(shares, usual) > CONTRAST / 2)) & allowed
+    arcs = _arcs(cameras, orbit)
+    shares, in_view = _mean_scores(_mapped(cells[allowed], scene_from_cell), scores, cameras, arcs)
+    within = in_view >= IN_VIEW
+    allowed[allowed] = within
+    usual = np.stack([_usual_share(share, allowed) for share in shares[:, within]])
+    hopeful = np.zeros(allowed.shape, bool)
+    hopeful[allowed] = (_contrast(shares[:, within], usual) > CONTRAST / 2).any(axis=0)
+    hopeful = ndimage.binary_dilation(hopeful) & allowed
     coarse = np.argwhere(hopeful)
     if not len(coarse):
         return np.zeros((1, 1, 1), np.float32), scene_from_cell
@@ -147,11 +154,37 @@ def vote(
     scene_from_voxel = np.column_stack(
         [scene_from_cell[:, :3] / REFINED, scene_from_cell[:, :3] @ first + scene_from_cell[:, 3]]
     )
-    shares, in_view = mean_score(_mapped(fine.astype(np.float32), scene_from_voxel), scores, cameras)
+    shares, in_view = _mean_scores(_mapped(fine.astype(np.float32), scene_from_voxel), scores, cameras, arcs)
     contrasts = np.zeros((coarse.max(axis=0) - corner + 1) * REFINED, np.float32)
+    best = _contrast(shares, np.repeat(usual[:, hopeful[allowed]], REFINED**3, axis=1)).max(axis=0)
     # A view that does not see a voxel is no witness for it.
-    contrasts[tuple(fine.T)] = in_view * _contrast(shares, np.repeat(usual[hopeful], REFINED**3))
+    contrasts[tuple(fine.T)] = in_view * best
     return contrasts, scene_from_voxel
+
+
+def _arcs(cameras: Sequence[Camera], orbit: Orbit) -> NDArray[np.bool_]:
+    """(A, V) which views lie in each arc of the orbit; arcs with fewer than half of the views do not count."""
+    sectors = (azimuths(cameras, orbit) * SECTORS / (2 * np.pi)).astype(np.int64) % SECTORS
+    arcs = (sectors - np.arange(SECTORS)[:, None]) % SECTORS < ARC
+    return arcs[2 * arcs.sum(axis=1) >= len(cameras)]
+
+
+def _mean_scores(
+    points: Float32, scores: Sequence[NDArray], cameras: Sequence[Camera], arcs: NDArray[np.bool_]
+) -> tuple[Float32, Float32]:
+    """(A, N) mean score of (N, 3) points over the views of each arc that have them in their image, and the (N,) share
+    of all views that do.
+    """
+    total, seen = np.zeros((2, len(arcs), len(points)), np.float32)
+    in_view = np.zeros(len(points), np.float32)
+    for score, camera, in_arc in zip(scores, cameras, arcs.T, strict=True):
+        columns, lines, inside = pixels_of(points, camera)[:3]
+        found = np.where(inside, score[lines, columns], 0).astype(np.float32)
+        in_view += inside
+        for arc in np.flatnonzero(in_arc):
+            total[arc] += found
+            seen[arc] += inside
+    return (total / np.maximum(seen, 1)).astype(np.float32), in_view / np.float32(max(len(cameras), 1))
 
 
 def mean_score(points: Float32, scores: Sequence[NDArray], cameras: Sequence[Camera]) -> tuple[Float32, Float32]:
@@ -176,14 +209,19 @@ def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray, NDArray, NDArra
 
 
 def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
-    """What empty space around each voxel looks like: an opening that removes all that is narrower than 0.09 R."""
+    """What empty space around each cell looks like: an opening that removes all that is narrower than 0.09 R.
+
+    Args:
+        shares: (N,) of the N cells that are allowed (X, Y, Z).
+    """
     from scipy import ndimage
 
+    smooth = np.zeros(allowed.shape, np.float32)
+    smooth[allowed] = shares
     weights = ndimage.gaussian_filter(allowed.astype(np.float32), 1.5)
-    smooth = ndimage.gaussian_filter(np.where(allowed, shares, 0), 1.5) / np.maximum(weights, 1e-6)
+    smooth = ndimage.gaussian_filter(smooth, 1.5) / np.maximum(weights, 1e-6)
     low = ndimage.minimum_filter(np.where(allowed, smooth, 1), 9)
-    opened = ndimage.maximum_filter(np.where(allowed, low, 0), 9)
-    return opened
+    return ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
 
 
 def _mapped(points: Float32, affine: Float64) -> Float32:

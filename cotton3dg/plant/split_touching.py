@@ -7,13 +7,19 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32
 
-SOLID = 0.6
-"""Share of its boll's highest contrast at which a voxel counts as lint: half way down the edge, which ends above zero
-because the views that look past a boll into another one see lint too."""
-SMOOTHING = 0.15
-"""Standard deviation, in boll diameters, that makes one hill of a boll; its locks are half a diameter apart."""
-DIP = 0.87
-"""Two hills are two bolls where the pass between them is lower than this share of the lower one."""
+SOLID = 0.8
+"""Share of its boll's highest contrast at which a voxel counts as lint: near the top of the edge, which spreads
+outwards because the views that look past a boll into another one, or onto a white wall, see lint too."""
+LEVELS = (0.4, 0.5, 0.6, 0.7, 0.8)
+"""Contrasts whose surfaces tell how deep inside of lint a voxel is: the necks between bolls show in some of them only,
+the lower the deeper the bolls stand in a heap."""
+SMOOTHING = 0.1
+"""Standard deviation, in boll diameters, that levels the ripples of depths that voxels and locks make."""
+DIP = 0.95
+"""Two hills are two bolls where the pass between them is lower than this share of the lower one ..."""
+LOCKS_APART, LOCKS_DIP = 0.6, 0.5
+"""... or than this one, when they are closer than so many boll diameters: the four or five locks of an open boll are
+half a diameter apart."""
 SMALLEST, LARGEST = 0.35, 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
 THINNEST = 0.25
@@ -21,7 +27,7 @@ THINNEST = 0.25
 
 
 def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
-    """Divide a volume into bolls by a watershed on its smoothed contrast.
+    """Divide a volume into bolls by a watershed on the depth inside of lint, which is least where two bolls touch.
 
     Args:
         contrasts: (X, Y, Z), 1 = surely lint, 0 or less = not.
@@ -31,22 +37,33 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
     """
     from scipy import ndimage
 
-    # The margin spares every look at a neighbour the question whether there is one.
-    lint = np.pad(np.clip(contrasts, 0, 1), 1)
+    lint = np.clip(contrasts, 0, 1)
     diameter = typical_diameter(lint)
-    hills = ndimage.gaussian_filter(lint, SMOOTHING * diameter)
-    hills[0], hills[-1], hills[:, 0], hills[:, -1], hills[:, :, 0], hills[:, :, -1] = [0] * 6
-    voxels = np.flatnonzero(hills > SOLID * least / 2)
-    if not len(voxels):
-        return np.zeros(contrasts.shape, np.int32)
-    summits = _joined(_summits(hills, voxels), hills, voxels)
+    heaps, _ = ndimage.label(lint > LEVELS[0])
+    labels = np.zeros(lint.shape, np.int32)
+    for heap, box in enumerate(ndimage.find_objects(heaps), start=1):
+        own = np.where(heaps[box] == heap, lint[box], 0)
+        if own.max() > least:
+            # The margin spares every look at a neighbour the question whether there is one.
+            bolls = _divided(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
+            labels[box] += np.where(bolls > 0, bolls + labels.max(), 0)
+    return _boll_shaped(labels, diameter)
+
+
+def _divided(lint: Float32, least: float, diameter: float) -> NDArray[np.int32]:
+    """The same of one heap of connected lint, whose bolls may still be of any size and shape."""
+    from scipy import ndimage
+
+    depths = sum(ndimage.distance_transform_edt(lint > level) for level in LEVELS) / len(LEVELS)
+    hills = ndimage.gaussian_filter(depths, SMOOTHING * diameter, mode="constant").astype(np.float32)
+    voxels = np.flatnonzero(lint > LEVELS[0])
+    summits = _joined(_summits(hills, voxels), hills, voxels, diameter)
     highest = np.zeros(hills.size, np.float32)
     np.maximum.at(highest, summits, lint.ravel()[voxels])
     solid = (lint.ravel()[voxels] > SOLID * highest[summits]) & (highest[summits] > least)
-    numbers = np.unique(summits[solid], return_inverse=True)[1]
     labels = np.zeros(hills.size, np.int32)
-    labels[voxels[solid]] = numbers + 1
-    return _boll_shaped(labels.reshape(hills.shape)[1:-1, 1:-1, 1:-1], diameter)
+    labels[voxels[solid]] = np.unique(summits[solid], return_inverse=True)[1] + 1
+    return labels.reshape(lint.shape)
 
 
 def typical_diameter(lint: Float32) -> float:
@@ -75,8 +92,10 @@ def _summits(hills: Float32, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
     return summits
 
 
-def _joined(summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """`summits` with one for all hills whose pass is hardly lower than the lower one, highest pass first."""
+def _joined(
+    summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64], diameter: float
+) -> NDArray[np.int64]:
+    """`summits` with one for all hills of one boll, highest pass first."""
     flat = hills.ravel()
     owner = np.full(hills.size, -1)
     owner[voxels] = summits
@@ -88,7 +107,9 @@ def _joined(summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64
         pairs = np.sort(np.stack([summits[border], owner[ahead[border]]], 1), axis=1)
         for (one, other), height in zip(pairs.tolist(), heights.tolist(), strict=True):
             passes[one, other] = max(passes.get((one, other), 0.0), height)
-    parent = {int(summit): int(summit) for summit in np.unique(summits)}
+    names, numbers = np.unique(summits, return_inverse=True)
+    places = dict(zip(names.tolist(), np.stack(np.unravel_index(names, hills.shape), 1), strict=True))
+    parent = {int(summit): int(summit) for summit in names}
 
     def top(summit: int) -> int:
         while parent[summit] != summit:
@@ -97,9 +118,9 @@ def _joined(summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64
 
     for (one, other), height in sorted(passes.items(), key=lambda item: (-item[1], item[0])):
         low, high = sorted((top(one), top(other)), key=lambda summit: (flat[summit], summit))
-        if low != high and height > DIP * flat[low]:
+        near = np.linalg.norm(places[one] - places[other]) < LOCKS_APART * diameter
+        if low != high and height > (LOCKS_DIP if near else DIP) * flat[low]:
             parent[low] = high
-    names, numbers = np.unique(summits, return_inverse=True)
     return np.array([top(int(summit)) for summit in names])[numbers]
 
 

@@ -30,7 +30,7 @@ SHARPEST_PX = 0.2
 """Standard deviation of the sharpest edges."""
 ROUNDS = ((6.0, 1e-3), (3.0, 1e-4))
 """How far around an edge its maxima are sought, px, until the corners move less than so many widths of the table."""
-MOST_ROUNDS = 20
+MOST_ROUNDS = 8
 STRONG = 0.75
 """Contrast of an edge relative to the strongest line beside it."""
 MIN_VIEWS = 3
@@ -119,7 +119,7 @@ def fit_rim(first: Rectangle, cameras: Sequence[Camera], images: Sequence[NDArra
         first: the rectangle as points give it.
         images: (H, W, 3) of the cameras.
     Returns:
-        None when an edge shows in fewer than `MIN_VIEWS` views.
+        None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
     import cv2
 
@@ -134,14 +134,21 @@ def fit_rim(first: Rectangle, cameras: Sequence[Camera], images: Sequence[NDArra
         for _ in range(MOST_ROUNDS):
             before = rectangle.corners
             seen = [_maxima(rectangle, edge, views, reach_px) for edge in EDGES]
+            if min(len(found.view) for found in seen) < PLACES:
+                return None
             rectangle = _adjusted(anchor, rectangle, cameras, seen)
             if np.abs(rectangle.corners - before).max() < settled * first.width:
                 break
-    offsets = [_distances(rectangle, edge, cameras, found) for edge, found in zip(EDGES, seen, strict=True)]
+        if np.abs(rectangle.corners - anchor.corners).max() > SEARCH * first.width:
+            return None
+    offsets = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, seen, strict=True)]
+    # Sought far around: among the maxima of a mere texture a third would lie that close.
+    wide = [_maxima(rectangle, edge, views, ROUNDS[0][0]) for edge in EDGES]
+    near = [np.abs(_distances(rectangle, edge, cameras, found)) < 2 for edge, found in zip(EDGES, wide, strict=True)]
     return RimFit(
         rectangle,
-        tuple(float(np.median(np.abs(d))) for d in offsets),
-        tuple(float((np.abs(d) < 2).mean()) for d in offsets),
+        tuple(float(np.median(d)) for d in offsets),
+        tuple(float(hits.sum() / found.looked) for hits, found in zip(near, wide, strict=True)),
         tuple(len(np.unique(found.view)) for found in seen),
     )
 
@@ -158,6 +165,8 @@ class _Maxima:
     """(n, 2) px."""
     normals: Float64
     """(n, 2) unit normals of the edge in the photo."""
+    looked: int
+    """Places looked at, with a maximum or without."""
 
 
 _View = tuple[Camera, NDArray[np.uint8]]
@@ -222,12 +231,13 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
     points = rectangle.points(rectangle.edge_places(edge, _along()))
     ahead = rectangle.axes[1 if edge < 2 else 0] * 1e-3 * rectangle.width
     steps = np.arange(-reach_px - 0.5, reach_px + 0.51, 0.5)
-    parts = []
+    parts, looked = [], 0
     for number, (camera, image) in enumerate(views):
         if not rectangle.hides_its_side(edge, camera):
             continue
         pixels, normals, inside = _on_image(camera, points, ahead)
         pixels, normals = pixels[inside], normals[inside]
+        looked += len(pixels)
         if not len(pixels):
             continue
         profile = _difference(image, pixels[:, None] + steps[None, :, None] * normals[:, None], normals[:, None])
@@ -241,18 +251,18 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
         part = (np.full(len(pixels), number), _along()[inside], pixels + offset[:, None] * normals, normals)
         parts.append([column[clear] for column in part])
     if not parts:
-        return _Maxima(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
-    return _Maxima(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return _Maxima(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), 0)
+    return _Maxima(*(np.concatenate(column) for column in zip(*parts, strict=True)), looked)
 
 
 def _adjusted(anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima]) -> Rectangle:
     """`start` moved so that its edges meet what the photos show; tilt and height are held near those of `anchor`.
 
-    Gauss-Newton with the weights of the Cauchy loss; the moves are small, so a few steps suffice.
+    Gauss-Newton with the weights of the Cauchy loss; two steps, for the maxima are sought anew afterwards.
     """
     unit = np.array([1, 1, 1, *[start.width] * 5])
     rectangle = start
-    for _ in range(6):
+    for _ in range(2):
         here = _residuals(rectangle, anchor, cameras, seen)
         sigma_px = max(1.4826 * float(np.median(np.abs(here[:-3]))), SHARPEST_PX)
         # Neighbouring places of a photo err alike: they count eight times too often, and so must the prior.

@@ -31,9 +31,12 @@ MIN_AREA = 0.2
 HYPOTHESES = 10_000
 ASPECT_TOLERANCE = 0.05
 MIN_FILL = 0.8
-MIN_SUPPORT = 0.5
+MIN_SUPPORT = 0.45
+"""Share of the places along an edge that show it; a third would by chance."""
 LEAST_ERROR = 1e-3
 """Relative; 1 mm of a table's metre, about what edges are rounded by."""
+LEAST_ERROR_OF_POINTS = 1e-2
+"""The same without photos: points end short of an edge, floaters lie beyond it."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,9 @@ def find_table(
             continue
         for guess in (first, *(_completed(first, aspect) if images else ())):
             rim = fit_rim(guess, image_cameras, images) if images else None
+            if images and rim is None:
+                refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
+                continue
             rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
             fill, inliers = _coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
@@ -107,7 +113,7 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
 
     Edges are found equally well on all sides, so the longer one tells more; the seed paper's plain mean of the two
     ratios would be led by the short side. The error is half their disagreement, as for a mean of two, and at least
-    `LEAST_ERROR`: the two may agree by chance.
+    `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may agree by chance.
     """
     measured, known = np.array([fit.rectangle.length, fit.rectangle.width]), np.array([length_cm, width_cm])
     cm_per_su = float(measured @ known / (measured @ measured))
@@ -115,7 +121,8 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     error = float(abs(ratios[0] - ratios[1]) / 2 / cm_per_su)
     up = fit.rectangle.axes[2]
     plane = np.append(up, -up @ fit.rectangle.origin)
-    return Scale(cm_per_su, max(error, LEAST_ERROR), "table", up, plane, fit.rectangle.corners)
+    least = LEAST_ERROR if fit.rim else LEAST_ERROR_OF_POINTS
+    return Scale(cm_per_su, max(error, least), "table", up, plane, fit.rectangle.corners)
 
 
 def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:

@@ -14,6 +14,8 @@ FOOT_CM = np.array([4.0, -3.0, 0.0])
 TOP_CM, REACH_CM = 70.0, 18.0
 BOLLS_CM = np.array([[4.0, -3.0, 67.5], [22.0 - 2.5, -3.0, 50.0], [4.0, 12.5, 40.0], [-11.5, -3.0, 35.0]])
 BOLL_RADIUS_CM = 2.5
+SECOND_CM = np.array([[-30.0, 50.0], [40.0, 120.0]])
+"""Opposite corners of the second table."""
 SHELL_CM = 0.36
 """Gaussians of 0.2 cm so far inside render as a ball of the full radius."""
 
@@ -60,8 +62,21 @@ def orbit(
     return cameras
 
 
-def photo(camera: Camera, pose: Pose = POSE, *, table: bool = True, length_cm: float = LENGTH_CM) -> np.ndarray:
-    """(H, W, 3) uint8: a grained table top with dark side faces before a room of coloured tiles, four rays a pixel."""
+def photo(
+    camera: Camera,
+    pose: Pose = POSE,
+    *,
+    table: bool = True,
+    length_cm: float = LENGTH_CM,
+    box_from_cm: float | None = None,
+    second: bool = False,
+) -> np.ndarray:
+    """(H, W, 3) uint8: a grained table top with dark side faces before a room of coloured tiles, four rays a pixel.
+
+    Args:
+        box_from_cm: a box 20 cm high and wider than the table stands on its end from this x on.
+        second: a square table of the same height stands 20 cm beside the table.
+    """
     step = (np.arange(2) + 0.5) / 2
     u = (np.arange(camera.width)[:, None] + step).ravel()
     v = (np.arange(camera.height)[:, None] + step).ravel()
@@ -87,8 +102,26 @@ def photo(camera: Camera, pose: Pose = POSE, *, table: bool = True, length_cm: f
                 colour[on] = grain[on, None] * [1.0, 0.8, 0.6] if z == 0 else 60.0
                 if z < 0:
                     colour = _sides(colour, eye, rays, half)
+    if second:
+        _paint(colour, eye, rays, SECOND_CM, (0.0, 0.0), [120.0, 130.0, 150.0])
+    if box_from_cm is not None:
+        box = np.array([[box_from_cm, -36.0], [66.0, 36.0]])
+        _paint(colour, eye, rays, box, (0.0, 20.0), [185.0, 150.0, 100.0])
     colour = colour.reshape(camera.height, 2, camera.width, 2, 3).mean((1, 3))
     return np.clip(colour, 0, 255).astype(np.uint8)
+
+
+def _paint(
+    colour: np.ndarray, eye: np.ndarray, rays: np.ndarray, box: np.ndarray, heights: tuple[float, float], tint: list
+) -> None:
+    """Paint an upright box that hides whatever was painted before; its lower rim lies on the table top's plane."""
+    low, high = np.append(box[0], heights[0]), np.append(box[1], heights[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.sort([(low - eye) / rays, (high - eye) / rays], axis=0)
+    enter, leave = at[0].max(-1), at[1].min(-1)
+    hit = (enter <= leave) & (enter > 0)
+    face = at[0].argmax(-1)[hit]
+    colour[hit] = np.array(tint) * np.array([0.7, 0.55, 1.0])[face][:, None]
 
 
 def _sides(colour: np.ndarray, eye: np.ndarray, rays: np.ndarray, half: np.ndarray) -> np.ndarray:

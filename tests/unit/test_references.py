@@ -1,0 +1,161 @@
+"""Scales from the table's sections and from picked points, triangulation, and what several references say together."""
+
+import numpy as np
+import pytest
+from table_scene import POSE, orbit, table_points_cm
+
+from cotton3dg.errors import BadInput
+from cotton3dg.files.picks import read_picks
+from cotton3dg.plant.distance import scale_from_distance
+from cotton3dg.plant.rectangle import Rectangle
+from cotton3dg.plant.references import (
+    Reference,
+    distance_ratios,
+    find_ground,
+    reconcile,
+    scale_on,
+)
+from cotton3dg.plant.sections import scale_from_sections
+from cotton3dg.plant.triangulate import triangulate
+from cotton3dg.plant.views import fit_orbit
+
+CAMERAS = orbit(20, 320, 180)
+TABLE = Rectangle(POSE.rotation.T, POSE.scene(np.zeros((1, 3)))[0], np.array([-60, 60, -30, 30]) / POSE.cm_per_su)
+
+
+def test_a_point_is_found_where_most_views_see_it():
+    point = POSE.scene(np.array([[10.0, -5.0, 30.0]]))[0]
+    rng = np.random.default_rng(0)
+    pixels = np.array([camera.project(point[None])[0][0] for camera in CAMERAS]) + rng.normal(0, 0.2, (20, 2))
+    pixels[[3, 8, 12]] += 25.0
+    sighting = triangulate(CAMERAS, pixels)
+    assert sighting.point == pytest.approx(point, abs=0.1 / POSE.cm_per_su)
+    assert np.flatnonzero(~sighting.agreeing).tolist() == [3, 8, 12]
+    assert sighting.residual_px == pytest.approx(0.28, abs=0.1)
+
+
+def test_views_that_do_not_meet_give_no_point():
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform(0, 180, (20, 2))
+    assert triangulate(CAMERAS, pixels) is None
+    assert triangulate(CAMERAS[:1], pixels[:1]) is None
+    # The same camera twice tells no depth.
+    assert triangulate([CAMERAS[0]] * 2, pixels[[0, 0]]) is None
+
+
+def test_the_error_of_a_point_is_what_its_scatter_predicts():
+    point = POSE.scene(np.array([[0.0, 0.0, 20.0]]))[0]
+    clean = np.array([camera.project(point[None])[0][0] for camera in CAMERAS])
+    rng = np.random.default_rng(1)
+    found = [triangulate(CAMERAS, clean + rng.normal(0, 0.3, clean.shape), tolerance_px=3.0) for _ in range(40)]
+    scatter = np.sqrt(np.mean([np.mean((sighting.point - point) ** 2) for sighting in found]))
+    assert 0.3 * found[0].su_per_px == pytest.approx(scatter, rel=0.3)
+
+
+def test_sections_give_the_scale_of_the_points():
+    points = POSE.scene(table_points_cm(np.random.default_rng(0), 8000))
+    found = scale_from_sections(points, TABLE, 120, 60, fit_orbit(CAMERAS).radius)
+    assert isinstance(found, Reference)
+    assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.015)
+    assert found.relative_error < 0.02
+
+
+def test_sections_of_another_shape_or_of_nothing_are_refused():
+    points = POSE.scene(table_points_cm(np.random.default_rng(0), 8000))
+    radius = fit_orbit(CAMERAS).radius
+    assert "disagree" in scale_from_sections(points, TABLE, 120, 90, radius).reason
+    assert "few points" in scale_from_sections(points[:50], TABLE, 120, 60, radius).reason
+
+
+def picks_of(points_cm, views=(0, 4, 9), error_px=0.0):
+    rng = np.random.default_rng(0)
+    return {
+        name: {
+            CAMERAS[v].name: CAMERAS[v].project(POSE.scene(point[None]))[0][0] + rng.normal(0, error_px, 2)
+            for v in views
+        }
+        for name, point in zip("ab", np.asarray(points_cm, float), strict=True)
+    }
+
+
+def test_two_picked_points_give_the_scale():
+    points = np.array([[-60, -30, 0], [60, -30, 0]])
+    reference, places = scale_from_distance(CAMERAS, picks_of(points), 120.0)
+    assert reference.cm_per_su == pytest.approx(POSE.cm_per_su, rel=1e-6)
+    assert POSE.cm(places) == pytest.approx(points, abs=1e-3)
+    assert 0.001 <= reference.relative_error < 0.01
+    rough, _ = scale_from_distance(CAMERAS, picks_of(points, error_px=0.7), 120.0)
+    assert rough.cm_per_su == pytest.approx(POSE.cm_per_su, rel=3 * rough.relative_error)
+
+
+def test_picks_that_say_little_are_refused():
+    points = np.array([[-60, -30, 0], [60, -30, 0]])
+    assert "where two are needed" in scale_from_distance(CAMERAS, {"a": {}}, 120.0).reason
+    one = picks_of(points) | {"b": {CAMERAS[0].name: np.array([3.0, 4.0])}}
+    assert "1 of the placed images" in scale_from_distance(CAMERAS, one, 120.0).reason
+    slip = picks_of(points)
+    slip["b"][CAMERAS[4].name] = slip["b"][CAMERAS[4].name] + 40.0
+    slip["b"][CAMERAS[9].name] = slip["b"][CAMERAS[9].name] - 40.0
+    assert "do not meet" in scale_from_distance(CAMERAS, slip, 120.0).reason
+    close = np.array([[0, 0, 0], [4.0, 0, 0]])
+    assert "more images" in scale_from_distance(CAMERAS, picks_of(close), 4.0).reason
+
+
+def test_references_that_agree_are_averaged_by_their_certainty():
+    together = reconcile([Reference("table", 40.0, 0.004), Reference("aruco", 40.2, 0.002)])
+    assert together.cm_per_su == pytest.approx((40.0 / 16 + 40.2 / 4) / (1 / 16 + 1 / 4))
+    assert together.agreeing == ("aruco", "table")
+    assert together.differing == {}
+    assert together.relative_error == pytest.approx(0.1 / 40.16, rel=1e-3)
+
+
+def test_a_reference_of_wrong_size_is_left_out_and_named():
+    together = reconcile(
+        [Reference("table", 44.0, 0.003), Reference("aruco", 40.0, 0.002), Reference("distance", 40.1, 0.01)]
+    )
+    assert together.agreeing == ("aruco", "distance")
+    assert together.cm_per_su == pytest.approx(40.0, rel=0.002)
+    assert together.differing == {"table": pytest.approx(0.1)}
+
+
+def test_a_rough_reference_does_not_disagree_with_a_sure_one():
+    together = reconcile([Reference("table", 40.0, 0.002), Reference("sections", 41.0, 0.015)])
+    assert together.differing == {}
+    assert together.cm_per_su == pytest.approx(40.0, rel=0.001)
+
+
+def test_the_ground_is_the_table_top_or_else_the_floor():
+    cloud = table_points_cm(np.random.default_rng(0))
+    ground = find_ground(POSE.scene(cloud), CAMERAS)
+    scale = scale_on(ground, POSE.cm_per_su, 0.01, "aruco")
+    assert scale.height_cm(POSE.scene(np.array([[0, 0, 25.0]]))) == pytest.approx([25.0], abs=0.5)
+    no_table = cloud[(np.abs(cloud[:, :2]) > [61, 31]).any(axis=1)]
+    floor = find_ground(POSE.scene(no_table), CAMERAS)
+    scale = scale_on(floor, POSE.cm_per_su, 0.01, "aruco")
+    assert scale.height_cm(POSE.scene(np.zeros((1, 3)))) == pytest.approx([75.0], abs=1.0)
+    assert find_ground(POSE.scene(cloud[:20]), CAMERAS) is None
+
+
+def test_ratios_use_long_distances():
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    measured = np.column_stack([square / 4, np.zeros(4)])
+    assert distance_ratios(measured, square) == pytest.approx(np.full(6, 4.0))
+    row = np.array([[0, 0], [1, 0], [10, 0.0]])
+    assert len(distance_ratios(np.column_stack([row, np.zeros(3)]), row)) == 2
+
+
+def test_picks_are_read_and_doubtful_ones_refused(tmp_path):
+    path = tmp_path / "scale_points.csv"
+    path.write_text("point,image,x_px,y_px\na,000000.jpg,10,20.5\nb,000000.jpg,3,4\n")
+    picks = read_picks(path)
+    assert picks["a"]["000000.jpg"].tolist() == [10.5, 21.0]
+    assert list(picks) == ["a", "b"]
+    for text, word in (
+        ("point,image,x_px\na,0.jpg,1\n", "y_px"),
+        ("point,image,x_px,y_px\na,0.jpg,1,two\n", "line 2"),
+        ("point,image,x_px,y_px\na,0.jpg,1,2\na,0.jpg,1,2\n", "line 3"),
+        ("point,image,x_px,y_px\na,0.jpg,nan,2\n", "finite"),
+    ):
+        path.write_text(text)
+        with pytest.raises(BadInput, match=word):
+            read_picks(path)

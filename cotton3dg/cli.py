@@ -38,6 +38,7 @@ NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .p
 NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
 Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
 Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
 ]
@@ -90,6 +91,7 @@ def run(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="for another run of this plant, instead of failing")] = False,
     defaults: Annotated[Path | None, typer.Option(help="cotton3dg.toml of many plants; a plant's own wins")] = None,
+    no_report: NoReport = False,
     set_: Set = None,
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
@@ -105,7 +107,7 @@ def run(
             display.print_plan(pipeline.plan(workspace, options, stages, force=force))
             return
         with display.ProgressDisplay() as watcher:
-            pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher)
+            pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
         if "traits" in stages:
             display.print_traits(workspace.traits_csv)
 
@@ -177,6 +179,18 @@ def doctor(
         display.print_findings(findings)
     if any(finding.fatal and finding.remedy for finding in findings):
         raise typer.Exit(EnvironmentUnusable.exit_code)
+
+
+@app.command(rich_help_panel="Everything")
+def report(plant_dir: PlantDir) -> None:
+    """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
+    from .report.page import make_report
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        workspace = Workspace(plant_dir)
+        with workspace.locked():
+            typer.echo(f"saved as {make_report(workspace)}")
 
 
 @app.command(rich_help_panel="Trying it out")

@@ -91,6 +91,9 @@ class ProgressDisplay(Watcher):
     def skipped(self, step: Step) -> None:
         self._say(f"{step.stage}: up to date")
 
+    def reported(self, remark: str) -> None:
+        self._say(f"report: {remark}")
+
     def _say(self, line: str) -> None:
         if self.console.is_terminal:
             self.console.print(line, markup=False, highlight=False)

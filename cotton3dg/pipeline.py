@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import resource
+import sys
 import time
 import traceback
 from collections.abc import Iterator
@@ -49,6 +50,9 @@ class Watcher:
 
     def skipped(self, step: Step) -> None:
         """A stage's result is up to date."""
+
+    def reported(self, remark: str) -> None:
+        """The plant's page was made, or could not be made."""
 
 
 def stage_module(stage: str) -> ModuleType:
@@ -133,24 +137,49 @@ def run(
     force: bool = False,
     wait: bool = False,
     watcher: Watcher | None = None,
+    report: bool = False,
 ) -> None:
     """Run those of `stages` that are stale, in order, holding the plant's lock (after a wait for it, if `wait`).
 
+    Args:
+        report: make the plant's page at the end, also after a failure, unless nothing changed.
     Raises:
         Cotton3dgError: the first failure; results of earlier stages stay.
     """
     watcher = watcher or Watcher()
     with workspace.locked(wait=wait), _logged(workspace):
-        workspace.capture()
-        for stage in stages:
-            reason = "forced" if force else stale_reason(workspace, stage, options[stage])
-            step = Step(stage, options[stage], reason)
-            if not reason:
-                watcher.skipped(step)
-                continue
-            log.info("%s starts: %s", stage, reason)
-            record = _run_stage(workspace, step, watcher.started(step))
-            watcher.finished(step, record)
+        failure = ""
+        try:
+            workspace.capture()
+            for stage in stages:
+                reason = "forced" if force else stale_reason(workspace, stage, options[stage])
+                step = Step(stage, options[stage], reason)
+                if not reason:
+                    watcher.skipped(step)
+                    continue
+                log.info("%s starts: %s", stage, reason)
+                record = _run_stage(workspace, step, watcher.started(step))
+                watcher.finished(step, record)
+        except Cotton3dgError as error:
+            failure = str(error)
+            raise
+        finally:
+            # Not after Ctrl-C: whoever interrupts wants it to end.
+            if report and (failure or sys.exc_info()[0] is None):
+                _make_report(workspace, failure, watcher)
+
+
+def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
+    """Make the plant's page; whatever goes wrong with it is a warning, for the result does not need it."""
+    try:
+        from .report import page
+
+        if page.stale(workspace, failure):
+            page.make_report(workspace, failure)
+            watcher.reported(f"see {workspace.report_html}")
+    except Exception as error:
+        log.warning("the report could not be made: %s", error, exc_info=True)
+        watcher.reported(f"warning: could not be made ({error}); the results are not affected")
 
 
 def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str, Any]:

@@ -206,6 +206,11 @@ class Workspace:
         return self.root / "traits" / "bolls.csv"
 
     @property
+    def report_html(self) -> Path:
+        """The plant's page: everything to look at in one file."""
+        return self.root / "report.html"
+
+    @property
     def log_file(self) -> Path:
         return self.root / "run.log"
 

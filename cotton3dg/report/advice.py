@@ -1,0 +1,242 @@
+"""Quality flags in words, and what this video says about how to film the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .facts import Facts, number
+
+BLURRED = 0.4
+"""`blur` from which a frame counts as blurred (plant/capture.py judges the median by the same)."""
+SMALL_BOLL_PX = 10.0
+"""Width in the training images below which bolls can be lost."""
+EXPOSURE_RATIO = 1.6
+"""Brightest to darkest frame; two thirds of an aperture stop."""
+WIDE_GAP_DEG = 20.0
+FEW_SECONDS = 15.0
+WEAK_EDGE = 0.6
+"""Share of a table edge that is found in the photos."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """A quality flag in words."""
+
+    title: str
+    meaning: str
+    action: str
+
+
+FLAGS = {
+    "video_damaged": Meaning(
+        "Part of the video is damaged",
+        "Some frames could not be decoded; the rest was used.",
+        "Copy the video again from the phone.",
+    ),
+    "blank_frames": Meaning(
+        "Empty frames left out",
+        "Some frames are black, white or show nothing.",
+        "Nothing, if there are few; keep fingers and cloth off the lens.",
+    ),
+    "repeated_frames": Meaning(
+        "Repeated frames left out",
+        "Some frames only repeat the one before, as screen recorders and slow phones do.",
+        "Nothing, if there are few; else film with the phone's own camera app.",
+    ),
+    "few_frames": Meaning(
+        "Fewer frames than wanted",
+        "The video is too short for the number of frames that was asked for, so there are fewer views of each boll.",
+        "Film longer: one slow full turn of 20 to 60 s.",
+    ),
+    "blurred": Meaning(
+        "The images are blurred",
+        "Edges of bolls and of the table are soft, which makes bolls swell and merge.",
+        "Walk more slowly, or film with more light.",
+    ),
+    "underexposed": Meaning(
+        "The images are dark", "Noise hides twigs and lint loses its white.", "Switch on more light."
+    ),
+    "overexposed": Meaning(
+        "The images are burnt out",
+        "Much of the images is pure white, and lint cannot be told from it.",
+        "Lower the exposure, or dim the light.",
+    ),
+    "few_frames_registered": Meaning(
+        "Some frames could not be placed",
+        "The camera's position is unknown for these frames and they were not used.",
+        "Look at the walk below for where they are; walk more slowly there, or film with more light.",
+    ),
+    "orbit_gap": Meaning(
+        "One side was not filmed",
+        "Bolls on that side are seen from few directions: some may be missing, and volumes are less sure.",
+        "Film a full turn and end where you began.",
+    ),
+    "plant_out_of_view": Meaning(
+        "The plant left the frame",
+        "In some frames the plant's middle is outside the image.",
+        "Keep the plant in the middle of the image.",
+    ),
+    "gaussians_culled": Meaning(
+        "Part of the 3D model was left out",
+        "Some of its elements could not be drawn and were dropped.",
+        "Compare render and photo below; if they agree, ignore this.",
+    ),
+    "low_psnr": Meaning(
+        "The 3D model differs from the photos",
+        "Renders at views that were held out are not like the photos, so sizes are less sure.",
+        "Compare render and photo below; film more slowly in steady light, or try --preset paper.",
+    ),
+    "training_steps_rejected": Meaning(
+        "Steps of the training were undone",
+        "Some steps gave no finite result and were taken back.",
+        "Compare render and photo below; if they agree, ignore this.",
+    ),
+    "no_masks": Meaning(
+        "No bolls were found in the images",
+        "No mask, so there is nothing to count or measure.",
+        "Look at the photos: if there is open lint, try another back end (masks --backend) or import masks.",
+    ),
+    "no_bolls": Meaning(
+        "No bolls were found in 3D",
+        "No boll was seen alike by at least two views.",
+        "Look at the masks below; if they are right, give more images masks (masks --views).",
+    ),
+    "no_scale": Meaning(
+        "No scale, so no centimetres",
+        "Nothing of known size was found. Bolls are counted, but volumes, height and canopy are blank.",
+        "Film so that all of the table top is seen, give its size, or lay printed markers beside the plant.",
+    ),
+    "scale_uncertain": Meaning(
+        "The scale is uncertain",
+        "Lengths are known less well than to 1 %, volumes less well than to 3 %.",
+        "Check the table in the pictures below, and the sizes that were given.",
+    ),
+    "references_disagree": Meaning(
+        "References disagree about the scale",
+        "Two things of known size give scales that differ by more than their errors.",
+        "Measure both again with a ruler and give their true sizes.",
+    ),
+    "no_plant": Meaning(
+        "No plant on the table",
+        "Nothing stands on the plane that was taken for the table; height and canopy are blank.",
+        "Check in the pictures below that the outlined table is the right one.",
+    ),
+    "no_stem": Meaning(
+        "The foot of the stem is a guess",
+        "No stem was seen to rise from the clamp. Positions of bolls may be off; sizes are not.",
+        "Film closer to the foot of the plant.",
+    ),
+    "bolls_without_volume": Meaning(
+        "Some bolls have no volume",
+        "They are counted, but their total volume leaves them out.",
+        "Look at the flagged rows of the boll table.",
+    ),
+}
+
+BOLL_FLAGS = {
+    "parted_by_shape": "was joined with a neighbour and parted by shape; its volume is less sure",
+    "large": "much larger than the others: perhaps two bolls in one",
+    "disputed": "fewer than half of the views that see it agree on it",
+    "few_views": "seen by few views; it may be hidden or no boll",
+}
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One thing about how this video was filmed."""
+
+    good: bool
+    topic: str
+    text: str
+
+
+def meaning(flag: str) -> Meaning:
+    """A flag in words; one that is not known here under its own name."""
+    return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
+
+
+def boll_doubts(cell: str) -> str:
+    """The qc_flags of a boll in words."""
+    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in cell.split(";") if flag)
+
+
+def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:
+    """What was filmed well and what to do better, with this video's figures; what needs a change comes first.
+
+    Args:
+        bolls_px: widths of the bolls in the training images.
+    """
+    found = [*_walk(facts.sfm), *_images(facts.frames), *_length(facts.frames), *_table(facts.scale)]
+    if len(bolls_px):
+        width = float(np.median(bolls_px))
+        good = width >= 2 * SMALL_BOLL_PX
+        remedy = "" if good else "; go closer, or raise train.max_side: below 10 px bolls can be lost"
+        found.append(Advice(good, "Distance", f"A middling boll is {width:.0f} px wide in the images used{remedy}."))
+    hidden = [row["boll_id"] for row in facts.bolls if "few_views" in row.get("qc_flags", "").split(";")]
+    if hidden:
+        text = f"Few views see boll {', '.join(hidden[:8])}; raise or lower the camera a little as you walk."
+        found.append(Advice(False, "Hidden bolls", text))
+    return sorted(found, key=lambda item: item.good)
+
+
+def _walk(sfm: dict[str, Any]) -> list[Advice]:
+    if "orbit_coverage_deg" not in sfm:
+        return []
+    covered, gap = sfm["orbit_coverage_deg"], sfm["orbit_largest_gap_deg"]
+    good = covered >= 340 and gap <= WIDE_GAP_DEG
+    remedy = "" if good else "; walk a full turn and end where you began"
+    text = f"You walked {covered:.0f}° around the plant, the widest gap is {gap:.0f}°{remedy}."
+    found = [Advice(good, "Walk", text)]
+    missed, n = sfm.get("unregistered", []), sfm.get("n_frames", 0)
+    remedy = "" if not missed else "; walk more slowly where they are, and keep plant and table in view"
+    text = f"{n - len(missed)} of {n} frames could be placed{remedy}."
+    found.append(Advice(not missed, "Placed frames", text))
+    lost = sfm.get("plant_out_of_view", [])
+    if lost:
+        text = f"The plant leaves the image in {len(lost)} frames, first in {lost[0]}; keep it in the middle."
+        found.append(Advice(False, "Framing", text))
+    return found
+
+
+def _images(frames: dict[str, Any]) -> list[Advice]:
+    images = frames.get("images", [])
+    if not images:
+        return []
+    blurs = np.array([image["blur"] for image in images])
+    blurred = [image for image in images if image["blur"] > BLURRED]
+    where = ""
+    if blurred:
+        times = [image["timestamp_s"] for image in blurred if "timestamp_s" in image]
+        where = f", from {min(times):.1f} to {max(times):.1f} s of the video" if times else ""
+    remedy = "; walk more slowly there or switch on more light" if blurred else ""
+    text = f"{len(blurred)} of {len(images)} frames are blurred{where}{remedy} (median blur {np.median(blurs):.2f})."
+    found = [Advice(not blurred, "Sharpness", text)]
+    light = np.array([image["mean_luminance"] for image in images])
+    ratio = float(np.percentile(light, 95) / max(np.percentile(light, 5), 1e-3))
+    good = ratio < EXPOSURE_RATIO and float(np.median(light)) > 0.1
+    remedy = "" if good else "; lock the exposure (long press on the plant) and light it evenly"
+    text = f"Mean brightness {np.median(light):.0%}, brightest to darkest frame {ratio:.1f} : 1{remedy}."
+    return [*found, Advice(good, "Light", text)]
+
+
+def _length(frames: dict[str, Any]) -> list[Advice]:
+    duration_s = number(frames.get("video", {}).get("duration_s"))
+    if not duration_s:
+        return []
+    good = duration_s >= FEW_SECONDS
+    remedy = "" if good else "; 20 to 60 s let you choose sharp frames from more"
+    return [Advice(good, "Length", f"The video is {duration_s:.0f} s long{remedy}.")]
+
+
+def _table(scale: dict[str, Any]) -> list[Advice]:
+    support = scale.get("evidence", {}).get("edge_support", [])
+    if not support:
+        return []
+    good = min(support) >= WEAK_EDGE
+    remedy = "" if good else "; keep all four edges of the table in view, and clear them"
+    text = f"Of each table edge at least {min(support):.0%} was found in the photos{remedy}."
+    return [Advice(good, "Table", text)]

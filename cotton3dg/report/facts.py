@@ -1,0 +1,152 @@
+"""What the files of a plant's folder say about it, and which of them still belong to its video.
+
+A stage that fails leaves the results of later stages as they were, made from other frames or options. They are not
+shown: a stage counts as done only when its record is ok, all stages before it are done, and it read what they wrote.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import BadInput, Cotton3dgError
+from ..options import STAGE_OPTIONS
+from ..workspace import Workspace
+
+STAGES = tuple(STAGE_OPTIONS)
+
+
+@dataclass(frozen=True)
+class StageState:
+    """One stage as its record tells it."""
+
+    stage: str
+    state: str
+    """done, failed, outdated or missing."""
+    record: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Everything that is told about a plant besides pictures."""
+
+    plant_id: str
+    stages: tuple[StageState, ...]
+    failure: str
+    """Why there is no result, as `what is wrong; what to do`; empty when all stages are done."""
+    traits: dict[str, str]
+    """The plant's row of traits.csv; empty when there is none."""
+    bolls: list[dict[str, str]]
+    """Rows of bolls.csv."""
+    columns: dict[str, str]
+    """What each column means, by its name."""
+    frames: dict[str, Any]
+    sfm: dict[str, Any]
+    metrics: dict[str, Any]
+    scale: dict[str, Any]
+
+    def done(self, stage: str) -> bool:
+        return any(item.stage == stage and item.state == "done" for item in self.stages)
+
+    @property
+    def flags(self) -> list[str]:
+        """Quality flags of all stages that are done, each once."""
+        found = [flag for item in self.stages if item.state == "done" for flag in item.record.get("flags", [])]
+        return list(dict.fromkeys(found))
+
+    @property
+    def warnings(self) -> list[tuple[str, str]]:
+        """(stage, sentence) of all stages that are done."""
+        return [(item.stage, text) for item in self.stages if item.state == "done" for text in item.record["warnings"]]
+
+
+def read_facts(workspace: Workspace) -> Facts:
+    """Gather what there is; what is missing or damaged is left empty."""
+    stages = stage_states(workspace)
+    done = {item.stage for item in stages if item.state == "done"}
+
+    def when_done(stage: str, path: Path) -> dict[str, Any]:
+        return _json(path) if stage in done else {}
+
+    traits = _rows(workspace.traits_csv) if "traits" in done else []
+    plant_id = traits[0].get("plant_id", "") if traits else ""
+    return Facts(
+        plant_id=plant_id or workspace.plant_id,
+        stages=stages,
+        failure=_failure(workspace, stages),
+        traits=traits[0] if traits else {},
+        bolls=_rows(workspace.bolls_csv) if "traits" in done else [],
+        columns={row.get("column", ""): row.get("description", "") for row in _rows(workspace.columns_csv)},
+        frames=when_done("frames", workspace.frames_json),
+        sfm=when_done("sfm", workspace.sfm_json),
+        metrics=when_done("train", workspace.metrics_json),
+        scale=when_done("scale", workspace.scale_json),
+    )
+
+
+def stage_states(workspace: Workspace) -> tuple[StageState, ...]:
+    """The state of every stage, by comparing the hashes in the records; no large file is read."""
+    states: list[StageState] = []
+    made: dict[str, str] = {}
+    intact = True
+    for stage in STAGES:
+        record = workspace.read_record(stage)
+        if record is None:
+            state, record = "missing", {}
+        elif record.get("status") != "ok":
+            state = "failed"
+        else:
+            read = {name: found for name, found in record.get("inputs", {}).items() if name.split("/")[0] in STAGES}
+            current = intact and all(made.get(name) == found for name, found in read.items())
+            state = "done" if current else "outdated"
+        intact &= state == "done"
+        made |= record.get("outputs", {})
+        states.append(StageState(stage, state, {"flags": [], "warnings": [], "summary": {}} | record))
+    return tuple(states)
+
+
+def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
+    for item in stages:
+        if item.state == "failed":
+            return str(item.record.get("error", f"{item.stage} failed; see run.log"))
+        if item.state != "done":
+            try:
+                workspace.capture()
+            except Cotton3dgError as error:
+                return str(error)
+            why = "has not run yet" if item.state == "missing" else "ran before something it depends on changed"
+            return f"the stage {item.stage} {why}; run `cotton3dg run` on this plant"
+    return ""
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path.name} is damaged; run `cotton3dg {path.parent.name} --force`") from error
+    return facts if isinstance(facts, dict) else {}
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        return [{str(key): unquoted(value or "") for key, value in row.items()} for row in csv.DictReader(file)]
+
+
+def unquoted(cell: str) -> str:
+    """A cell without the apostrophe that keeps spreadsheets from computing it."""
+    return cell[1:] if cell[:1] == "'" and cell[1:].lstrip()[:1] in ("=", "+", "-", "@") else cell
+
+
+def number(cell: Any) -> float | None:
+    """A cell of a table as a number; None when it is blank or none."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return None

@@ -1,0 +1,153 @@
+"""Pictures for the pages: photos with bolls outlined and numbered, cut-outs, renders; as JPEG in data URIs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.bolls import LiftedMasks
+from ..core.scene import Camera, Gaussians
+from ..files.images import scaled_down
+from ..plant.views import azimuths, evenly_spaced, fit_orbit
+from ..splat import ops
+from ..splat.appearance import boll_colours
+from ..splat.metrics import to_uint8
+
+Picture = NDArray[np.uint8]
+UNNAMED = (150, 150, 150)
+"""Colour of masks that became no boll."""
+CUT_MARGIN = 0.35
+"""Around a cut-out, in sizes of its mask."""
+
+
+def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
+    """An image as the `src` of an <img>, its longer side at most `max_side` px."""
+    import cv2
+
+    bgr = cv2.cvtColor(scaled_down(rgb, max_side), cv2.COLOR_RGB2BGR)
+    _, content = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode("ascii")
+
+
+def colour_of(boll_id: int) -> tuple[int, int, int]:
+    """RGB of a boll, as in cluster/bolls.ply."""
+    red, green, blue = (boll_colours(np.array([boll_id]))[0] * 255).astype(int).tolist()
+    return red, green, blue
+
+
+def bolls_of_masks(lifted: LiftedMasks, labels: NDArray[np.int32]) -> dict[str, dict[int, int]]:
+    """View -> mask id -> boll: the boll that holds most of the mask's weight; masks of no boll are left out."""
+    owners: dict[str, dict[int, int]] = {}
+    for selection in lifted.selections:
+        held = np.bincount(labels[selection.indices], weights=selection.weights, minlength=1)
+        if len(held) > 1 and held[1:].max() > 0.5 * held[0]:
+            owners.setdefault(selection.view, {})[selection.mask_id] = int(held[1:].argmax()) + 1
+    return owners
+
+
+def outlined(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:
+    """The photo with each mask's outline in the colour of its boll, grey where it is of none.
+
+    Args:
+        photo: (H, W, 3). ids: (H, W) mask ids. owners: mask id -> boll.
+    """
+    import cv2
+
+    drawn = photo.copy()
+    for mask_id in np.unique(ids[ids > 0]):
+        contours, _ = cv2.findContours((ids == mask_id).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        boll = owners.get(int(mask_id))
+        cv2.drawContours(drawn, contours, -1, colour_of(boll) if boll else UNNAMED, thickness_px, cv2.LINE_AA)
+    return drawn
+
+
+def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
+    """Rows and columns of a square around most of (N, 2) pixels, as far as it lies in the image; all without pixels."""
+    inside = pixels[np.isfinite(pixels).all(axis=1)]
+    if not len(inside):
+        return slice(0, height), slice(0, width)
+    low, high = np.percentile(inside, [0.5, 99.5], axis=0)
+    side = min(1.2 * max(float((high - low).max()), 0.25 * height), width, height)
+    corner = np.clip((low + high) / 2 - side / 2, 0, np.maximum([width - side, height - side], 0))
+    left, top, size = int(corner[0]), int(corner[1]), int(side)
+    return slice(top, top + size), slice(left, left + size)
+
+
+def numbered(
+    photo: Picture, camera: Camera, centres: Mapping[int, NDArray], seen: set[int], size_px: int, beside_px: float
+) -> Picture:
+    """The photo with the number of each boll to the right of it; those that no mask of this view shows are grey.
+
+    Args:
+        centres: boll -> (3,) su. seen: bolls that have a mask in this view. size_px: width of the part that is shown.
+        beside_px: how far from its boll a number stands.
+    """
+    import cv2
+
+    drawn = photo.copy()
+    size = max(0.4, size_px / 1500)
+    for boll, centre in centres.items():
+        pixel = camera.project(np.asarray(centre)[None])[0][0]
+        if not np.isfinite(pixel).all():
+            continue
+        text = str(boll)
+        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        x, y = int(pixel[0] + beside_px), int(pixel[1]) + height // 2
+        pad = 2
+        fill = (20, 20, 20) if boll in seen else (110, 110, 110)
+        cv2.rectangle(drawn, (x - pad, y - height - pad), (x + width + pad, y + pad), fill, -1)
+        cv2.putText(drawn, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def cut_out(photo: Picture, ids: NDArray[np.uint16], mask_id: int, side_px: int = 150) -> Picture | None:
+    """A square of the photo around one mask with its outline; None when the mask is not there."""
+    rows, columns = np.nonzero(ids == mask_id)
+    if not len(rows):
+        return None
+    extent = max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
+    half = max(8, int(extent * (0.5 + CUT_MARGIN)))
+    y, x = (int(rows.min()) + int(rows.max())) // 2, (int(columns.min()) + int(columns.max())) // 2
+    top, left = max(0, y - half), max(0, x - half)
+    part = photo[top : y + half, left : x + half]
+    return scaled_up(part, side_px)
+
+
+def scaled_up(rgb: Picture, side_px: int) -> Picture:
+    """(H, W, 3) with its longer side `side_px`, whether that is more or less than it has."""
+    import cv2
+
+    factor = side_px / max(rgb.shape[:2])
+    return cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
+
+
+def views_of_bolls(
+    owners: Mapping[str, Mapping[int, int]], areas: Mapping[str, Mapping[int, int]], cameras: Sequence[Camera], n: int
+) -> dict[int, list[tuple[str, int]]]:
+    """Boll -> the (view, mask id) to show it by: from among those of the larger half, `n` spread around the plant."""
+    angles = dict(zip([camera.name for camera in cameras], azimuths(cameras, fit_orbit(cameras)), strict=True))
+    of_boll: dict[int, list[tuple[int, str, int]]] = {}
+    for view, bolls in owners.items():
+        for mask_id, boll in bolls.items():
+            if view in angles:
+                of_boll.setdefault(boll, []).append((areas.get(view, {}).get(mask_id, 0), view, mask_id))
+    chosen = {}
+    for boll, found in of_boll.items():
+        larger = sorted(found, reverse=True)[: max(n, (len(found) + 1) // 2)]
+        spread = evenly_spaced(np.array([angles[view] for _, view, _ in larger]), n)
+        chosen[boll] = [larger[i][1:] for i in spread]
+    return chosen
+
+
+def rendered(gaussians: Gaussians, camera: Camera, threads: int = 0) -> Picture:
+    """The model as a camera would see it."""
+    return to_uint8(ops.render(gaussians, camera, threads=threads).image)
+
+
+def encoded(array: NDArray[Any]) -> str:
+    """The bytes of an array in base64, for typed arrays in the page."""
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

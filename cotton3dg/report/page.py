@@ -1,0 +1,243 @@
+"""report.html of a plant: one file that opens from disk without a network.
+
+The page is closed by a Content-Security-Policy: nothing is fetched, and only the scripts whose hashes stand in it run.
+All text from files goes through jinja2's escaping.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import Cotton3dgError
+from ..workspace import Workspace, file_sha256, write_text_atomically
+from .advice import boll_doubts, capture_advice, meaning
+from .facts import STAGES, Facts, number, read_facts
+from .pictures import Pictures
+
+VERSION = 1
+TEMPLATES = Path(__file__).with_name("templates")
+log = logging.getLogger("cotton3dg")
+
+
+def stale(workspace: Workspace, failure: str = "") -> bool:
+    """Whether the page would be another one now, by the hashes of the stages' records (which hold those of all files),
+    and of the page itself."""
+    saved = workspace.read_record("report")
+    return not workspace.report_html.is_file() or saved is None or saved != _fingerprint(workspace, failure)
+
+
+def make_report(workspace: Workspace, failure: str = "") -> Path:
+    """Write report.html from what the folder holds, whether or not the plant has a result.
+
+    Args:
+        failure: why there is no result, where the records do not tell.
+    """
+    write_text_atomically(workspace.report_html, plant_page(workspace, failure))
+    workspace.write_record("report", _fingerprint(workspace, failure))
+    return workspace.report_html
+
+
+def plant_page(workspace: Workspace, failure: str = "") -> str:
+    """The page as HTML. A part that cannot be made says so in its place and costs no other part."""
+    facts = read_facts(workspace)
+    pictures = Pictures(workspace, facts)
+    trouble: dict[str, str] = {}
+
+    def part(name: str, make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except Cotton3dgError as error:
+            trouble[name] = str(error)
+        except Exception as error:  # a page that lacks a picture is worth more than none
+            log.exception("the report's part %s", name)
+            trouble[name] = f"{type(error).__name__}: {error}"
+        return None
+
+    cut_outs = part("cut_outs", pictures.cut_outs) or {}
+    scene = part("scene", pictures.scene) or {}
+    content = {
+        "facts": facts,
+        "failure": failure or facts.failure,
+        "verdict": verdict(facts, failure),
+        "headline": headline(facts),
+        "traits": trait_cards(facts),
+        "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
+        "counted": part("counted", pictures.counted) or [],
+        "bolls": boll_rows(facts, cut_outs),
+        "compared": part("compared", pictures.compared) or [],
+        "overlaid": part("overlaid", pictures.overlaid) or [],
+        "references": part("references", pictures.references) or [],
+        "walk": part("walk", pictures.walk) or {},
+        "strip": part("strip", pictures.strip) or [],
+        "advice": part("advice", lambda: capture_advice(facts, pictures.widths_px())) or [],
+        "stages": stage_rows(facts),
+        "scene": scene,
+        "trouble": trouble,
+        "version": __version__,
+    }
+    scripts = [(TEMPLATES / "table.js").read_text("utf-8"), (TEMPLATES / "report.js").read_text("utf-8")]
+    if scene:
+        scripts.insert(0, _plotly())
+    return page("report.html", scripts, content)
+
+
+def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
+    """A template filled in, with its style and scripts inside."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["figure"] = figure
+    hashes = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode() for text in scripts]
+    return environment.get_template(template).render(
+        style=Markup((TEMPLATES / "style.css").read_text("utf-8")),
+        scripts=[Markup(text) for text in scripts],
+        hashes=hashes,
+        **content,
+    )
+
+
+def verdict(facts: Facts, failure: str) -> dict[str, str]:
+    """Whether to trust the row, at a glance."""
+    if failure or facts.failure:
+        return {"kind": "failed", "text": "No result"}
+    doubtful = [row for row in facts.bolls if row.get("qc_flags")]
+    if "no_scale" in facts.flags:
+        return {"kind": "doubt", "text": "Counted only: no scale, so no centimetres"}
+    if facts.flags:
+        n = len(facts.flags)
+        return {"kind": "doubt", "text": f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"}
+    if doubtful:
+        n = len(doubtful)
+        return {"kind": "doubt", "text": f"Good, but look at {n} doubtful {'boll' if n == 1 else 'bolls'}"}
+    return {"kind": "good", "text": "All checks passed"}
+
+
+def headline(facts: Facts) -> str:
+    """What was filmed and what came of it, in a line."""
+    video, told = facts.frames.get("video", {}), []
+    if facts.frames:
+        told.append(str(facts.frames.get("file", "photos")))
+    if video:
+        told.append(f"{figure(video.get('duration_s'))} s, {video.get('width')} × {video.get('height')} px")
+    if facts.traits:
+        told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
+        told.append(f"measured in {figure(facts.traits.get('seconds'), 0)} s")
+    return "; ".join(told) or "nothing could be read from what was filmed"
+
+
+def trait_cards(facts: Facts) -> list[dict[str, str]]:
+    """The four traits with what is known of their error."""
+    if not facts.traits:
+        return []
+    row = facts.traits
+    share = (number(row.get("scale_error_pct")) or 0.0) / 100
+    doubtful = sum(bool(boll.get("qc_flags")) for boll in facts.bolls)
+
+    def metric(name: str, column: str, unit: str, digits: int, power: int, note: str) -> dict[str, str]:
+        value = number(row.get(column))
+        if value is None:
+            why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
+            return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
+        error = f"± {value * power * share:.{max(digits, 1)}f} {unit} from the scale"
+        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": error, "note": note}
+
+    mean = number(row.get("boll_volume_mean_cm3"))
+    solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
+    volume_note = f"{mean:.1f} cm³ a boll" if mean is not None else ""
+    if solid and all(value is not None for value in solid):
+        volume_note += f"; {sum(value or 0 for value in solid):.0f} cm³ without hollows"
+    length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
+    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if length is not None and width is not None else ""
+    count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
+    return [
+        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": "", "note": count_note},
+        metric("Boll volume", "boll_volume_cm3", "cm³", 0, 3, volume_note),
+        metric("Plant height", "plant_height_cm", "cm", 1, 1, "above the table top"),
+        metric("Canopy size", "canopy_size_cm", "cm", 1, 1, canopy_note),
+    ]
+
+
+def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[dict[str, Any]]:
+    """The boll table, with cut-outs and with doubts in words."""
+    from .figures import colour_of
+
+    return [
+        {
+            **row,
+            "doubts": boll_doubts(row.get("qc_flags", "")),
+            "colour": "rgb({},{},{})".format(*colour_of(int(row["boll_id"]))),
+            "cut_outs": cut_outs.get(int(row["boll_id"]), []),
+        }
+        for row in facts.bolls
+    ]
+
+
+def stage_rows(facts: Facts) -> list[dict[str, Any]]:
+    """Seconds, memory, key figures and remarks of each stage."""
+    seconds = [number(item.record.get("seconds")) or 0.0 for item in facts.stages]
+    longest = max([*seconds, 1e-9])
+    return [
+        {
+            "stage": item.stage,
+            "state": {"missing": "not run", "outdated": "out of date"}.get(item.state, item.state),
+            "seconds": number(item.record.get("seconds")),
+            "cpu_seconds": number(item.record.get("cpu_seconds")),
+            "memory_mib": number(item.record.get("peak_memory_mib")),
+            "share": 100 * spent / longest,
+            "summary": _told(item.record["summary"]),
+            "remarks": [item.record["error"]] if item.state == "failed" else item.record["warnings"],
+        }
+        for item, spent in zip(facts.stages, seconds, strict=True)
+    ]
+
+
+def figure(value: Any, digits: int = 1) -> str:
+    """A number for people; a dash where there is none."""
+    known = number(value)
+    return "–" if known is None or not np.isfinite(known) else f"{known:,.{digits}f}".replace(",", "\u202f")
+
+
+def _told(summary: dict[str, Any]) -> str:
+    single = {key: value for key, value in summary.items() if not isinstance(value, (list, dict))}
+    return ", ".join(
+        f"{key.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{key.replace('_', ' ')} {value}"
+        for key, value in list(single.items())[:6]
+    )
+
+
+def _plotly() -> str:
+    """plotly.js as the package plotly ships it, fit to stand inside a script element."""
+    import importlib.util
+
+    package = importlib.util.find_spec("plotly")
+    if package is None or package.origin is None:
+        return "/* the package plotly is not installed: no 3D view */"
+    path = Path(package.origin).with_name("package_data") / "plotly.min.js"
+    return path.read_text("utf-8").replace("</script", "<\\/script")
+
+
+def _fingerprint(workspace: Workspace, failure: str) -> dict[str, Any]:
+    records = {stage: workspace.record_file(stage) for stage in STAGES}
+    return {
+        "report_version": VERSION,
+        "cotton3dg_version": __version__,
+        "templates": {path.name: file_sha256(path) for path in sorted(TEMPLATES.iterdir())},
+        "records": {stage: file_sha256(path) for stage, path in records.items() if path.is_file()},
+        "failure": failure,
+        "page": file_sha256(workspace.report_html) if workspace.report_html.is_file() else "",
+    }

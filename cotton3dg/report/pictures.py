@@ -1,0 +1,283 @@
+"""The parts of a plant's page that need its photos, masks and model, each read once and only if its stage is done."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.bolls import BollInstance
+from ..core.measurements import Scale
+from ..core.scene import Camera, Gaussians
+from ..files.arrays import read_array
+from ..files.bolls import boll_labels, read_bolls, read_lifted
+from ..files.colmap import read_cameras
+from ..files.images import read_ids, read_image
+from ..files.ply import read_gaussians
+from ..files.scale import read_scale
+from ..plant.surface import as_drawn
+from ..plant.views import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..workspace import Workspace
+from .facts import Facts, number
+from .figures import (
+    Picture,
+    bolls_of_masks,
+    box_around,
+    cut_out,
+    jpeg_uri,
+    numbered,
+    outlined,
+    rendered,
+    views_of_bolls,
+)
+from .scene import Frame, boll_bodies, plant_frame, scene
+
+WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
+COMPARED, OVERLAID, STRIP = 3, 4, 10
+CUT_OUTS, MANY_BOLLS = 3, 120
+"""Cut-outs a boll; one where there are many bolls."""
+
+
+class Pictures:
+    """A plant's photos, masks and model, as far as they are made and belong together."""
+
+    def __init__(self, workspace: Workspace, facts: Facts):
+        self.workspace, self.facts = workspace, facts
+
+    # ------------------------------------------------------------- what there is
+    @cached_property
+    def cameras(self) -> list[Camera]:
+        return read_cameras(self.workspace.undistorted / "sparse") if self.facts.done("sfm") else []
+
+    @cached_property
+    def camera_of(self) -> dict[str, Camera]:
+        return {camera.name: camera for camera in self.cameras}
+
+    @cached_property
+    def orbit(self) -> Orbit:
+        return fit_orbit(self.cameras)
+
+    @cached_property
+    def gaussians(self) -> Gaussians | None:
+        return read_gaussians(self.workspace.gaussians_ply) if self.facts.done("train") else None
+
+    @cached_property
+    def bolls(self) -> list[BollInstance]:
+        if not self.facts.done("cluster"):
+            return []
+        return read_bolls(self.workspace.bolls_json, self.workspace.labels_npy)[0]
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        return read_scale(self.workspace.scale_json) if self.facts.done("scale") else None
+
+    @cached_property
+    def masked(self) -> list[str]:
+        """Images that have masks, in order of name."""
+        if not self.facts.done("masks"):
+            return []
+        return [name for name in sorted(self.camera_of) if self.workspace.mask_png(name).is_file()]
+
+    @cached_property
+    def owners(self) -> dict[str, dict[int, int]]:
+        """View -> mask id -> boll."""
+        if not self.bolls or self.gaussians is None:
+            return {}
+        labels = boll_labels(self.bolls, len(self.gaussians))
+        return bolls_of_masks(read_lifted(self.workspace.selections_npz), labels)
+
+    @cached_property
+    def plant_rows(self) -> NDArray[np.bool_]:
+        n = len(self.gaussians) if self.gaussians is not None else 0
+        if not self.facts.done("traits"):
+            return np.zeros(n, bool)
+        rows = read_array(self.workspace.plant_npy)
+        return rows if rows.shape == (n,) else np.zeros(n, bool)
+
+    @cached_property
+    def _ids(self) -> dict[str, NDArray[np.uint16]]:
+        return {name: read_ids(self.workspace.mask_png(name)) for name in self.masked}
+
+    def photo(self, name: str) -> Picture:
+        """The undistorted image."""
+        return read_image(self.workspace.undistorted_image(name))
+
+    def part_of(self, name: str) -> tuple[slice, slice]:
+        """Rows and columns of an undistorted image that show the plant."""
+        camera = self.camera_of[name]
+        if self.gaussians is not None and self.plant_rows.any():
+            around = self.gaussians.means[self.plant_rows]
+        else:
+            around = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
+        return box_around(camera.project(around)[0], camera.width, camera.height)
+
+    # --------------------------------------------------------------------- parts
+    def strip(self) -> list[dict[str, Any]]:
+        """Small images of the walk."""
+        images = self.facts.frames.get("images", [])
+        missed = set(self.facts.sfm.get("unregistered", []))
+        chosen = [images[i * len(images) // min(STRIP, len(images))] for i in range(min(STRIP, len(images)))]
+        return [
+            {
+                "src": jpeg_uri(read_image(self.workspace.folder("frames") / image["name"]), SMALL_PX, 75),
+                "name": image["name"],
+                "time_s": image.get("timestamp_s"),
+                "missed": image["name"] in missed,
+            }
+            for image in chosen
+        ]
+
+    def counted(self) -> list[dict[str, Any]]:
+        """Two photos from opposite sides with every boll numbered: the one that shows most bolls, and its opposite."""
+        if not self.bolls or not self.owners:
+            return []
+        cameras = [camera for camera in self.cameras if camera.name in self._ids]
+        shown = [set(self.owners.get(camera.name, {}).values()) for camera in cameras]
+        first = int(np.argmax([len(bolls) for bolls in shown]))
+        angles = azimuths(cameras, self.orbit)
+        second = int(np.argmin(np.abs(np.mod(angles - angles[first], 2 * np.pi) - np.pi)))
+        centres = {boll.boll_id: boll.centre for boll in self.bolls}
+        pictures = []
+        for i in dict.fromkeys((first, second)):
+            name, camera = cameras[i].name, cameras[i]
+            drawn = outlined(self.photo(name), self._ids[name], self.owners.get(name, {}))
+            part = self.part_of(name)
+            size_px = part[1].stop - part[1].start
+            beside_px = 0.5 * camera.fx * np.median([boll.diameter_su for boll in self.bolls]) / self.orbit.radius
+            drawn = numbered(drawn, camera, centres, shown[i], size_px, beside_px)[part]
+            pictures.append({"src": jpeg_uri(drawn, WIDE_PX), "name": name, "n": len(shown[i]), "of": len(centres)})
+        return pictures
+
+    def compared(self) -> list[dict[str, Any]]:
+        """Photo and render of images that the training never saw, spread over the walk."""
+        held_out = [item for item in self.facts.metrics.get("held_out", []) if item["image"] in self.camera_of]
+        if self.gaussians is None or not held_out:
+            return []
+        chosen = [held_out[i] for i in evenly_spaced(np.linspace(0, 2 * np.pi, len(held_out) + 1)[:-1], COMPARED)]
+        pictures = []
+        for item in chosen:
+            name = item["image"]
+            part = self.part_of(name)
+            pictures.append(
+                {
+                    "name": name,
+                    "photo": jpeg_uri(self.photo(name)[part], MIDDLE_PX),
+                    "render": jpeg_uri(rendered(self.gaussians, self.camera_of[name])[part], MIDDLE_PX),
+                    "psnr_db": item.get("plant_psnr_db") or item.get("psnr_db"),
+                }
+            )
+        return pictures
+
+    def overlaid(self) -> list[dict[str, Any]]:
+        """Photos with the outlines of their masks, from all sides."""
+        named = [camera for camera in self.cameras if camera.name in self._ids]
+        if not named:
+            return []
+        chosen = [named[i].name for i in evenly_spaced(azimuths(named, self.orbit), OVERLAID)]
+        pictures = []
+        for name in chosen:
+            ids = self._ids[name]
+            drawn = outlined(self.photo(name), ids, self.owners.get(name, {}))[self.part_of(name)]
+            pictures.append({"src": jpeg_uri(drawn, MIDDLE_PX), "name": name, "n": len(np.unique(ids[ids > 0]))})
+        return pictures
+
+    def cut_outs(self) -> dict[int, list[dict[str, str]]]:
+        """Boll -> its cut-outs from photos of different sides."""
+        if not self.owners:
+            return {}
+        areas = {name: dict(enumerate(np.bincount(ids.ravel()).tolist())) for name, ids in self._ids.items()}
+        number_each = CUT_OUTS if len(self.bolls) <= MANY_BOLLS else 1
+        chosen = views_of_bolls(self.owners, areas, self.cameras, number_each)
+        wanted: dict[str, list[tuple[int, int]]] = {}
+        for boll, views in chosen.items():
+            for name, mask_id in views:
+                wanted.setdefault(name, []).append((boll, mask_id))
+        found: dict[int, list[dict[str, str]]] = {}
+        for name in sorted(wanted):  # each photo is decoded once
+            ids, photo = self._ids[name], self.photo(name)
+            drawn = outlined(photo, ids, self.owners[name], thickness_px=1)
+            for boll, mask_id in wanted[name]:
+                part = cut_out(drawn, ids, mask_id)
+                if part is not None:
+                    found.setdefault(boll, []).append({"src": jpeg_uri(part, 150, 85), "name": name})
+        return found
+
+    def references(self) -> list[dict[str, str]]:
+        """What the scale stage drew: the table, markers or points over photos."""
+        if not self.facts.done("scale"):
+            return []
+        paths = sorted(self.workspace.folder("scale").glob("*.jpg"))
+        return [{"src": jpeg_uri(read_image(path), MIDDLE_PX), "name": path.name} for path in paths[:6]]
+
+    def frame(self) -> Frame:
+        """Coordinates of the 3D view and of the map of the walk."""
+        cells = {row["boll_id"]: [number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
+        centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
+        centres_cm = [cells.get(str(boll.boll_id), [None] * 3) for boll in self.bolls]
+        return plant_frame(self.scale, self.orbit, centres, np.array(centres_cm, np.float64).reshape(-1, 3))
+
+    def scene(self) -> dict[str, Any]:
+        """Data of the 3D view; empty without a model."""
+        if self.gaussians is None:
+            return {}
+        frame = self.frame()
+        volumes = {int(row["boll_id"]): number(row["volume_cm3"]) for row in self.facts.bolls}
+        known = {boll: volume for boll, volume in volumes.items() if volume}
+        drawn = as_drawn(self.gaussians, self.facts.metrics.get("pixel_su", 0.0))
+        return {
+            **scene(
+                self.gaussians,
+                self.plant_rows,
+                boll_labels(self.bolls, len(self.gaussians)) > 0,
+                self.scale,
+                self.orbit,
+                frame,
+            ),
+            "bolls": boll_bodies(drawn, self.bolls, known, frame),
+        }
+
+    def walk(self) -> dict[str, Any]:
+        """The walk seen from above: where each frame was taken, how blurred it is, and the table; 100 = the orbit."""
+        images = self.facts.frames.get("images", [])
+        if not images:
+            return {}
+        blurs = {image["name"]: image["blur"] for image in images}
+        dots: list[dict[str, Any]] = []
+        table: list[list[float]] = []
+        if len(self.cameras) > 2:
+            frame = self.frame()
+            centre = frame.places(self.orbit.centre[None])[0, :2]
+            radius = self.orbit.radius * float(np.linalg.norm(frame.page_from_scene[0]))
+            places = (frame.places(np.stack([c.centre for c in self.cameras]))[:, :2] - centre) / radius * 100
+            reach = max(130.0, 1.1 * float(np.percentile(np.abs(places), 98)))
+            places = np.clip(places * 130 / reach, -138, 138)
+            for camera, (x, y) in zip(self.cameras, places, strict=True):
+                blur = blurs.get(camera.name)
+                dots.append({"x": x, "y": -y, "name": camera.name, "blur": blur, "shade": shade(blur)})
+            if self.scale is not None:
+                corners = (frame.places(self.scale.corners)[:, :2] - centre) / radius * 100 * 130 / reach
+                table = (corners * [1, -1]).tolist()
+        placed = set(self.camera_of)
+        bars = [
+            {
+                "name": image["name"],
+                "time_s": image.get("timestamp_s"),
+                "blur": image["blur"],
+                "shade": shade(image["blur"]),
+                "missed": bool(self.cameras) and image["name"] not in placed,
+            }
+            for image in images
+        ]
+        return {"dots": dots, "table": table, "bars": bars}
+
+    def widths_px(self) -> list[float]:
+        """Widths of the bolls in the training images."""
+        pixel_su = number(self.facts.metrics.get("pixel_su"))
+        return [boll.diameter_su / pixel_su for boll in self.bolls] if pixel_su else []
+
+
+def shade(blur: float | None) -> int:
+    """0 (crisp) to 4 (blurred): the steps of colour on the map of the walk."""
+    return int(np.searchsorted([0.25, 0.3, 0.35, 0.4], blur if blur is not None else 0.0))

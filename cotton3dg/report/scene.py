@@ -1,0 +1,138 @@
+"""The plant in 3D for the page: points of the model, a body for each boll, the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from ..core.bolls import BollInstance
+from ..core.measurements import Scale
+from ..core.scene import Float64, Gaussians
+from ..plant.surface import surface_rows, visible_surface
+from ..plant.views import Orbit
+from .figures import colour_of, encoded
+
+MAX_PLANT_POINTS = 20_000
+MAX_GROUND_POINTS = 6_000
+GROUND_CM = 6.0
+"""What lies on the table, from a little below its top up to this height, is shown as its surroundings."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The coordinates of the page: those of bolls.csv in cm where there is a scale, else around the orbit's axis."""
+
+    page_from_scene: Float64
+    """(3, 3) rotation times the scale."""
+    offset: Float64
+    """(3,) in the page's unit."""
+    unit: str
+
+    def places(self, points: NDArray) -> Float64:
+        """(N, 3) of (N, 3) scene points."""
+        return np.asarray(points, np.float64) @ self.page_from_scene.T + self.offset
+
+
+def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm: NDArray) -> Frame:
+    """Coordinates for the page.
+
+    Args:
+        centres: (B, 3) su of the bolls, and centres_cm: (B, 3) of the same as the table says; rows of NaN are unknown.
+    """
+    if scale is None:
+        helper = np.eye(3)[np.abs(orbit.axis).argmin()]
+        x = np.cross(helper, orbit.axis)
+        x /= np.linalg.norm(x)
+        axes = np.stack([x, np.cross(orbit.axis, x), orbit.axis])
+        return Frame(axes, -axes @ orbit.centre, "scene units")
+    axes = scale.table_frame * scale.cm_per_su
+    offset = -axes @ (scale.corners.mean(axis=0) if len(scale.corners) else orbit.centre)
+    known = np.isfinite(centres_cm).all(axis=1) if len(centres_cm) else np.zeros(0, bool)
+    if known.any():
+        offset = np.median(centres_cm[known] - centres[known] @ axes.T, axis=0)
+    offset[2] = scale.plane[3] * scale.cm_per_su
+    return Frame(axes, offset, "cm")
+
+
+def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, float], frame: Frame) -> list[Any]:
+    """A convex body for each boll, as large as its measured volume where that is known.
+
+    Args:
+        drawn: all Gaussians, as wide as they are drawn. volumes: boll -> volume in the cube of the page's unit.
+    """
+    bodies = []
+    for boll in bolls:
+        own = drawn[boll.indices]
+        own = own[surface_rows(own)]
+        points = frame.places(visible_surface(own, 0.5))
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError):
+            continue
+        middle = points[hull.vertices].mean(axis=0)
+        growth = (volumes[boll.boll_id] / hull.volume) ** (1 / 3) if boll.boll_id in volumes else 1.0
+        rows = np.full(len(points), -1)
+        rows[hull.vertices] = np.arange(len(hull.vertices))
+        corners = middle + (points[hull.vertices] - middle) * growth
+        bodies.append(
+            {
+                "id": boll.boll_id,
+                "colour": "rgb({},{},{})".format(*colour_of(boll.boll_id)),
+                "centre": np.round(middle, 3).tolist(),
+                "corners": [encoded(axis.astype(np.float32)) for axis in corners.T],
+                "triangles": [encoded(axis.astype(np.int32)) for axis in rows[hull.simplices].T],
+            }
+        )
+    return bodies
+
+
+def points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Frame) -> dict[str, Any]:
+    """At most `most` of the Gaussians as points with their own colours; chosen at random, with a fixed seed."""
+    chosen = np.flatnonzero(rows & gaussians.finite_rows)
+    if len(chosen) > most:
+        chosen = np.sort(np.random.default_rng(0).choice(chosen, most, replace=False))
+    shown = gaussians[chosen]
+    return {
+        "n": len(chosen),
+        "places": [encoded(axis.astype(np.float32)) for axis in frame.places(shown.means).T],
+        "colours": encoded((shown.colours * 255).astype(np.uint8)),
+    }
+
+
+def scene(
+    gaussians: Gaussians,
+    plant: NDArray[np.bool_],
+    lint: NDArray[np.bool_],
+    scale: Scale | None,
+    orbit: Orbit,
+    frame: Frame,
+) -> dict[str, Any]:
+    """Points of the plant, of its bolls and of what lies on the table.
+
+    Without a known plant, all that is near the orbit's centre.
+
+    Args:
+        plant, lint: (N,) which Gaussians are the plant, and which are bolls.
+    """
+    opaque = gaussians.opacities > 0.3
+    known = plant.any()
+    if not known:
+        plant = np.linalg.norm(gaussians.means - orbit.centre, axis=1) < 0.5 * orbit.radius
+    data: dict[str, Any] = {
+        "unit": frame.unit,
+        "plant": points(gaussians, plant & opaque & ~lint, MAX_PLANT_POINTS, frame),
+        "lint": points(gaussians, lint & opaque, MAX_PLANT_POINTS, frame),
+    }
+    if scale is not None and known:
+        corners = frame.places(scale.corners)
+        places = frame.places(gaussians.means)
+        x, y = (corners[1] - corners[0])[:2], (corners[3] - corners[0])[:2]
+        shares = (places[:, :2] - corners[0, :2]) @ np.linalg.inv(np.stack([x, y]))
+        low = (places[:, 2] > -1) & (places[:, 2] < GROUND_CM) & (shares > 0).all(axis=1) & (shares < 1).all(axis=1)
+        data["ground"] = points(gaussians, low & opaque & ~plant, MAX_GROUND_POINTS, frame)
+        data["table"] = np.round(corners, 2).tolist()
+    return data

@@ -1,0 +1,162 @@
+"use strict";
+(() => {
+  // ------------------------------------------------------------ photo against model
+  for (const input of document.querySelectorAll(".compare input")) {
+    input.addEventListener("input", () => input.parentElement.style.setProperty("--split", input.value + "%"));
+  }
+
+  // ------------------------------------------------------------ enlarging a picture
+  const large = document.getElementById("large");
+  for (const button of document.querySelectorAll("button.zoom")) {
+    button.addEventListener("click", () => {
+      const [from, to] = [button.querySelector("img"), large.querySelector("img")];
+      [to.src, to.alt] = [from.src, from.alt];
+      large.showModal();
+    });
+  }
+  large.addEventListener("click", event => event.target === event.currentTarget && large.close());
+  large.querySelector("form").addEventListener("submit", event => { event.preventDefault(); large.close(); });
+
+  // ------------------------------------------------------------ choosing a boll
+  const rows = new Map([...document.querySelectorAll("tr[data-boll]")].map(row => [row.dataset.boll, row]));
+  const panel = document.getElementById("chosen");
+  let mark = () => {};
+
+  function choose(id, scroll) {
+    for (const [other, row] of rows) {
+      row.classList.toggle("chosen", other === id);
+      row.querySelector("button").setAttribute("aria-pressed", String(other === id));
+    }
+    const row = rows.get(id);
+    if (!row) return;
+    if (panel) describe(row, id);
+    if (scroll) row.closest(".scroll").scrollIntoView({ block: "nearest" });
+    mark(id);
+  }
+
+  function describe(row, id) {
+    const heading = document.createElement("h3");
+    heading.append(row.querySelector(".swatch").cloneNode(), "Boll " + id);
+    const list = document.createElement("dl");
+    const heads = row.closest("table").tHead.rows[0].cells;
+    for (let column = 1; column < 8; column++) {
+      const [term, value] = [document.createElement("dt"), document.createElement("dd")];
+      term.textContent = heads[column].textContent;
+      value.textContent = row.cells[column].textContent;
+      list.append(term, value);
+    }
+    const doubts = document.createElement("p");
+    doubts.className = "doubt";
+    doubts.textContent = row.cells[row.cells.length - 1].textContent;
+    const pictures = document.createElement("div");
+    pictures.className = "big";
+    pictures.append(...[...row.querySelectorAll(".cuts img")].map(image => image.cloneNode()));
+    panel.replaceChildren(heading, list, doubts, pictures);
+  }
+
+  for (const [id, row] of rows) row.addEventListener("click", () => choose(id, false));
+
+  // ------------------------------------------------------------ the plant in 3D
+  const element = document.getElementById("scene");
+  const source = document.getElementById("scene_data");
+  if (!element || !source) return;
+  const data = JSON.parse(source.textContent);
+
+  function sorry(why) {
+    const text = document.createElement("p");
+    text.className = "fallback";
+    text.textContent = why + " The numbered photos above and the table below show the same bolls.";
+    element.replaceChildren(text);
+    document.querySelector(".tools").hidden = true;
+  }
+
+  if (!window.Plotly) return sorry("The 3D view needs the Python package plotly, which was not installed.");
+  if (!document.createElement("canvas").getContext("webgl")) {
+    return sorry("This browser shows no 3D (WebGL is off or missing).");
+  }
+
+  const bytes = text => Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer;
+  const cloud = (points, size) => {
+    const [x, y, z] = points.places.map(text => new Float32Array(bytes(text)));
+    const rgb = new Uint8Array(bytes(points.colours));
+    const colours = Array.from({ length: points.n }, (_, i) => `rgb(${rgb[3 * i]},${rgb[3 * i + 1]},${rgb[3 * i + 2]})`);
+    return { type: "scatter3d", mode: "markers", x, y, z, hoverinfo: "skip", marker: { size, color: colours, line: { width: 0 } } };
+  };
+  const traces = [cloud(data.plant, 2.2), { ...cloud(data.lint, 2.2), visible: false }];
+  if (data.ground) traces.push(cloud(data.ground, 1.6));
+  if (data.table) {
+    const [x, y, z] = [0, 1, 2].map(axis => [...data.table, data.table[0]].map(corner => corner[axis]));
+    traces.push({ type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { color: "#8a7f70", width: 4 } });
+  }
+  const firstBody = traces.length;
+  const cell = (id, column) => rows.get(String(id))?.cells[column].textContent ?? "–";
+  for (const boll of data.bolls) {
+    const [x, y, z] = boll.corners.map(text => new Float32Array(bytes(text)));
+    const [i, j, k] = boll.triangles.map(text => new Int32Array(bytes(text)));
+    traces.push({
+      type: "mesh3d", x, y, z, i, j, k, color: boll.colour, meta: String(boll.id), flatshading: false,
+      lighting: { ambient: 0.6, diffuse: 0.7, specular: 0.1 },
+      hovertemplate: `Boll ${boll.id}<br>${cell(boll.id, 1)} cm³<br>height ${cell(boll.id, 3)} cm<extra></extra>`,
+    });
+  }
+  const bodies = data.bolls.map((_, n) => firstBody + n);
+  const [cx, cy, cz] = [0, 1, 2].map(axis => data.bolls.map(boll => boll.centre[axis]));
+  traces.push({
+    type: "scatter3d", mode: "text", x: cx, y: cy, z: cz, text: data.bolls.map(boll => String(boll.id)),
+    textposition: "top center", textfont: { size: 13 }, hoverinfo: "skip",
+  });
+  traces.push({
+    type: "scatter3d", mode: "markers", x: [], y: [], z: [], hoverinfo: "skip",
+    marker: { size: 34, symbol: "circle-open", color: "#e6007a", line: { width: 3 } },
+  });
+  const ring = traces.length - 1;
+
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const axis = name => ({
+    title: { text: `${name} ${data.unit}` }, color: style("--soft"), gridcolor: style("--line"),
+    zerolinecolor: style("--line"), showbackground: false, showspikes: false,
+  });
+  const eyes = { side: { x: 0.15, y: -1.25, z: 0.3 }, front: { x: 1.25, y: -0.15, z: 0.3 }, top: { x: 0, y: -0.05, z: 1.6 } };
+  const camera = name => ({ eye: eyes[name], center: { x: 0, y: 0, z: data.table ? 0.05 : 0 } });
+  const layout = () => ({
+    margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, hovermode: "closest",
+    paper_bgcolor: style("--scene"), font: { color: style("--ink") },
+    scene: {
+      aspectmode: "data", camera: camera("side"), bgcolor: style("--scene"), dragmode: "orbit",
+      xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("height"),
+    },
+  });
+  const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "zoom3d", "pan3d", "orbitRotation", "resetCameraDefault3d"]] };
+
+  Plotly.newPlot(element, traces, layout(), config).then(() => {
+    element.dataset.drawn = "yes";
+    const boll = event => event.points.map(point => point.data.meta).find(Boolean);
+    element.on("plotly_click", event => boll(event) && choose(boll(event), true));
+    element.on("plotly_hover", event => {
+      for (const [id, row] of rows) row.classList.toggle("touched", id === boll(event));
+    });
+    element.on("plotly_unhover", () => rows.forEach(row => row.classList.remove("touched")));
+    mark = id => {
+      const found = data.bolls.find(item => String(item.id) === id);
+      if (found) Plotly.restyle(element, Object.fromEntries(["x", "y", "z"].map((a, n) => [a, [[found.centre[n]]]])), [ring]);
+    };
+    for (const button of document.querySelectorAll("[data-eye]")) {
+      button.addEventListener("click", () => Plotly.relayout(element, { "scene.camera": camera(button.dataset.eye) }));
+    }
+    const toggle = document.getElementById("bodies");
+    toggle.addEventListener("click", () => {
+      const shown = toggle.getAttribute("aria-pressed") !== "true";
+      toggle.setAttribute("aria-pressed", String(shown));
+      Plotly.restyle(element, { visible: [...bodies.map(() => shown), !shown] }, [...bodies, 1]);
+    });
+    dark.addEventListener("change", () => {
+      const { paper_bgcolor, font, scene } = layout();
+      Plotly.relayout(element, {
+        paper_bgcolor, font, "scene.bgcolor": scene.bgcolor,
+        ...Object.fromEntries(["xaxis", "yaxis", "zaxis"].flatMap(name =>
+          ["color", "gridcolor", "zerolinecolor"].map(key => [`scene.${name}.${key}`, scene[name][key]]))),
+      });
+    });
+  }).catch(error => sorry("The 3D view could not be drawn (" + error + ")."));
+})();

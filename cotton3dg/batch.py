@@ -29,6 +29,7 @@ from .workspace import Workspace, write_text_atomically
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
 
 TABLE, BOLL_TABLE, OPTIONS_FILE = "batch.csv", "batch_bolls.csv", "cotton3dg.toml"
+INDEX = "index.html"
 
 MEMORY_OF_A_RUN_GIB = 3.0
 """What one plant needs with room to spare; decides how many run side by side unless --jobs does."""
@@ -112,6 +113,8 @@ class Batch:
     retries: int = 0
     tell: Callable[[str], None] = print
     command: Sequence[str] = RUN
+    index: bool = True
+    """Write the page of all plants beside the table."""
     results: dict[str, Result] = field(default_factory=dict)
     _tried: int = 0
     _processes: set[subprocess.Popen[str]] = field(default_factory=set)
@@ -220,6 +223,18 @@ class Batch:
         bolls = [row for result in ordered for row in self._rows(result, "bolls_csv")]
         write_text_atomically(self.folder / TABLE, csv_text(COLUMNS, rows))
         write_text_atomically(self.folder / BOLL_TABLE, csv_text(BOLLS, bolls))
+        if self.index:
+            self._save_index(rows)
+
+    def _save_index(self, rows: list[dict[str, Any]]) -> None:
+        """Whatever goes wrong with the page is only told, for the tables do not need it."""
+        try:
+            from .report.index import index_page
+
+            text = index_page(self.folder.resolve().name, self.folder, rows)
+            write_text_atomically(self.folder / INDEX, text)
+        except Exception as error:
+            self.tell(f"{INDEX} could not be made ({type(error).__name__}: {error}); the tables are not affected")
 
     def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
         """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""

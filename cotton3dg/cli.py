@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -119,6 +120,7 @@ def batch(
     preset: Preset = "standard",
     retry: Annotated[int, typer.Option(help="more tries for plants that a fault of the machine stopped")] = 0,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="those that batch.csv calls failed")] = False,
+    no_report: NoReport = False,
     set_: Set = None,
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
@@ -129,7 +131,9 @@ def batch(
         plants = find_plants(folder)
         pipeline.stage_options(None, preset, _parsed_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
         arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
-        work = Batch(folder, arguments, jobs or default_jobs(), retry, lambda line: typer.echo(line, err=True))
+        arguments += ["--no-report"] if no_report else []
+        tell = partial(typer.echo, err=True)
+        work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
         if only_failed:
             work.results = saved_results(folder)
             failed = {result.folder for result in work.results.values() if result.state == "failed"}

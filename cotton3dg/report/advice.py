@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,8 @@ EXPOSURE_RATIO = 1.6
 """Brightest to darkest frame; two thirds of an aperture stop."""
 WIDE_GAP_DEG = 20.0
 FEW_SECONDS = 15.0
+LOW = 1.5
+"""Height of a boll, in heights of the clamp, below which it may be the clamp."""
 WEAK_EDGE = 0.6
 """Share of a table edge that is found in the photos."""
 
@@ -159,9 +161,14 @@ def meaning(flag: str) -> Meaning:
     return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
 
 
-def boll_doubts(cell: str) -> str:
-    """The qc_flags of a boll in words."""
-    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in cell.split(";") if flag)
+def boll_doubts(row: Mapping[str, str], tube_height_cm: float) -> str:
+    """The flags of a boll in words, and whether it is as low as the clamp, whose gleam may pass for lint."""
+    flags = [flag for flag in row.get("qc_flags", "").split(";") if flag]
+    doubts = [BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags]
+    height_cm = number(row.get("z_cm"))
+    if height_cm is not None and height_cm < LOW * tube_height_cm:
+        doubts.append("as low as the clamp: perhaps no boll")
+    return "; ".join(doubts)
 
 
 def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:

@@ -18,7 +18,7 @@ from ..splat.appearance import boll_colours
 from ..splat.metrics import to_uint8
 
 Picture = NDArray[np.uint8]
-UNNAMED = (150, 150, 150)
+UNNAMED = (255, 255, 255)
 """Colour of masks that became no boll."""
 CUT_MARGIN = 0.35
 """Around a cut-out, in sizes of its mask."""
@@ -50,7 +50,7 @@ def bolls_of_masks(lifted: LiftedMasks, labels: NDArray[np.int32]) -> dict[str, 
 
 
 def outlined(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:
-    """The photo with each mask's outline in the colour of its boll, grey where it is of none.
+    """The photo with each mask's outline in the colour of its boll, white on black where it is of none.
 
     Args:
         photo: (H, W, 3). ids: (H, W) mask ids. owners: mask id -> boll.
@@ -61,6 +61,8 @@ def outlined(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int],
     for mask_id in np.unique(ids[ids > 0]):
         contours, _ = cv2.findContours((ids == mask_id).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boll = owners.get(int(mask_id))
+        if boll is None:  # black behind white is seen on any ground
+            cv2.drawContours(drawn, contours, -1, (0, 0, 0), thickness_px + 2, cv2.LINE_AA)
         cv2.drawContours(drawn, contours, -1, colour_of(boll) if boll else UNNAMED, thickness_px, cv2.LINE_AA)
     return drawn
 

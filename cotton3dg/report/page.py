@@ -115,7 +115,9 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
         return {"kind": "failed", "text": "No result"}
-    doubtful = [row for row in facts.bolls if row.get("qc_flags")]
+    doubtful = [row for row in facts.bolls if boll_doubts(row, facts.tube_height_cm)]
+    if {"no_masks", "no_bolls"} & set(facts.flags):
+        return {"kind": "doubt", "text": "No bolls were found"}
     if "no_scale" in facts.flags:
         return {"kind": "doubt", "text": "Counted only: no scale, so no centimetres"}
     if facts.flags:
@@ -146,14 +148,15 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         return []
     row = facts.traits
     share = (number(row.get("scale_error_pct")) or 0.0) / 100
-    doubtful = sum(bool(boll.get("qc_flags")) for boll in facts.bolls)
+    doubtful = sum(bool(boll_doubts(boll, facts.tube_height_cm)) for boll in facts.bolls)
 
     def metric(name: str, column: str, unit: str, digits: int, power: int, note: str) -> dict[str, str]:
         value = number(row.get(column))
         if value is None:
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
-        error = f"± {value * power * share:.{max(digits, 1)}f} {unit} from the scale"
+        wide = value * power * share
+        error = f"± {wide:.{1 if wide >= 0.1 else 2}f} {unit} from the scale" if wide else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": error, "note": note}
 
     mean = number(row.get("boll_volume_mean_cm3"))
@@ -179,7 +182,7 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
     return [
         {
             **row,
-            "doubts": boll_doubts(row.get("qc_flags", "")),
+            "doubts": boll_doubts(row, facts.tube_height_cm),
             "colour": "rgb({},{},{})".format(*colour_of(int(row["boll_id"]))),
             "cut_outs": cut_outs.get(int(row["boll_id"]), []),
         }
@@ -199,7 +202,7 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
             "cpu_seconds": number(item.record.get("cpu_seconds")),
             "memory_mib": number(item.record.get("peak_memory_mib")),
             "share": 100 * spent / longest,
-            "summary": _told(item.record["summary"]),
+            "summary": _told(item.record["summary"]) if item.state == "done" else "",
             "remarks": [item.record["error"]] if item.state == "failed" else item.record["warnings"],
         }
         for item, spent in zip(facts.stages, seconds, strict=True)

@@ -82,7 +82,7 @@
     const colours = Array.from({ length: points.n }, (_, i) => `rgb(${rgb[3 * i]},${rgb[3 * i + 1]},${rgb[3 * i + 2]})`);
     return { type: "scatter3d", mode: "markers", x, y, z, hoverinfo: "skip", marker: { size, color: colours, line: { width: 0 } } };
   };
-  const traces = [cloud(data.plant, 2.2), { ...cloud(data.lint, 2.2), visible: false }];
+  const traces = [cloud(data.plant, 2.2), { ...cloud(data.lint, 2.2), visible: !data.bolls.length }];
   if (data.ground) traces.push(cloud(data.ground, 1.6));
   if (data.table) {
     const [x, y, z] = [0, 1, 2].map(axis => [...data.table, data.table[0]].map(corner => corner[axis]));
@@ -145,7 +145,7 @@
       button.addEventListener("click", () => Plotly.relayout(element, { "scene.camera": camera(button.dataset.eye) }));
     }
     const toggle = document.getElementById("bodies");
-    toggle.addEventListener("click", () => {
+    toggle?.addEventListener("click", () => {
       const shown = toggle.getAttribute("aria-pressed") !== "true";
       toggle.setAttribute("aria-pressed", String(shown));
       Plotly.restyle(element, { visible: [...bodies.map(() => shown), !shown] }, [...bodies, 1]);

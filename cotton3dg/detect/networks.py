@@ -31,11 +31,11 @@ class Network:
     """A network that can be asked."""
 
     forward: Callable[[Float32], tuple[NDArray, NDArray]]
-    """From pixels (1, 3, h, w) to predictions (1, C, A) and prototypes (1, M, h / 4, w / 4)."""
-    square: bool
-    """Whether it only takes square frames."""
+    """From a square of pixels (1, 3, s, s) to predictions (1, C, A) and prototypes (1, M, s / 4, s / 4)."""
     class_names: Mapping[int, str] = field(default_factory=dict)
     """Where the file tells them."""
+    notice: str = ""
+    """What the user has to know of the software that runs it."""
 
 
 def open_network(weights: Path, *, trusted: bool) -> Network:
@@ -59,7 +59,7 @@ def open_network(weights: Path, *, trusted: bool) -> Network:
 
 
 def onnx_network(weights: Path) -> Network:
-    """A network that OpenCV runs; exports have square frames unless asked otherwise."""
+    """A network that OpenCV runs."""
     import cv2
 
     try:
@@ -84,7 +84,7 @@ def onnx_network(weights: Path) -> Network:
             ) from error
         return (first, second) if first.ndim == 3 else (second, first)
 
-    return Network(forward, square=True)
+    return Network(forward)
 
 
 def ultralytics_network(weights: Path, *, trusted: bool) -> Network:
@@ -95,7 +95,7 @@ def ultralytics_network(weights: Path, *, trusted: bool) -> Network:
     yolo = ultralytics_model(weights)
     import torch
 
-    model = yolo.model.float().eval()
+    model = yolo.model.float().fuse(verbose=False).eval()
     model.model[-1].export = True  # plain predictions and prototypes, the same as in an ONNX export
 
     @torch.inference_mode()
@@ -103,7 +103,7 @@ def ultralytics_network(weights: Path, *, trusted: bool) -> Network:
         predictions, prototypes = model(torch.from_numpy(pixels))
         return predictions.numpy(), prototypes.numpy()
 
-    return Network(forward, square=False, class_names=dict(model.names))
+    return Network(forward, dict(model.names), AGPL_NOTICE)
 
 
 def ultralytics_model(weights: Path | str) -> Any:

@@ -30,7 +30,7 @@ def train_yolo(folder: Path, options: MasksTrainOptions, progress: Progress) -> 
     _check_torchvision()
 
     def epoch_done(trainer: Any) -> None:
-        progress(trainer.epoch + 1, options.epochs, "epochs")
+        progress(min(trainer.epoch + 1, options.epochs), options.epochs, "epochs")
 
     model.add_callback("on_fit_epoch_end", epoch_done)
     try:

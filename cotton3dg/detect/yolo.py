@@ -60,8 +60,8 @@ def detect_yolo(
     found: list[Candidate] = []
     for tile in tiles(height, width, tile_px):
         top, left, bottom, right = tile
-        pixels, fit = fitted(image[top:bottom, left:right], image_size, square=network.square)
-        predictions, prototypes = checked_answer(*network.forward(pixels), pixels.shape)
+        pixels, fit = fitted(image[top:bottom, left:right], image_size)
+        predictions, prototypes = checked_answer(*network.forward(pixels))
         boxes, scores, coefficients = decoded(predictions, len(prototypes), confidence, classes)
         boxes = (boxes - np.tile([fit.left, fit.top], 2)) / fit.scale
         keep = suppressed(boxes, scores, nms_iou)
@@ -79,27 +79,27 @@ def detect_yolo(
     return painted(resolved(found), height, width)
 
 
-def fitted(image: NDArray[np.uint8], size: int, *, square: bool) -> tuple[Float32, Fit]:
-    """(1, 3, h, w) as a network sees an image (H, W, 3): scaled so that the longer side is `size`, grey around it.
+def fitted(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
+    """(1, 3, s, s) as a network sees an image (H, W, 3): scaled so that the longer side is `size`, grey around it.
 
-    Args:
-        square: pad to size x size; otherwise only to the next multiples of `STRIDE`.
+    s is `size` rounded up to a multiple of `STRIDE`. ultralytics itself leaves most of the grey out, which is quicker;
+    but the network's attention takes in the whole frame, so masks would differ from those of an ONNX export, which is
+    made for squares.
     """
     import cv2
 
     height, width = image.shape[:2]
     scale = size / max(height, width)
     inner = max(round(height * scale), 1), max(round(width * scale), 1)
-    outer = [size if square else -(-side // STRIDE) * STRIDE for side in inner]
-    outer = [-(-side // STRIDE) * STRIDE for side in outer]
-    top, left = ((outer[i] - inner[i]) // 2 for i in (0, 1))
-    pixels = np.full((*outer, 3), PADDING, np.float32)
+    side = -(-size // STRIDE) * STRIDE
+    top, left = ((side - length) // 2 for length in inner)
+    pixels = np.full((side, side, 3), PADDING, np.float32)
     scaled = cv2.resize(image, inner[::-1], interpolation=cv2.INTER_LINEAR) if scale != 1 else image
     pixels[top : top + inner[0], left : left + inner[1]] = scaled.astype(np.float32) / 255
     return np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]), Fit(scale, left, top)
 
 
-def checked_answer(predictions: NDArray, prototypes: NDArray, shape: tuple[int, ...]) -> tuple[Float32, Float32]:
+def checked_answer(predictions: NDArray, prototypes: NDArray) -> tuple[Float32, Float32]:
     """Predictions (C, A) and prototypes (M, h, w) of one image.
 
     Raises:
@@ -108,8 +108,7 @@ def checked_answer(predictions: NDArray, prototypes: NDArray, shape: tuple[int, 
     if predictions.ndim != 3 or prototypes.ndim != 4 or len(predictions) != 1 or len(prototypes) != 1:
         raise BadInput("the model does not answer as a YOLO segmentation model does; export a YOLO11-seg model")
     columns, masks = predictions[0], prototypes[0]
-    same_aspect = masks.shape[1] * shape[3] == masks.shape[2] * shape[2]
-    if len(columns) < 5 + len(masks) or columns.shape[1] < 1 or not same_aspect:
+    if len(columns) < 5 + len(masks) or columns.shape[1] < 1 or masks.shape[1] != masks.shape[2]:
         raise BadInput(
             f"predictions {predictions.shape} and prototypes {prototypes.shape} are not those of a YOLO segmentation "
             "model; export a YOLO11-seg model with nms=False"

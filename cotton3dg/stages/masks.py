@@ -15,7 +15,7 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
 from ..detect.grounding_dino import find_boxes, open_grounding_dino
-from ..detect.networks import AGPL_NOTICE, Network, open_network
+from ..detect.networks import Network, open_network
 from ..detect.sam import Prompts, detect_sam, open_sam, prompts_around
 from ..detect.yolo import detect_yolo
 from ..errors import BadInput, BadUsage
@@ -117,7 +117,7 @@ def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
             classes=classes,
         )
 
-    notes = () if network.square else (AGPL_NOTICE,)
+    notes = (network.notice,) if network.notice else ()
     return Found(_each(workspace, _spaced(cameras, options), detect, progress), notes)
 
 

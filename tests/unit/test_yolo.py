@@ -87,11 +87,10 @@ def test_only_chosen_classes_count() -> None:
 
 def test_an_image_is_fitted_without_distortion() -> None:
     image = bright(50, 100, (0, 0, 50, 100))
-    pixels, fit = fitted(image, 64, square=True)
+    pixels, fit = fitted(image, 64)
     assert pixels.shape == (1, 3, 64, 64) and (fit.scale, fit.left, fit.top) == (0.64, 0, 16)
     assert (pixels[0, :, 16:48] == 1).all() and np.allclose(pixels[0, :, :16], 114 / 255)
-    assert fitted(image, 64, square=False)[0].shape == (1, 3, 32, 64)
-    assert fitted(image, 60, square=True)[0].shape == (1, 3, 64, 64)
+    assert fitted(image, 60)[0].shape == (1, 3, 64, 64)
 
 
 def test_files_that_are_no_segmentation_network(tmp_path: Path) -> None:
@@ -119,6 +118,6 @@ def test_a_network_that_answers_nonsense_is_told(network: Network, tmp_path: Pat
     broken = open_network(write_bright_cells(tmp_path / "nan.onnx", gain=float("nan")), trusted=False)
     with pytest.raises(BadInput, match="not finite"):
         detect_yolo(image, broken, **DEFAULTS)
-    swapped = Network(lambda pixels: network.forward(pixels)[::-1], square=True)
+    swapped = Network(lambda pixels: network.forward(pixels)[::-1])
     with pytest.raises(BadInput, match="YOLO segmentation"):
         detect_yolo(image, swapped, **DEFAULTS)

@@ -199,22 +199,38 @@ def report(plant_dir: PlantDir) -> None:
 
 @app.command(rich_help_panel="Trying it out")
 def evaluate(
-    plant_dir: PlantDir,
-    truth: Annotated[Path | None, typer.Option(help="truth.json; default: the one in PLANT_DIR")] = None,
+    measured: Annotated[Path, typer.Argument(help="folder of a finished plant, or a table of many plants (.csv)")],
+    truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's; of a table, a table")] = None,
     masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
+    cloud: Annotated[Path | None, typer.Option(help="point cloud as truth, z up (.ply, .pcd, .xyz)")] = None,
+    cloud_unit: Annotated[str, typer.Option(help="of the cloud: m | cm | mm")] = "m",
+    out: Annotated[Path, typer.Option(help="of tables: folder for the scores and plots")] = Path("evaluation"),
 ) -> None:
-    """A finished plant beside its truth: error of each trait, bolls found and missed."""
+    """Measured beside true: errors of a plant's traits and its bolls, or scores and plots over many plants."""
     from . import display
+    from .evaluate import CM_PER_UNIT, evaluate_cloud
     from .evaluate import evaluate as compare
     from .evaluate_masks import evaluate_masks
+    from .evaluate_tables import evaluate_tables, evaluation_text, write_evaluation
     from .workspace import Workspace
 
-    with _reported(plant_dir):
-        workspace = Workspace(plant_dir)
+    with _reported(measured):
+        if measured.is_file():
+            if truth is None:
+                raise BadUsage("the table of the truth is not given; add --truth TRUTH.csv")
+            evaluation = evaluate_tables(measured, truth)
+            write_evaluation(out, evaluation)
+            typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
+            return
+        workspace = Workspace(measured)
         if masks:
             display.print_mask_scores(*evaluate_masks(workspace, masks))
-            return
-        display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
+        elif cloud:
+            if cloud_unit not in CM_PER_UNIT:
+                raise BadUsage(f"--cloud-unit {cloud_unit} is unknown; use {', '.join(CM_PER_UNIT)}")
+            display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
+        else:
+            display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
 
 
 def _stage_command(stage: str) -> Callable[..., None]:

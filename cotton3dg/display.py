@@ -159,13 +159,18 @@ def print_render(record: dict[str, Any], root: Path) -> None:
 
 def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
     """Measured beside true, one trait a line, and how many bolls were found."""
-    print(f"{'trait':<18}{'measured':>10}{'truth':>10}{'error':>9}")
-    for item in errors:
-        print(f"{item.trait:<18}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
+    print_trait_errors(errors)
     print(
         f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
         f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.median_volume_error_pct:.1f} %"
     )
+
+
+def print_trait_errors(errors: list[TraitError]) -> None:
+    """Measured beside true, one trait a line."""
+    print(f"{'trait':<22}{'measured':>10}{'truth':>10}{'error':>9}")
+    for item in errors:
+        print(f"{item.trait:<22}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
 
 
 def print_mask_scores(scores: list[MaskScore], mean_iou: float, n_images: int) -> None:

@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadInput, MissingInput
+from .files.cloud import read_cloud
+from .plant.cloud import measure_cloud
 from .plant.match import match_bolls
 from .workspace import Workspace
 
 MATCH_DISTANCE_CM = 3.0
 """A predicted boll counts as a true one when their centres are no farther apart."""
 
+CM_PER_UNIT = {"m": 100.0, "cm": 1.0, "mm": 0.1}
 TRUTH_OF_TRAIT = {
     "boll_count": "boll_count",
     "boll_volume_cm3": "total_boll_convex_volume_cm3",
@@ -78,6 +81,33 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
     measured_cm3 = np.array([_number(boll["volume_cm3"]) for boll in bolls])
     true_cm, true_cm3 = _true_bolls(truth)
     return errors, compare_bolls(measured_cm, measured_cm3, true_cm, true_cm3)
+
+
+def evaluate_cloud(
+    workspace: Workspace, cloud: Path, cm_per_unit: float, tube_height_cm: float = 4.0
+) -> list[TraitError]:
+    """Compare a finished plant with what the same code measures in a scanner's point cloud, z up.
+
+    Bolls are compared where the cloud marks them (`read_cloud`).
+
+    Raises:
+        MissingInput: no cloud, or the traits stage has not run. BadInput: the cloud cannot be read.
+    """
+    points_cm, labels = read_cloud(cloud, cm_per_unit)
+    true = measure_cloud(points_cm, labels, tube_height_cm)
+    row = _rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    size, volumes = true.silhouette, true.boll_volumes_cm3
+    truth = {
+        "plant_height_cm": size.height_cm,
+        "plant_height_obb_cm": size.height_obb_cm,
+        "canopy_size_cm": (size.length_cm + size.width_cm) / 2,
+        "canopy_length_cm": size.length_cm,
+        "canopy_width_cm": size.width_cm,
+        "plant_hull_volume_cm3": size.hull_volume_cm3,
+    }
+    if labels is not None:
+        truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
+    return [TraitError(trait, _number(row[trait]), value) for trait, value in truth.items()]
 
 
 def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:

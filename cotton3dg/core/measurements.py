@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,10 @@ class BollTraits:
     n_views: int
     confidence: float
     flags: tuple[str, ...] = ()
+    volume_error_cm3: float = nan
+    """Standard error, of scale and view support."""
+    projected_area_cm2: float = nan
+    """Mean over all directions."""
 
 
 @dataclass(frozen=True)
@@ -72,3 +77,15 @@ class PlantTraits:
     canopy_length_cm: float
     canopy_width_cm: float
     flags: tuple[str, ...] = ()
+    plant_hull_volume_cm3: float = nan
+    boll_height_mean_cm: float = nan
+    boll_height_sd_cm: float = nan
+    boll_height_min_cm: float = nan
+    boll_height_max_cm: float = nan
+    bolls_by_third: tuple[int, int, int] | None = None
+    """Bolls with their centre in the lower, middle and upper third of the plant's height; None = not measurable."""
+    lint_area_cm2: float = nan
+    boll_count_error: float = nan
+    boll_volume_error_cm3: float = nan
+    plant_height_error_cm: float = nan
+    canopy_size_error_cm: float = nan

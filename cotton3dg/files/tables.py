@@ -31,7 +31,9 @@ TRAITS = (
     Column("boll_volume_cm3", "cm3", "sum of volume_cm3 over the measured bolls", 2),
     Column("boll_volume_mean_cm3", "cm3", "mean of volume_cm3 over the measured bolls", 2),
     Column("plant_height_cm", "cm", "99.9th percentile of the plant's height above the table top", 2, "CO_358:0001138"),
-    Column("plant_height_obb_cm", "cm", "upright side of the plant's oriented bounding box", 2),
+    Column(
+        "plant_height_obb_cm", "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2
+    ),
     Column("canopy_size_cm", "cm", "mean of canopy_length_cm and canopy_width_cm", 2),
     Column("canopy_length_cm", "cm", "long side of the least-area rectangle around the plant seen from above", 2),
     Column("canopy_width_cm", "cm", "short side of the least-area rectangle around the plant seen from above", 2),
@@ -43,6 +45,19 @@ TRAITS = (
     Column("seconds", "s", "computing time of all stages", 1),
     Column("qc_flags", "", "quality flags of all stages, separated by semicolons"),
     Column("version", "", "version of cotton3dg"),
+    Column("plant_hull_volume_cm3", "cm3", "volume of the convex hull of the plant and its foot", 1),
+    Column("boll_height_mean_cm", "cm", "mean height of the bolls' centres above the table top", 2),
+    Column("boll_height_sd_cm", "cm", "standard deviation of the heights of the bolls' centres", 2),
+    Column("boll_height_min_cm", "cm", "height of the lowest boll's centre above the table top", 2),
+    Column("boll_height_max_cm", "cm", "height of the highest boll's centre above the table top", 2),
+    Column("bolls_lower", "1", "bolls with their centre in the lower third of plant_height_cm"),
+    Column("bolls_middle", "1", "bolls with their centre in the middle third of plant_height_cm"),
+    Column("bolls_upper", "1", "bolls with their centre in the upper third of plant_height_cm"),
+    Column("lint_area_cm2", "cm2", "sum of projected_area_cm2 over the measured bolls", 2),
+    Column("boll_count_error", "1", "standard error of boll_count, were each boll's confidence its probability", 2),
+    Column("boll_volume_error_cm3", "cm3", "standard error of boll_volume_cm3, of scale and view support", 2),
+    Column("plant_height_error_cm", "cm", "standard error of plant_height_cm, of the scale and a pixel", 2),
+    Column("canopy_size_error_cm", "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2),
 )
 
 BOLLS = (
@@ -58,6 +73,8 @@ BOLLS = (
     Column("n_views", "1", "views whose masks agree on the boll"),
     Column("confidence", "1", "share of the views that see the boll and agree on it", 3),
     Column("qc_flags", "", "quality flags of the boll, separated by semicolons"),
+    Column("volume_error_cm3", "cm3", "standard error of volume_cm3, of scale and view support", 2),
+    Column("projected_area_cm2", "cm2", "area of the shadow of that convex body, mean over all directions", 2),
 )
 
 COLUMNS = (

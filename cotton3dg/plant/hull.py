@@ -30,6 +30,19 @@ def convex_volume(points: NDArray) -> Measured:
     return Measured(float(ConvexHull(centred).volume))
 
 
+def projected_area(points: NDArray) -> Measured:
+    """Area of the shadow of the convex hull of (N, 3) points, mean over all directions.
+
+    Cauchy: a quarter of a convex body's surface.
+    """
+    centred, reason = solid_points(points)
+    if reason:
+        return Measured(np.nan, reason)
+    from scipy.spatial import ConvexHull
+
+    return Measured(float(ConvexHull(centred).area) / 4)
+
+
 def alpha_volume(points: NDArray, alpha: float) -> Measured:
     """Volume that a ball of radius `alpha`, rolled over (N, 3) points from outside, cannot enter.
 

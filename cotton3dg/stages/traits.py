@@ -23,7 +23,7 @@ from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
 from ..plant.surface import as_drawn
 from ..workspace import Workspace
 
-VERSION = 2
+VERSION = 3
 EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
 
 
@@ -35,6 +35,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.scale_json,
         workspace.metrics_json,
         workspace.sfm_json,
+        *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
 
@@ -63,9 +64,9 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     if "pixel_su" not in metrics:
         raise BadInput("metrics.json does not say how large a pixel was; run `cotton3dg train` again")
     drawn = as_drawn(gaussians, metrics["pixel_su"])
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None)
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, metrics["pixel_su"])
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
-    traits = summarise_plant(boll_traits, silhouette, scale is not None)
+    traits = summarise_plant(boll_traits, silhouette, scale, metrics["pixel_su"])
     flags += traits.flags
     plant_id = options.plant_id or workspace.plant_id
     records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
@@ -103,6 +104,17 @@ def _plant_row(plant_id: str, traits: PlantTraits, scale: Scale | None, flags: t
         "scale_error_pct": 100 * scale.relative_error if scale else None,
         "qc_flags": flags,
         "version": __version__,
+        "plant_hull_volume_cm3": traits.plant_hull_volume_cm3,
+        "boll_height_mean_cm": traits.boll_height_mean_cm,
+        "boll_height_sd_cm": traits.boll_height_sd_cm,
+        "boll_height_min_cm": traits.boll_height_min_cm,
+        "boll_height_max_cm": traits.boll_height_max_cm,
+        **dict(zip(("bolls_lower", "bolls_middle", "bolls_upper"), traits.bolls_by_third or (None,) * 3, strict=True)),
+        "lint_area_cm2": traits.lint_area_cm2,
+        "boll_count_error": traits.boll_count_error,
+        "boll_volume_error_cm3": traits.boll_volume_error_cm3,
+        "plant_height_error_cm": traits.plant_height_error_cm,
+        "canopy_size_error_cm": traits.canopy_size_error_cm,
     }
 
 
@@ -121,6 +133,8 @@ def _boll_row(plant_id: str, boll: BollTraits) -> dict[str, Any]:
         "n_views": boll.n_views,
         "confidence": boll.confidence,
         "qc_flags": boll.flags,
+        "volume_error_cm3": boll.volume_error_cm3,
+        "projected_area_cm2": boll.projected_area_cm2,
     }
 
 

@@ -79,6 +79,19 @@ def test_the_plant_has_its_row(workspace):
     assert row["seconds"] == "300.8"
     assert row["qc_flags"] == "few_frames_registered;low_psnr"
     assert row["version"]
+    heights = BOLLS_CM[:, 2]
+    assert float(row["boll_height_mean_cm"]) == pytest.approx(heights.mean(), abs=0.3)
+    assert float(row["boll_height_sd_cm"]) == pytest.approx(heights.std(ddof=1), abs=0.3)
+    assert float(row["boll_height_min_cm"]) == pytest.approx(heights.min(), abs=0.3)
+    assert float(row["boll_height_max_cm"]) == pytest.approx(heights.max(), abs=0.3)
+    assert [row[f"bolls_{third}"] for third in ("lower", "middle", "upper")] == ["0", "2", "2"]
+    # The shadow of a ball is a disc.
+    assert float(row["lint_area_cm2"]) == pytest.approx(4 * np.pi * BOLL_RADIUS_CM**2, rel=0.05)
+    assert 3000 < float(row["plant_hull_volume_cm3"]) < 70 * 34 * 25
+    # Scale 0.2 %, and a pixel of 0.0037 cm.
+    assert float(row["plant_height_error_cm"]) == pytest.approx(0.14, abs=0.011)
+    assert float(row["boll_volume_error_cm3"]) == pytest.approx(0.006 * 4 * BOLL_CM3, rel=0.1)
+    assert float(row["boll_count_error"]) == pytest.approx(np.sqrt(4 * 0.75 * 0.25), abs=0.01)
     assert outcome.summary["boll_count"] == 4
 
 
@@ -113,7 +126,8 @@ def test_without_a_scale_metric_cells_are_blank(workspace):
     assert row["boll_count"] == "4"
     assert row["scale_source"] == "none"
     assert row["scale_error_pct"] == ""
-    assert {row[column.name] for column in TRAITS if column.name.endswith(("_cm", "_cm3"))} == {""}
+    assert {row[column.name] for column in TRAITS if column.unit in ("cm", "cm2", "cm3")} == {""}
+    assert (row["bolls_lower"], row["bolls_upper"]) == ("", "")
     for boll in rows(workspace.bolls_csv):
         assert {boll[column.name] for column in BOLLS if column.name.endswith(("_cm", "_cm3"))} == {""}
         assert boll["n_gaussians"] == "400"

@@ -119,27 +119,42 @@ def test_without_a_scale_only_counts_are_given():
     gaussians, labels = plant_scene()
     traits = measure_bolls(gaussians, bolls_of(gaussians, labels), None, None)
     assert [boll.n_gaussians for boll in traits] == [400] * 4
-    row = summarise_plant(traits, None, False)
+    row = summarise_plant(traits, None, None)
     assert row.boll_count == 4
-    metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm3"))]
-    assert len(metric) == 7
+    metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm2", "_cm3"))]
+    assert len(metric) == 16
     assert np.isnan(metric).all()
     assert row.flags == ()
+    assert row.bolls_by_third is None
 
 
 def test_no_bolls_have_no_volume_and_unknown_ones_no_known():
-    empty = summarise_plant([], None, True)
+    empty = summarise_plant([], None, SCALE)
     assert (empty.boll_count, empty.boll_volume_cm3) == (0, 0.0)
     assert np.isnan(empty.boll_volume_mean_cm3)
     gaussians, labels = plant_scene()
     whole = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, None)
     broken = replace(whole[0], volume_cm3=np.nan)
-    some = summarise_plant([broken, *whole[1:]], None, True)
+    some = summarise_plant([broken, *whole[1:]], None, SCALE)
     assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in whole[1:]))
     assert some.boll_volume_mean_cm3 == pytest.approx(some.boll_volume_cm3 / 3)
     assert some.flags == ("bolls_without_volume",)
-    none = summarise_plant([broken], None, True)
+    none = summarise_plant([broken], None, SCALE)
     assert np.isnan(none.boll_volume_cm3)
+
+
+def test_errors_of_volumes_add_up_as_far_as_bolls_share_them():
+    gaussians, labels = plant_scene()
+    bolls = bolls_of(gaussians, labels)
+    by_scale = summarise_plant(measure_bolls(gaussians, bolls, SCALE, None), None, SCALE)
+    assert by_scale.boll_volume_error_cm3 == pytest.approx(3 * SCALE.relative_error * by_scale.boll_volume_cm3)
+    exact = replace(SCALE, relative_error=0.0)
+    pixel_su = 0.1 / POSE.cm_per_su
+    traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)
+    own = [3 * boll.volume_cm3 * 0.1 / boll.diameter_cm / np.sqrt(boll.n_views) for boll in traits]
+    assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(own)
+    by_pixels = summarise_plant(traits, None, exact, pixel_su)
+    assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.linalg.norm(own))
 
 
 def test_extra_gaussians_far_away_change_nothing():

@@ -8,9 +8,11 @@ from cotton3dg.files.tables import BOLLS, TRAITS, Column, columns_text, csv_text
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "
     "canopy_size_cm, canopy_length_cm, canopy_width_cm, scale_source, scale_error_pct, n_frames, registered_pct, "
-    "psnr_db, seconds, qc_flags, version",
+    "psnr_db, seconds, qc_flags, version, plant_hull_volume_cm3, boll_height_mean_cm, boll_height_sd_cm, "
+    "boll_height_min_cm, boll_height_max_cm, bolls_lower, bolls_middle, bolls_upper, lint_area_cm2, boll_count_error, "
+    "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm",
     "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
-    "n_views, confidence, qc_flags",
+    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2",
 }
 COLUMNS = (Column("name", "", "a name"), Column("size", "cm", "a size", 2), Column("flags", "", "some flags"))
 

@@ -1,0 +1,98 @@
+"""A scanner's point cloud as truth: the same traits by the same code."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
+
+from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.evaluate import evaluate_cloud
+from cotton3dg.files.cloud import read_cloud
+from cotton3dg.plant.cloud import measure_cloud, table_height
+from cotton3dg.workspace import Workspace
+
+BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3
+
+
+def scan(lift_cm=30.0):
+    """A plant with bolls of the full radius on a table with a clamp, and its labels."""
+    rng = np.random.default_rng(0)
+    plant, labels = plant_points_cm(rng)
+    for boll, centre in enumerate(BOLLS_CM, 1):
+        own = plant[labels == boll] - centre
+        plant[labels == boll] = centre + own * BOLL_RADIUS_CM / np.linalg.norm(own, axis=1, keepdims=True)
+    table = rng.uniform([-60, -30, 0], [60, 30, 0], (4000, 3))
+    clamp = rng.uniform([-12, -7, 0], [20, 1, 4], (800, 3))
+    points = np.concatenate([plant, table, clamp])
+    return points + (0, 0, lift_cm), np.concatenate([labels, np.zeros(4800, int)])
+
+
+def test_a_scan_with_a_table_gives_the_plant_alone():
+    points, labels = scan()
+    found = measure_cloud(points, labels)
+    assert found.on_table
+    assert found.silhouette.height_cm == pytest.approx(70.0, abs=0.2)
+    alone = measure_cloud(points[labels > 0] - (*FOOT_CM[:2], 30.0))
+    assert found.silhouette.length_cm == pytest.approx(alone.silhouette.length_cm, rel=0.05)
+    assert found.boll_volumes_cm3 == pytest.approx(np.full(4, BOLL_CM3), rel=0.05)
+
+
+def test_a_cropped_scan_counts_heights_from_its_lowest_point():
+    points, _ = scan()
+    cropped = points[points[:, 2] > 34.4]
+    found = measure_cloud(cropped[np.linalg.norm(cropped[:, :2], axis=1) < 28])
+    assert not found.on_table
+    assert found.silhouette.height_cm == pytest.approx(70.0 - 4.5, abs=0.2)
+    assert len(found.boll_volumes_cm3) == 0
+
+
+def test_the_table_is_the_fullest_layer():
+    points, _ = scan()
+    assert table_height(points[:, 2]) == pytest.approx(30.0, abs=0.1)
+    assert table_height(np.linspace(0, 100, 1000)) is None
+
+
+def test_clouds_are_read_in_all_formats(tmp_path):
+    points, labels = np.random.default_rng(0).uniform(0, 1, (50, 3)), np.arange(50) % 3
+    np.savetxt(tmp_path / "a.xyz", np.column_stack([points, labels]))
+    np.savetxt(tmp_path / "b.csv", points, delimiter=",", header="x,y,z", comments="")
+    cloud = o3d.t.geometry.PointCloud(points)
+    cloud.point["boll_id"] = labels.reshape(-1, 1).astype(np.int32)
+    o3d.t.io.write_point_cloud(str(tmp_path / "c.ply"), cloud)
+    o3d.t.io.write_point_cloud(str(tmp_path / "d.pcd"), o3d.t.geometry.PointCloud(points))
+    for name, has_labels in (("a.xyz", True), ("b.csv", False), ("c.ply", True), ("d.pcd", False)):
+        read, numbers = read_cloud(tmp_path / name, 100.0)
+        assert read == pytest.approx(100 * points, rel=1e-6)
+        assert (numbers is not None) == has_labels
+        assert not has_labels or (numbers == labels).all()
+
+
+def test_clouds_that_cannot_be_used_are_refused(tmp_path):
+    with pytest.raises(MissingInput, match=r"none\.ply"):
+        read_cloud(tmp_path / "none.ply", 1.0)
+    for name, content, word in (
+        ("a.las", b"LASF", "export"),
+        ("b.xyz", b"1 2 3\n4 five 6\n", "cannot be read"),
+        ("c.xyz", b"1 2 3\n4 5 6\n", "2 points"),
+        ("d.ply", b"ply\nnothing", "d.ply"),
+        ("e.xyz", b"", "cannot be read"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(BadInput, match=word):
+            read_cloud(tmp_path / name, 1.0)
+
+
+def test_a_plant_beside_its_scan(tmp_path):
+    workspace = Workspace(tmp_path)
+    workspace.traits_csv.parent.mkdir()
+    workspace.traits_csv.write_text(
+        "boll_count,boll_volume_cm3,plant_height_cm,plant_height_obb_cm,canopy_size_cm,canopy_length_cm,"
+        "canopy_width_cm,plant_hull_volume_cm3\n4,300,77,70,,30,30,1000\n"
+    )
+    points, labels = scan()
+    np.savetxt(tmp_path / "scan.xyz", np.column_stack([points / 100, labels]))
+    errors = {item.trait: item for item in evaluate_cloud(workspace, tmp_path / "scan.xyz", 100.0)}
+    assert errors["plant_height_cm"].error_pct == pytest.approx(10.0, abs=0.5)
+    assert errors["boll_count"].error_pct == 0.0
+    assert errors["boll_volume_cm3"].truth == pytest.approx(4 * BOLL_CM3, rel=0.05)
+    assert np.isnan(errors["canopy_size_cm"].error_pct)

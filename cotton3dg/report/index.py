@@ -20,9 +20,9 @@ from .page import TEMPLATES, page
 
 SHOWN = {
     "boll_count": ("Bolls", "", 0),
-    "boll_volume_cm3": ("Boll volume", "cm³", 0),
-    "plant_height_cm": ("Plant height", "cm", 1),
-    "canopy_size_cm": ("Canopy size", "cm", 1),
+    "boll_volume_cm3": ("Volume", "cm³", 0),
+    "plant_height_cm": ("Height", "cm", 1),
+    "canopy_size_cm": ("Canopy", "cm", 1),
 }
 """Trait -> name, unit, digits."""
 OUTLYING = 3.5
@@ -121,5 +121,5 @@ def _histogram(trait: str, values: np.ndarray) -> dict[str, Any]:
         for i, count in enumerate(counts)
     ]
     told["low"], told["high"] = f"{edges[0]:.{digits}f}", f"{edges[-1]:.{digits}f}"
-    told["text"] = f"median {np.median(known):.{digits}f} {unit}, {len(known)} plants"
+    told["text"] = f"median {np.median(known):.{digits}f} {unit}".strip() + f", {len(known)} plants"
     return told

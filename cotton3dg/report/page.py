@@ -101,7 +101,7 @@ def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["figure"] = figure
+    environment.filters |= {"figure": figure, "meaning": meaning}
     hashes = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode() for text in scripts]
     return environment.get_template(template).render(
         style=Markup((TEMPLATES / "style.css").read_text("utf-8")),
@@ -147,17 +147,17 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     if not facts.traits:
         return []
     row = facts.traits
-    share = (number(row.get("scale_error_pct")) or 0.0) / 100
     doubtful = sum(bool(boll_doubts(boll, facts.tube_height_cm)) for boll in facts.bolls)
 
-    def metric(name: str, column: str, unit: str, digits: int, power: int, note: str) -> dict[str, str]:
+    def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
         value = number(row.get(column))
         if value is None:
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
-        wide = value * power * share
-        error = f"± {wide:.{1 if wide >= 0.1 else 2}f} {unit} from the scale" if wide else ""
-        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": error, "note": note}
+        trait, _, _ = column.rpartition("_")
+        error = number(row.get(column.replace(trait, f"{trait}_error")))
+        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error else ""
+        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
 
     mean = number(row.get("boll_volume_mean_cm3"))
     solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
@@ -166,12 +166,14 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         volume_note += f"; {sum(value or 0 for value in solid):.0f} cm³ without hollows"
     length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if length is not None and width is not None else ""
+    spread = number(row.get("boll_count_error"))
+    count_error = f"± {spread:.1f}" if spread else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
-        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": "", "note": count_note},
-        metric("Boll volume", "boll_volume_cm3", "cm³", 0, 3, volume_note),
-        metric("Plant height", "plant_height_cm", "cm", 1, 1, "above the table top"),
-        metric("Canopy size", "canopy_size_cm", "cm", 1, 1, canopy_note),
+        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": count_error, "note": count_note},
+        metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),
+        metric("Plant height", "plant_height_cm", "cm", 1, "above the table top"),
+        metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note),
     ]
 
 

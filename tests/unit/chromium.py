@@ -47,7 +47,7 @@ class Browser:
         self._buffer, self._last = b"", 0
         self._session: str | None = None
         self.complaints: list[str] = []
-        """Errors and warnings of the console, and exceptions."""
+        """Errors of the console, and exceptions."""
         self.requests: list[str] = []
         """Addresses that the page asked for."""
         targets = self._ask("Target.getTargets")["targetInfos"]
@@ -175,11 +175,11 @@ class Browser:
 
     def _note(self, event: dict[str, Any]) -> None:
         what, about = event.get("method"), event.get("params", {})
-        if what == "Runtime.consoleAPICalled" and about["type"] in ("error", "warning", "assert"):
+        if what == "Runtime.consoleAPICalled" and about["type"] in ("error", "assert"):
             self.complaints.append(" ".join(str(item.get("value", item.get("description"))) for item in about["args"]))
         elif what == "Runtime.exceptionThrown":
             self.complaints.append(json.dumps(about["exceptionDetails"])[:500])
-        elif what == "Log.entryAdded" and about["entry"]["level"] in ("error", "warning"):
+        elif what == "Log.entryAdded" and about["entry"]["level"] == "error":
             self.complaints.append(about["entry"]["text"])
         elif what == "Network.requestWillBeSent":
             self.requests.append(about["request"]["url"][:200])

@@ -44,7 +44,7 @@ def scale_from_distance(
     measured = float(np.linalg.norm(points[0] - points[1]))
     if measured <= 0:
         return NoReference("both points lie at the same place")
-    error = max(float(np.hypot(*sigmas)) / measured, LEAST_ERROR)
+    error = max(float(np.hypot(sigmas[0], sigmas[1])) / measured, LEAST_ERROR)
     if error > MAX_ERROR:
         return NoReference(
             f"the two points tell their distance to {error:.0%} only; pick them in more images, from more sides"

@@ -115,10 +115,10 @@ def silhouette_of(places: Float64, tops: Float64) -> Silhouette:
     """
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())
-    canopy = min_area_rectangle(places[:, :2])
+    length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    return Silhouette(height, float(box.sides[upright]), *map(float, canopy.sides), hull)
+    return Silhouette(height, float(box.sides[upright]), length_cm, width_cm, hull)
 
 
 def summarise_plant(

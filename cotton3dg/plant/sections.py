@@ -63,7 +63,7 @@ def section_extents(flat: Float64, along: int, limits: NDArray) -> Float64:
     Args:
         flat: (N, 2) places on the table. limits: (2,) of the table on the other axis.
     """
-    edges = np.linspace(*limits, SECTIONS + 1)
+    edges = np.linspace(limits[0], limits[1], SECTIONS + 1)
     extents = []
     for low, high in pairwise(edges):
         section = flat[(flat[:, 1 - along] >= low) & (flat[:, 1 - along] < high)]

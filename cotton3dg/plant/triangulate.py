@@ -88,7 +88,7 @@ def _pairs(count: int, seed: int) -> list[NDArray[np.int64]]:
 def _linear(poses: Float64, flat: Float64) -> Float64:
     """(3,) su: the point whose projections miss least, not weighed by distance."""
     matrix = (flat[:, :, None] * poses[:, 2:3] - poses[:, :2]).reshape(-1, 4)
-    return np.linalg.lstsq(matrix[:, :3], -matrix[:, 3], rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(matrix[:, :3], -matrix[:, 3], rcond=None)[0], np.float64)
 
 
 def _least_squares(poses: Float64, flat: Float64, focal: Float64) -> Float64:

@@ -69,10 +69,12 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     workspace.require(workspace.gaussians_ply, "train")
     if options.method == "none":
         return _without(workspace, options, "no reference was asked for", ())
-    scene = _load(workspace, options, progress)
     wanted = [options.method]
     if options.method == "all":
         wanted = ["table", "aruco", *(["distance"] if workspace.scale_points.exists() else [])]
+    if "distance" in wanted:
+        _check_points(workspace, options)
+    scene = _load(workspace, options, progress)
     references: list[Reference] = []
     refused: dict[str, str] = {}
     pictures: Pictures = {}
@@ -100,6 +102,15 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     progress(len(scene.chosen) + 1, len(scene.chosen) + 1)
     summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
     return StageOutcome(summary, *_doubts(together))
+
+
+def _check_points(workspace: Workspace, options: ScaleOptions) -> None:
+    if not options.distance_cm:
+        raise BadUsage("the distance of the two points is not given; add --distance-cm")
+    if not workspace.scale_points.exists():
+        raise MissingInput(
+            f"{workspace.scale_points.name} is missing; name two points in it, with columns {', '.join(COLUMNS)}"
+        )
 
 
 def _load(workspace: Workspace, options: ScaleOptions, progress: Progress) -> _Scene:
@@ -145,12 +156,6 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
 
 
 def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
-    if not options.distance_cm:
-        raise BadUsage("the distance of the two points is not given; add --distance-cm")
-    if not scene.workspace.scale_points.exists():
-        raise MissingInput(
-            f"{scene.workspace.scale_points.name} is missing; name two points in it, with columns {', '.join(COLUMNS)}"
-        )
     picks = read_picks(scene.workspace.scale_points)
     found = scale_from_distance(scene.cameras, picks, options.distance_cm)
     if isinstance(found, NoReference):

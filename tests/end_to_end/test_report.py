@@ -344,10 +344,11 @@ def test_the_page_works_in_a_browser(made, tmp_path):
             if found:
                 break
         assert found, "no boll answers the pointer"
+        browser.wait("document.querySelector('#scene .hovertext')")
         boll = browser.value("document.querySelector('tr.touched').dataset.boll")
-        told = browser.value("document.querySelector('.hoverlayer').textContent")
-        volume = read_facts(made).bolls[int(boll) - 1]["volume_cm3"]
-        assert f"Boll {boll}" in told and f"{volume} cm³" in told
+        told = browser.value("document.querySelector('#scene .hovertext').textContent")
+        assert f"Boll {boll}" in told
+        assert f"{read_facts(made).bolls[int(boll) - 1]['volume_cm3']} cm³" in told
         browser.click(*found)
         browser.wait(f"document.querySelector('tr.chosen')?.dataset.boll === '{boll}'")
         assert browser.value("document.querySelectorAll('#chosen img').length") == 3

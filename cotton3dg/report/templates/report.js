@@ -22,7 +22,7 @@
   const panel = document.getElementById("chosen");
   let mark = () => {};
 
-  function choose(id, scroll) {
+  function choose(id) {
     for (const [other, row] of rows) {
       row.classList.toggle("chosen", other === id);
       row.querySelector("button").setAttribute("aria-pressed", String(other === id));
@@ -30,7 +30,6 @@
     const row = rows.get(id);
     if (!row) return;
     if (panel) describe(row, id);
-    if (scroll) row.closest(".scroll").scrollIntoView({ block: "nearest" });
     mark(id);
   }
 
@@ -54,7 +53,7 @@
     panel.replaceChildren(heading, list, doubts, pictures);
   }
 
-  for (const [id, row] of rows) row.addEventListener("click", () => choose(id, false));
+  for (const [id, row] of rows) row.addEventListener("click", () => choose(id));
 
   // ------------------------------------------------------------ the plant in 3D
   const element = document.getElementById("scene");
@@ -132,11 +131,19 @@
   Plotly.newPlot(element, traces, layout(), config).then(() => {
     element.dataset.drawn = "yes";
     const boll = event => event.points.map(point => point.data.meta).find(Boolean);
-    element.on("plotly_click", event => boll(event) && choose(boll(event), true));
-    element.on("plotly_hover", event => {
-      for (const [id, row] of rows) row.classList.toggle("touched", id === boll(event));
-    });
-    element.on("plotly_unhover", () => rows.forEach(row => row.classList.remove("touched")));
+    let touched, pressed;
+    function touch(id) {
+      touched = id;
+      for (const [other, row] of rows) row.classList.toggle("touched", other === id);
+    }
+    element.on("plotly_hover", event => touch(boll(event)));
+    element.on("plotly_unhover", () => touch(undefined));
+    // Not plotly_click: it needs a frame to be drawn while the button is down, and slow machines lose clicks.
+    element.addEventListener("pointerdown", event => { pressed = { id: touched, x: event.x, y: event.y }; }, true);
+    element.addEventListener("pointerup", event => {
+      const still = pressed && Math.hypot(event.x - pressed.x, event.y - pressed.y) < 5;
+      if (still && pressed.id) choose(pressed.id);
+    }, true);
     mark = id => {
       const found = data.bolls.find(item => String(item.id) === id);
       if (found) Plotly.restyle(element, Object.fromEntries(["x", "y", "z"].map((a, n) => [a, [[found.centre[n]]]])), [ring]);

@@ -10,14 +10,16 @@ from ..core.scene import Float32
 SOLID = 0.8
 """Share of its boll's highest contrast at which a voxel counts as lint: near the top of the edge, which spreads
 outwards because the views that look past a boll into another one, or onto a white wall, see lint too."""
-LEVELS = (0.4, 0.5, 0.6, 0.7, 0.8)
+HALF = 0.6
+"""Contrast half way down that edge, whose surface encloses about the volume of a boll."""
+LEVELS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Contrasts whose surfaces tell how deep inside of lint a voxel is: the necks between bolls show in some of them only,
 the lower the deeper the bolls stand in a heap."""
 SMOOTHING = 0.1
 """Standard deviation, in boll diameters, that levels the ripples of depths that voxels and locks make."""
-DIP = 0.95
+DIP = 0.97
 """Two hills are two bolls where the pass between them is lower than this share of the lower one ..."""
-LOCKS_APART, LOCKS_DIP = 0.6, 0.5
+LOCKS_APART, LOCKS_DIP = 0.55, 0.5
 """... or than this one, when they are closer than so many boll diameters: the four or five locks of an open boll are
 half a diameter apart."""
 SMALLEST, LARGEST = 0.35, 2.0
@@ -70,7 +72,7 @@ def typical_diameter(lint: Float32) -> float:
     """Median diameter, in voxels, of balls of the separate parts' volumes; a touching pair counts as 1.26 bolls."""
     from scipy import ndimage
 
-    parts, _ = ndimage.label(lint > SOLID)
+    parts, _ = ndimage.label(lint > HALF)
     volumes = np.bincount(parts.ravel())[1:]
     # Specks of one or two voxels a side are noise of single views.
     diameters = np.cbrt(6 / np.pi * volumes[volumes >= 27])

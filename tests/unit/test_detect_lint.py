@@ -78,6 +78,27 @@ def test_bolls_have_their_place_and_size_in_space(views) -> None:
         assert 0.6 < volume.confidence(boll) <= 1
 
 
+def test_bolls_hidden_from_one_side_are_found(views) -> None:
+    """A bur that hides a boll from two fifths of a turn; seen by 60 % of all views it was none."""
+    cameras, _, truths = views
+    hidden = round(0.4 * len(cameras))
+    scores = [((ids > 0) & ((ids != 1) | (k >= hidden))).astype(np.float32) for k, ids in enumerate(truths)]
+    volume = find_bolls(scores, cameras, fit_orbit(cameras), np.array([0, 0, 1.0, 0]))
+    assert volume.bolls.max() == len(BOLLS)
+    centres = np.array([volume.centres[volume.bolls == boll].mean(axis=0) for boll in range(1, len(BOLLS) + 1)])
+    assert np.linalg.norm(BOLLS[0] - centres, axis=1).min() < 0.4 * RADIUS
+
+
+@pytest.mark.parametrize("hidden", [0, 12])
+def test_half_a_turn_of_views_is_enough(views, hidden: int) -> None:
+    """A video of half a turn has no full arc everywhere; what it shows counts all the same."""
+    cameras, _, truths = views
+    chosen = slice(hidden, hidden + 12)
+    scores = [(ids > 0).astype(np.float32) for ids in truths[chosen]]
+    volume = find_bolls(scores, cameras[chosen], fit_orbit(cameras), np.array([0, 0, 1.0, 0]))
+    assert volume.bolls.max() == len(BOLLS)
+
+
 def test_scores_and_masks_belong_together(masks) -> None:
     for name, ids in masks.ids.items():
         assert ids.dtype == np.uint16
@@ -141,6 +162,16 @@ def test_touching_balls_are_divided() -> None:
     labels = split_touching(balls((15, 20, 20), (24.5, 20, 20), (45, 20, 20)), 0.6)
     assert labels.max() == 3
     assert len({labels[15, 20, 20], labels[24, 20, 20], labels[45, 20, 20]}) == 3
+
+
+def test_a_heap_of_bolls_sunk_into_each_other_is_divided() -> None:
+    # Four bolls of different size, each 15 % nearer to the next than touching; blurred as votes are.
+    places, radii = [(12, 20, 20), (20, 20, 20), (26, 26, 20), (27, 19, 24)], [5.0, 4.5, 5.0, 4.0]
+    heap = np.max([balls(place, radius=radius) for place, radius in zip(places, radii, strict=True)], axis=0)
+    volume = ndimage.gaussian_filter(np.maximum(heap, balls((48, 20, 20))), 1.0)
+    labels = split_touching(volume / volume.max(), 0.6)
+    assert labels.max() == 5
+    assert len({labels[place] for place in places}) == 4
 
 
 def test_the_locks_of_one_boll_stay_together() -> None:

@@ -9,7 +9,7 @@ SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 l
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test hard-cases sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test browser-test hard-cases sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -39,6 +39,10 @@ demo: setup ## simulate a plant, run it, print its row beside the truth
 
 test: setup ## all tests
 	$(BIN)/python -m pytest
+
+browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
+	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
+	$(BIN)/python -m pytest tests/end_to_end/test_report.py
 
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py

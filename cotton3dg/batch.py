@@ -230,9 +230,10 @@ class Batch:
         """Whatever goes wrong with the page is only told, for the tables do not need it."""
         try:
             from .report.index import index_page
+            from .report.page import write_page
 
             text = index_page(self.folder.resolve().name, self.folder, rows)
-            write_text_atomically(self.folder / INDEX, text)
+            write_page(self.folder / INDEX, text)
         except Exception as error:
             self.tell(f"{INDEX} could not be made ({type(error).__name__}: {error}); the tables are not affected")
 

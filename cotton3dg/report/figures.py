@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import LiftedMasks
+from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
 from ..files.images import scaled_down
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
@@ -20,6 +21,7 @@ from ..splat.metrics import to_uint8
 Picture = NDArray[np.uint8]
 UNNAMED = (255, 255, 255)
 """Colour of masks that became no boll."""
+OUTLINE, RULER = (255, 0, 200), (255, 230, 0)
 CUT_MARGIN = 0.35
 """Around a cut-out, in sizes of its mask."""
 
@@ -103,6 +105,35 @@ def numbered(
         fill = (20, 20, 20) if boll in seen else (110, 110, 110)
         cv2.rectangle(drawn, (x - pad, y - height - pad), (x + width + pad, y + pad), fill, -1)
         cv2.putText(drawn, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def ruled(photo: Picture, camera: Camera, scale: Scale, foot: NDArray, height_cm: float) -> Picture:
+    """The photo with the table's outline and a ruler that stands on it: a tick every 10 cm, a cross bar at the top.
+
+    Args:
+        foot: (3,) su, where the ruler stands. height_cm: of the plant.
+    """
+    import cv2
+
+    drawn = photo.copy()
+    width_px = max(1, round(photo.shape[1] / 640))
+
+    def line(start: NDArray, end: NDArray, colour: tuple[int, int, int], thickness_px: int) -> None:
+        pixels, depths = camera.project(np.stack([start, end]))
+        if (depths > 0).all() and np.abs(pixels).max() < 1e5:
+            (x0, y0), (x1, y1) = np.rint(pixels).astype(int).tolist()
+            cv2.line(drawn, (x0, y0), (x1, y1), colour, thickness_px, cv2.LINE_AA)
+
+    for corner, following in zip(scale.corners, np.roll(scale.corners, -1, axis=0), strict=True):
+        line(corner, following, OUTLINE, width_px + 1)
+    right = camera.rotation[0] / scale.cm_per_su
+    up = scale.up / scale.cm_per_su
+    for colour, thickness_px in (((0, 0, 0), width_px + 2), (RULER, width_px)):
+        line(foot, foot + up * height_cm, colour, thickness_px)
+        for tick_cm in np.arange(0.0, height_cm, 10.0):
+            line(foot + up * tick_cm - right, foot + up * tick_cm + right, colour, thickness_px)
+        line(foot + up * height_cm - 5 * right, foot + up * height_cm + 5 * right, colour, thickness_px)
     return drawn
 
 

@@ -16,14 +16,16 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import Cotton3dgError
-from ..workspace import Workspace, file_sha256, write_text_atomically
+from ..errors import BadInput, Cotton3dgError
+from ..workspace import Workspace, explained_disk_errors, file_sha256, write_text_atomically
 from .advice import boll_doubts, capture_advice, meaning
 from .facts import STAGES, Facts, number, read_facts
 from .pictures import Pictures
 
 VERSION = 1
 TEMPLATES = Path(__file__).with_name("templates")
+OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
+"""How a page begins that this tool made."""
 log = logging.getLogger("cotton3dg")
 
 
@@ -40,9 +42,23 @@ def make_report(workspace: Workspace, failure: str = "") -> Path:
     Args:
         failure: why there is no result, where the records do not tell.
     """
-    write_text_atomically(workspace.report_html, plant_page(workspace, failure))
+    write_page(workspace.report_html, plant_page(workspace, failure))
     workspace.write_record("report", _fingerprint(workspace, failure))
     return workspace.report_html
+
+
+def write_page(path: Path, text: str) -> None:
+    """Save a page; one of somebody else is never replaced.
+
+    Raises:
+        BadInput: a file of this name was not made by this tool.
+    """
+    with explained_disk_errors(path.parent):
+        if path.exists() and OWN_TITLE not in path.read_bytes()[:MARKED_BYTES]:
+            raise BadInput(
+                f"{path.name} stands where cotton3dg writes its page but was not made by it; move it elsewhere"
+            )
+        write_text_atomically(path, text)
 
 
 def plant_page(workspace: Workspace, failure: str = "") -> str:

@@ -30,6 +30,7 @@ from .figures import (
     numbered,
     outlined,
     rendered,
+    ruled,
     views_of_bolls,
 )
 from .scene import Frame, boll_bodies, plant_frame, scene
@@ -205,18 +206,29 @@ class Pictures:
         return found
 
     def references(self) -> list[dict[str, str]]:
-        """What the scale stage drew: the table, markers or points over photos."""
+        """The table's outline with a ruler on it, and what the scale stage drew of other references."""
         if not self.facts.done("scale"):
             return []
-        paths = sorted(self.workspace.folder("scale").glob("*.jpg"))
-        return [{"src": jpeg_uri(read_image(path), MIDDLE_PX), "name": path.name} for path in paths[:6]]
+        drawn = sorted(self.workspace.folder("scale").glob("*.jpg"))
+        pictures = []
+        height_cm = number(self.facts.traits.get("plant_height_cm"))
+        if self.scale is not None and height_cm:
+            drawn = [path for path in drawn if not path.name.startswith("table_")]
+            foot = self.frame().origin
+            for i in evenly_spaced(azimuths(self.cameras, self.orbit), COMPARED):
+                camera = self.cameras[i]
+                picture = ruled(self.photo(camera.name), camera, self.scale, foot, height_cm)
+                pictures.append({"src": jpeg_uri(picture, MIDDLE_PX), "name": camera.name})
+        return pictures + [{"src": jpeg_uri(read_image(path), MIDDLE_PX), "name": path.name} for path in drawn[:3]]
 
     def frame(self) -> Frame:
         """Coordinates of the 3D view and of the map of the walk."""
         cells = {row["boll_id"]: [number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
         centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
-        centres_cm = [cells.get(str(boll.boll_id), [None] * 3) for boll in self.bolls]
-        return plant_frame(self.scale, self.orbit, centres, np.array(centres_cm, np.float64).reshape(-1, 3))
+        told_cm = [cells.get(str(boll.boll_id), [None] * 3) for boll in self.bolls]
+        plant = self.gaussians.means[self.plant_rows] if self.gaussians is not None else np.zeros((0, 3))
+        centres_cm = np.array(told_cm, np.float64).reshape(-1, 3)
+        return plant_frame(self.scale, self.orbit, centres, centres_cm, plant)
 
     def scene(self) -> dict[str, Any]:
         """Data of the 3D view; empty without a model."""

@@ -36,12 +36,18 @@ class Frame:
         """(N, 3) of (N, 3) scene points."""
         return np.asarray(points, np.float64) @ self.page_from_scene.T + self.offset
 
+    @property
+    def origin(self) -> Float64:
+        """(3,) su of its origin: where the stem meets the table, if bolls or plant tell."""
+        return np.linalg.inv(self.page_from_scene) @ -self.offset
 
-def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm: NDArray) -> Frame:
+
+def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm: NDArray, plant: NDArray) -> Frame:
     """Coordinates for the page.
 
     Args:
         centres: (B, 3) su of the bolls, and centres_cm: (B, 3) of the same as the table says; rows of NaN are unknown.
+        plant: (P, 3) su, points of the plant, whose lowest tenth tells its foot where no boll does.
     """
     if scale is None:
         helper = np.eye(3)[np.abs(orbit.axis).argmin()]
@@ -50,7 +56,10 @@ def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm:
         axes = np.stack([x, np.cross(orbit.axis, x), orbit.axis])
         return Frame(axes, -axes @ orbit.centre, "scene units")
     axes = scale.table_frame * scale.cm_per_su
-    offset = -axes @ (scale.corners.mean(axis=0) if len(scale.corners) else orbit.centre)
+    foot = scale.corners.mean(axis=0)
+    if len(plant):
+        foot = np.median(plant[np.argsort(plant @ scale.up)[: max(1, len(plant) // 10)]], axis=0)
+    offset = -axes @ foot
     known = np.isfinite(centres_cm).all(axis=1) if len(centres_cm) else np.zeros(0, bool)
     if known.any():
         offset = np.median(centres_cm[known] - centres[known] @ axes.T, axis=0)

@@ -13,7 +13,7 @@ from chromium import Browser, executable
 from finished_scene import N_BOLLS, UNPLACED, finished_workspace, record
 
 from cotton3dg import pipeline
-from cotton3dg.errors import CaptureFailed
+from cotton3dg.errors import BadInput, CaptureFailed
 from cotton3dg.files.tables import TRAITS
 from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.report import page as report_page
@@ -191,6 +191,7 @@ def test_without_scale_and_without_bolls_the_page_says_so(workspace):
             record(workspace, "scale", ("no_scale",))
     seen = Page(plant_page(workspace))
     assert "No bolls were found" in seen.text
+    assert "What to do: Look at the photos" in seen.text
     assert seen.count("table") == 1  # no table of bolls
 
 
@@ -252,7 +253,8 @@ def test_run_makes_the_page_once_and_never_fails_by_it(workspace, monkeypatch):
 
     assert stale(workspace) is False
     assert run() == run(report=True) == []
-    workspace.report_html.write_text("changed by hand")
+    with workspace.report_html.open("a") as file:
+        file.write("changed by hand")
     (remark,) = run(report=True)
     assert remark == f"see {workspace.report_html}"
     assert run(report=True) == []
@@ -260,6 +262,13 @@ def test_run_makes_the_page_once_and_never_fails_by_it(workspace, monkeypatch):
     monkeypatch.setattr(report_page, "plant_page", lambda *_: 1 / 0)
     (remark,) = run(report=True)
     assert "warning: could not be made (division by zero)" in remark
+
+
+def test_a_page_of_somebody_else_is_never_replaced(workspace):
+    workspace.report_html.write_text("mine")
+    with pytest.raises(BadInput, match="was not made by it"):
+        make_report(workspace)
+    assert workspace.report_html.read_text() == "mine"
 
 
 def test_a_failed_run_leaves_a_page_that_says_why(tmp_path):

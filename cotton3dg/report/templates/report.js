@@ -106,7 +106,7 @@
   });
   traces.push({
     type: "scatter3d", mode: "markers", x: [], y: [], z: [], hoverinfo: "skip",
-    marker: { size: 34, symbol: "circle-open", color: "#e6007a", line: { width: 3 } },
+    marker: { size: 24, symbol: "circle-open", color: "#e6007a", line: { width: 3 } },
   });
   const ring = traces.length - 1;
 

@@ -43,6 +43,7 @@ def detect_lint(
     points: Float64,
     painted: Collection[str],
     progress: Progress = silent,
+    voters: Collection[str] | None = None,
 ) -> MaskSet:
     """Masks of the open bolls in images from around one plant.
 
@@ -51,25 +52,27 @@ def detect_lint(
         cameras: of these images.
         orbit: that the plant stands in.
         points: (P, 3) su, of surfaces in the scene; they tell where the table is.
-        painted: names of the cameras that get masks; all of them vote on where lint is.
+        painted: names of the cameras that get masks.
+        voters: names of those that vote on where lint is; None = all.
     Returns:
         By camera name; a boll has the same id in all images.
     """
     import cv2
 
-    total = 2 * len(images) + len(painted)
+    voting = [view for view in zip(images, cameras, strict=True) if voters is None or view[1].name in voters]
+    total = 2 * len(voting) + len(painted)
     small, small_cameras, scores, rough = [], [], [], []
-    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
+    for done, (image, camera) in enumerate(voting):
         progress(done, total, "looking for lint")
         factor = min(VOTING_SIDE_PX / max(camera.width, camera.height), 1.0)
         width, height = (max(round(factor * side), 1) for side in (camera.width, camera.height))
         small_cameras.append(camera.resized(width, height))
         small.append(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(np.uint8))
         scores.append(lint_score(small[-1]))
-    progress(len(images), total, "comparing the views")
+    progress(len(voting), total, "comparing the views")
     volume = find_bolls(scores, small_cameras, orbit, plant_floor(points, orbit))
     for done, view in enumerate(zip(small, scores, small_cameras, strict=True)):
-        progress(len(images) + done, total, "outlining the bolls")
+        progress(len(voting) + done, total, "outlining the bolls")
         rough.append(paint_bolls(*view, volume)[0])
     volume = refine_bolls(volume, rough, small_cameras)
     masks = MaskSet({}, {})
@@ -77,7 +80,7 @@ def detect_lint(
         if camera.name in painted:
             painting = paint_bolls(image, lint_score(image), camera, volume)
             masks.ids[camera.name], masks.scores[camera.name] = painting
-            progress(2 * len(images) + len(masks.ids), total, camera.name)
+            progress(2 * len(voting) + len(masks.ids), total, camera.name)
     return masks
 
 

@@ -31,7 +31,7 @@ from ..workspace import Workspace, file_sha256, json_text
 VERSION = 3
 
 VOTING_VIEWS = 36
-"""Least views, where there are as many, that vote on where lint is, however few get masks."""
+"""Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
 NOTHING_FOUND = {
     "lint": "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
@@ -93,12 +93,14 @@ def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
     """Masks by colour and shape, on views evenly spaced around the plant."""
     orbit = fit_orbit(_several(cameras))
     angles = azimuths(cameras, orbit)
-    voting = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
-    painted = {cameras[voting[i]].name for i in evenly_spaced(angles[voting], options.views)}
-    voters = [cameras[i] for i in voting]
-    images = [read_image(workspace.undistorted_image(camera.name)) for camera in voters]
+    many = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
+    few = many[evenly_spaced(angles[many], min(options.views, VOTING_VIEWS))]
+    painted, voting = (many, few) if options.views > VOTING_VIEWS else (few, many)
+    seen = [cameras[i] for i in many]
+    images = [read_image(workspace.undistorted_image(camera.name)) for camera in seen]
     points = read_points(workspace.undistorted / "sparse")[0]
-    return Found(detect_lint(images, voters, orbit, points, painted, progress))
+    names, voters = ({cameras[i].name for i in chosen} for chosen in (painted, voting))
+    return Found(detect_lint(images, seen, orbit, points, names, progress, voters))
 
 
 def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:

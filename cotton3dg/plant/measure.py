@@ -24,6 +24,9 @@ ALPHA = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
 EDGE_PX = 1.0
 """Standard error of a boll's diameter in one view: half a pixel at either side."""
+ALIKE = 8
+"""Views that err alike, for they see the same rim: with it errors estimated on rendered plants are as large as the true
+ones."""
 
 
 def measure_bolls(
@@ -72,12 +75,14 @@ def measure_bolls(
 def volume_error(diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float) -> float:
     """Relative standard error of a boll's volume: three times that of its diameter.
 
-    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views. What all
-    views have in common, such as lint behind a bur, is not in it.
+    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views, of which
+    only one in `ALIKE` counts.
     """
     if scale is None or not diameter_su > 0:
         return np.nan
-    return 3 * float(np.hypot(scale.relative_error, EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views, 1))))
+    return 3 * float(
+        np.hypot(scale.relative_error, EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1)))
+    )
 
 
 @dataclass(frozen=True)

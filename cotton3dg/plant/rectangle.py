@@ -22,7 +22,7 @@ SEARCH = 0.12
 TURN = np.radians(3.0)
 """How far the first rectangle may be turned against the table."""
 PLANE_PRIOR = 0.004
-"""Standard error of the plane as the points give it, in widths of the table; the edges may move it that much."""
+"""Standard error of the plane, in widths of the table, where nothing better is known; the edges may move it so much."""
 CAUCHY = 2.385
 """Distance from an edge, in robust standard deviations, at which a maximum's pull begins to weaken: least squares lose
 5 % of their efficiency by it when errors are normal (Holland and Welsch 1977)."""
@@ -108,16 +108,22 @@ class RimFit:
     """Photos that show each edge as a silhouette."""
 
 
-def fit_rim(first: Rectangle, cameras: Sequence[Camera], images: Sequence[NDArray[np.uint8]]) -> RimFit | None:
+def fit_rim(
+    first: Rectangle,
+    cameras: Sequence[Camera],
+    images: Sequence[NDArray[np.uint8]],
+    plane_error: float = PLANE_PRIOR,
+) -> RimFit | None:
     """Measure the edges of a table in photos.
 
     Each edge is first sought within `SEARCH` of its place, where the contrast across it, added up over all views, is
     strong: only what lies on the plane stays in place from view to view. Then edges and plane are fitted together to
-    the maxima of contrast in each view (least squares with Cauchy loss), the plane within `PLANE_PRIOR`.
+    the maxima of contrast in each view (least squares with Cauchy loss), the plane within its error.
 
     Args:
         first: the rectangle as points give it.
         images: (H, W, 3) of the cameras.
+        plane_error: standard error of the plane of `first`, in widths of the table.
     Returns:
         None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
@@ -136,7 +142,7 @@ def fit_rim(first: Rectangle, cameras: Sequence[Camera], images: Sequence[NDArra
             seen = [_maxima(rectangle, edge, views, reach_px) for edge in EDGES]
             if min(len(found.view) for found in seen) < PLACES:
                 return None
-            rectangle = _adjusted(anchor, rectangle, cameras, seen)
+            rectangle = _adjusted(anchor, rectangle, cameras, seen, plane_error)
             if np.abs(rectangle.corners - before).max() < settled * first.width:
                 break
         if np.abs(rectangle.corners - anchor.corners).max() > SEARCH * first.width:
@@ -255,7 +261,9 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
     return _Maxima(*(np.concatenate(column) for column in zip(*parts, strict=True)), looked)
 
 
-def _adjusted(anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima]) -> Rectangle:
+def _adjusted(
+    anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima], plane_error: float
+) -> Rectangle:
     """`start` moved so that its edges meet what the photos show; tilt and height are held near those of `anchor`.
 
     Gauss-Newton with the weights of the Cauchy loss; two steps, for the maxima are sought anew afterwards.
@@ -266,7 +274,7 @@ def _adjusted(anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], se
         here = _residuals(rectangle, anchor, cameras, seen)
         sigma_px = max(1.4826 * float(np.median(np.abs(here[:-3]))), SHARPEST_PX)
         # Neighbouring places of a photo err alike: they count eight times too often, and so must the prior.
-        prior_weight = 8 * (sigma_px / PLANE_PRIOR) ** 2
+        prior_weight = 8 * (sigma_px / plane_error) ** 2
         nudges = 1e-6 * np.eye(8)
         slopes = [(_residuals(rectangle.moved(n * unit), anchor, cameras, seen) - here) / 1e-6 for n in nudges]
         weights = 1 / (1 + (here / (CAUCHY * sigma_px)) ** 2)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.measurements import Scale
 from ..core.scene import Camera, Float64
 from .box import min_area_rectangle
-from .rectangle import Rectangle, RimFit, fit_rim
+from .rectangle import CAUCHY, PLANE_PRIOR, Rectangle, RimFit, fit_rim
 from .views import Orbit, fit_orbit
 
 TOLERANCE = 0.006
@@ -31,7 +31,10 @@ MIN_AREA = 0.2
 HYPOTHESES = 10_000
 ASPECT_TOLERANCE = 0.05
 MIN_FILL = 0.8
-MIN_SUPPORT = 0.45
+LEAST_TRACKS = 30
+LEAST_PLANE_ERROR = 2e-4
+"""In widths of the table; 0.1 mm, about how flat a table is."""
+MIN_SUPPORT = 0.4
 """Share of the places along an edge that show it; a third would by chance."""
 LEAST_ERROR = 1e-3
 """Relative; 1 mm of a table's metre, about what edges are rounded by."""
@@ -69,6 +72,7 @@ def find_table(
     images: Sequence[NDArray[np.uint8]] = (),
     image_cameras: Sequence[Camera] = (),
     *,
+    tracks: NDArray | None = None,
     aspect: float = 2.0,
     seed: int = 0,
 ) -> TableFit | NoTable:
@@ -78,6 +82,8 @@ def find_table(
         points: (N, 3) su, of the surfaces in the scene.
         cameras: all of the orbit.
         images: photos, and `image_cameras` theirs; without photos the points alone give the rectangle.
+        tracks: (M, 3) su, those of the points that structure from motion triangulated. Gaussians lie up to half a
+            centimetre below the surface that they show, so the plane is taken from these where there are enough.
         aspect: length by width.
     Returns:
         The first table from above whose evidence suffices, else the reason why the most likely one was refused.
@@ -93,8 +99,9 @@ def find_table(
         first = first_rectangle(points, plane, orbit)
         if first is None:
             continue
+        first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
         for guess in (first, *(_completed(first, aspect) if images else ())):
-            rim = fit_rim(guess, image_cameras, images) if images else None
+            rim = fit_rim(guess, image_cameras, images, plane_error) if images else None
             if images and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
                 continue
@@ -232,6 +239,32 @@ def first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle 
     along = along[((along >= limits[:, 0]) & (along <= limits[:, 1])).all(axis=1)]
     sides = np.stack([along.min(axis=0), along.max(axis=0)], axis=1)
     return Rectangle(np.vstack([box.axes @ axes[:2], axes[2]]), origin, sides.ravel())
+
+
+def _levelled(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectangle, float]:
+    """`first` on the plane through the tracks inside it, and the plane's standard error in widths of the table.
+
+    Least squares with Cauchy weights. Neighbouring points err alike, so an eighth of them counts.
+    """
+    places = first.places(np.asarray(tracks, np.float64))
+    rim = 0.03 * first.width
+    x0, x1, y0, y1 = first.sides + rim * np.array([1, -1, 1, -1])
+    near = (places[:, 0] > x0) & (places[:, 0] < x1) & (places[:, 1] > y0) & (places[:, 1] < y1)
+    near &= np.abs(places[:, 2]) < 2 * TOLERANCE * radius
+    if near.sum() < LEAST_TRACKS:
+        return first, PLANE_PRIOR
+    flat = np.column_stack([places[near, :2] - first.middle, np.ones(near.sum())])
+    heights = places[near, 2]
+    slopes = np.array([0.0, 0.0, float(np.median(heights))])
+    for _ in range(10):
+        away = heights - flat @ slopes
+        sigma = max(1.4826 * float(np.median(np.abs(away))), 1e-6 * first.width)
+        root = 1 / np.sqrt(1 + (away / (CAUCHY * sigma)) ** 2)
+        slopes = np.linalg.lstsq(root[:, None] * flat, root * heights, rcond=None)[0]
+    error = float(np.clip(sigma / np.sqrt(near.sum() / 8) / first.width, LEAST_PLANE_ERROR, PLANE_PRIOR))
+    centred = Rectangle(first.axes, first.points(first.middle), first.sides - np.repeat(first.middle, 2))
+    # A turn about x by a small angle raises what lies at +y, one about y lowers what lies at +x.
+    return centred.moved(np.array([slopes[1], -slopes[0], 0, slopes[2], 0, 0, 0, 0])), error
 
 
 def _completed(first: Rectangle, aspect: float) -> list[Rectangle]:

@@ -28,7 +28,7 @@ from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_ta
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace, json_text
 
-VERSION = 2
+VERSION = 3
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3
@@ -117,14 +117,15 @@ def _load(workspace: Workspace, options: ScaleOptions, progress: Progress) -> _S
     cameras = read_cameras(workspace.undistorted / "sparse")
     gaussians = read_gaussians(workspace.gaussians_ply)
     solid = gaussians.means[gaussians.opacities > 0.5]
-    points = np.concatenate([read_points(workspace.undistorted / "sparse")[0], solid]).astype(np.float64)
+    tracks = read_points(workspace.undistorted / "sparse")[0]
+    points = np.concatenate([tracks, solid]).astype(np.float64)
     chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, fit_orbit(cameras)), VIEWS)]
     photos = []
     for number, camera in enumerate(chosen):
         progress(number, len(chosen) + 1, "photos of the table")
         photos.append(read_image(workspace.undistorted_image(camera.name)))
     aspect = options.table_length_cm / options.table_width_cm
-    table = find_table(points, cameras, photos, chosen, aspect=aspect)
+    table = find_table(points, cameras, photos, chosen, tracks=tracks, aspect=aspect)
     ground = table.rectangle if isinstance(table, TableFit) else find_ground(points, cameras)
     return _Scene(workspace, cameras, points, chosen, photos, table, ground)
 

@@ -151,7 +151,7 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them():
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su
     traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)
-    own = [3 * boll.volume_cm3 * 0.1 / boll.diameter_cm / np.sqrt(boll.n_views) for boll in traits]
+    own = [3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits]
     assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(own)
     by_pixels = summarise_plant(traits, None, exact, pixel_su)
     assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.linalg.norm(own))

@@ -22,6 +22,8 @@ DIP = 0.97
 LOCKS_APART, LOCKS_DIP = 0.55, 0.5
 """... or than this one, when they are closer than so many boll diameters: the four or five locks of an open boll are
 half a diameter apart."""
+LARGEST_HEAP = 1000
+"""Volume of connected lint, in typical bolls, beyond which it is a room and no plant, and not worth the time."""
 SMALLEST, LARGEST = 0.35, 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
 THINNEST = 0.25
@@ -42,13 +44,15 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
     lint = np.clip(contrasts, 0, 1)
     diameter = typical_diameter(lint)
     heaps, _ = ndimage.label(lint > LEVELS[0])
-    labels = np.zeros(lint.shape, np.int32)
+    worth_it = np.bincount(heaps.ravel()) <= LARGEST_HEAP * np.pi / 6 * diameter**3
+    labels, count = np.zeros(lint.shape, np.int32), 0
     for heap, box in enumerate(ndimage.find_objects(heaps), start=1):
         own = np.where(heaps[box] == heap, lint[box], 0)
-        if own.max() > least:
+        if worth_it[heap] and own.max() > least:
             # The margin spares every look at a neighbour the question whether there is one.
             bolls = _divided(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
-            labels[box] += np.where(bolls > 0, bolls + labels.max(), 0)
+            labels[box] += np.where(bolls > 0, bolls + count, 0)
+            count += int(bolls.max())
     return _boll_shaped(labels, diameter)
 
 

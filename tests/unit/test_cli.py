@@ -82,3 +82,20 @@ def test_status_of_a_new_plant(plant):
     result = cotton3dg("status", plant, "--json")
     assert result.returncode == 0
     assert result.stdout.count('"missing"') == 8
+
+
+def test_tables_are_evaluated_and_markers_printed(tmp_path):
+    (tmp_path / "batch.csv").write_text("plant_id,boll_count\na,9\nb,11\nc,4\n")
+    (tmp_path / "truth.csv").write_text("plant_id,boll_count\na,10\nb,10\nd,4\n")
+    result = cotton3dg(
+        "evaluate", tmp_path / "batch.csv", "--truth", tmp_path / "truth.csv", "--out", tmp_path / "scores"
+    )
+    assert result.returncode == 0, result.stderr
+    assert "10.00" in result.stdout
+    assert "truth only): d" in result.stdout
+    assert (tmp_path / "scores" / "scatter_boll_count.png").is_file()
+    assert_one_line(cotton3dg("evaluate", tmp_path / "batch.csv"), 2, "--truth")
+    result = cotton3dg("markers", tmp_path / "sheet.pdf", "--board", "3x4", "--marker-cm", "6")
+    assert result.returncode == 0, result.stderr
+    assert "scale.board=3x4" in result.stdout
+    assert_one_line(cotton3dg("markers", tmp_path / "sheet.doc"), 2, ".pdf")

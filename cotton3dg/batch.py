@@ -88,8 +88,11 @@ def _folders(folder: Path) -> list[Path]:
 
 def _plants_at(folder: Path) -> list[Path]:
     try:
-        Workspace(folder).capture()
+        workspace = Workspace(folder)
+        workspace.capture()
     except MissingInput:
+        if workspace.log_file.is_file():  # what is below was made when it was tried
+            return [folder]
         return [plant for child in _folders(folder) for plant in _plants_at(child)] or [folder]
     except Cotton3dgError:
         pass  # its run will explain

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadInput, Cotton3dgError
+from ..errors import Cotton3dgError
 from ..options import STAGE_OPTIONS
 from ..workspace import Workspace
 
@@ -131,18 +131,19 @@ def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
 def _json(path: Path) -> dict[str, Any]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    except (OSError, ValueError):
         return {}
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path.name} is damaged; run `cotton3dg {path.parent.name} --force`") from error
     return facts if isinstance(facts, dict) else {}
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    if not path.is_file():
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [
+                {str(key): unquoted(str(value or "")) for key, value in row.items()} for row in csv.DictReader(file)
+            ]
+    except (OSError, ValueError, csv.Error):
         return []
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        return [{str(key): unquoted(value or "") for key, value in row.items()} for row in csv.DictReader(file)]
 
 
 def unquoted(cell: str) -> str:

@@ -87,7 +87,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "traits": trait_cards(facts),
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
-        "bolls": boll_rows(facts, cut_outs),
+        "bolls": part("bolls", lambda: boll_rows(facts, cut_outs)) or [],
         "compared": part("compared", pictures.compared) or [],
         "overlaid": part("overlaid", pictures.overlaid) or [],
         "references": part("references", pictures.references) or [],

@@ -37,8 +37,9 @@ from .scene import Frame, boll_bodies, plant_frame, scene
 
 WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
 COMPARED, OVERLAID, STRIP = 3, 4, 10
-CUT_OUTS, MANY_BOLLS = 3, 120
-"""Cut-outs a boll; one where there are many bolls."""
+CUT_OUTS, MANY_BOLLS, MOST_BOLLS = 3, 120, 500
+"""Cut-outs a boll; one where there are many bolls. Beyond the most, bolls have a row and no picture: no plant has as
+many, but a room full of white things may."""
 
 
 class Pictures:
@@ -192,7 +193,7 @@ class Pictures:
         number_each = CUT_OUTS if len(self.bolls) <= MANY_BOLLS else 1
         chosen = views_of_bolls(self.owners, areas, self.cameras, number_each)
         wanted: dict[str, list[tuple[int, int]]] = {}
-        for boll, views in chosen.items():
+        for boll, views in sorted(chosen.items())[:MOST_BOLLS]:
             for name, mask_id in views:
                 wanted.setdefault(name, []).append((boll, mask_id))
         found: dict[int, list[dict[str, str]]] = {}
@@ -247,7 +248,7 @@ class Pictures:
                 self.orbit,
                 frame,
             ),
-            "bolls": boll_bodies(drawn, self.bolls, known, frame),
+            "bolls": boll_bodies(drawn, self.bolls[:MOST_BOLLS], known, frame),
         }
 
     def walk(self) -> dict[str, Any]:

@@ -202,13 +202,21 @@ def test_a_folder_without_anything_has_a_page(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "file", ["train/gaussians.ply", "cluster/bolls.json", "segment/selections.npz", "masks/000003.png"]
+    "file",
+    [
+        "train/gaussians.ply",
+        "cluster/bolls.json",
+        "segment/selections.npz",
+        "masks/000003.png",
+        "traits/bolls.csv",
+        "sfm/sfm.json",
+    ],
 )
 def test_a_damaged_file_costs_its_parts_only(workspace, file):
     (workspace.root / file).write_bytes(b"damaged")
     seen = Page(plant_page(workspace))
-    assert "This part could not be made" in seen.text
     assert "Plant height" in seen.text
+    assert "Every boll that was counted" in seen.text
     assert "The walk around the plant" in seen.text
 
 
@@ -369,6 +377,12 @@ def test_the_page_works_in_a_browser(made, tmp_path):
         browser.key("Enter")
         assert browser.value("document.querySelector('tr.chosen').dataset.boll") == other
         assert browser.value("document.querySelectorAll('tr.chosen').length") == 1
+
+        # The bolls' bodies give way to the lint, and the view turns.
+        browser.click(*browser.middle("#bodies"))
+        assert browser.value("document.getElementById('bodies').getAttribute('aria-pressed')") == "false"
+        browser.click(*browser.middle("[data-eye=top]"))
+        browser.wait("document.getElementById('scene')._fullLayout.scene._scene.getCamera().eye.z > 1.5")
 
         # A heading sorts, and again the other way round.
         order = "[...document.querySelectorAll('tr[data-boll]')].map(row => Number(row.cells[3].dataset.value))"

@@ -65,6 +65,14 @@ def table(folder: Path, name: str = TABLE) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def test_what_a_run_left_in_a_plant_without_video_is_no_plant(tmp_path):
+    plant = tmp_path / "field" / "forgotten"
+    (plant / "records").mkdir(parents=True)
+    assert find_plants(tmp_path / "field") == [plant / "records"]
+    (plant / "run.log").touch()
+    assert find_plants(tmp_path / "field") == [plant]
+
+
 def test_failures_come_first_with_their_reasons_and_cost_no_other_plant(tmp_path, stand_in):
     field = tmp_path / "field"
     make_plant(field, "a")

@@ -43,7 +43,7 @@ def parse_coco(document: Any, name: str) -> dict[str, AnnotatedImage]:
             check_size(height, width)
             instances = [
                 Instance(
-                    labels.get(item.get("category_id"), str(item.get("category_id"))),
+                    labels.get(item.get("category_id"), str(item.get("category_id", ""))),
                     segmentation_pixels(item["segmentation"], height, width),
                     valid_score(item.get("score", 1.0)),
                 )

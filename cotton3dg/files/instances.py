@@ -28,7 +28,7 @@ class Instance:
     """One drawn object."""
 
     label: str
-    """Its class, as the file names it."""
+    """Its class, as the file names it; empty where it names none."""
     pixels: NDArray[np.int64]
     """(n,) indices into the flattened image."""
     score: float = 1.0
@@ -112,7 +112,7 @@ def mask_set(images: Mapping[str, AnnotatedImage], classes: Collection[str], sou
     Raises:
         BadInput: there are several classes and none was chosen, or one that is not there was.
     """
-    labels = {instance.label for image in images.values() for instance in image.instances}
+    labels = {instance.label for image in images.values() for instance in image.instances} - {""}
     listed = ", ".join(sorted(labels)[:8])
     missing = sorted(set(classes) - labels)
     if labels and missing:

@@ -9,6 +9,7 @@ further. Each input may take 2 s and 256 MB + 4 x its size; the address space of
 from __future__ import annotations
 
 import argparse
+import base64
 import io
 import json
 import os
@@ -28,7 +29,7 @@ import numpy as np
 from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import Cotton3dgError
-from cotton3dg.files import annotations, arrays, bolls, checkpoint, colmap, images, ply
+from cotton3dg.files import annotations, arrays, bolls, checkpoint, colmap, images, ply, prompt_table, yolo_labels
 from cotton3dg.options import read_toml, resolve
 from cotton3dg.splat.fit import Training
 
@@ -111,6 +112,13 @@ def coco() -> bytes:
     return json.dumps({"images": [picture], "annotations": [shape, lengths, packed]}).encode()
 
 
+def labelme() -> bytes:
+    drawn = {"label": "boll", "points": [[1, 1], [8, 1], [8, 8]], "shape_type": "polygon", "group_id": 1}
+    pasted = base64.b64encode(png(np.full((3, 4), 255, np.uint8))).decode()
+    mask = {"label": "boll", "points": [[2, 3], [5, 5]], "shape_type": "mask", "mask": pasted}
+    return json.dumps({"imagePath": "a.jpg", "imageHeight": 12, "imageWidth": 10, "shapes": [drawn, mask]}).encode()
+
+
 def targets() -> dict[str, tuple[Read, list[bytes]]]:
     """Readers by name, each with sound files to start from."""
     rng = np.random.default_rng(0)
@@ -136,6 +144,12 @@ def targets() -> dict[str, tuple[Read, list[bytes]]]:
         "mask": (images.read_ids, [png(ids), png(ids.astype(np.uint8))]),
         "photo": (images.read_image, [jpeg, png(photo)]),
         "coco": (annotations.read_masks, [coco()]),
+        "labelme": (annotations.read_masks, [labelme()]),
+        "yolo_labels": (
+            lambda path: yolo_labels.read_yolo_labels(path, 12, 10, ["boll"]),
+            [b"0 0.1 0.1 0.8 0.1 0.8 0.7\n1 0.2 0.2 0.9 0.2 0.9 0.9 0.5\n"],
+        ),
+        "prompts": (prompt_table.read_prompts, [b"image,x,y\na,1,2\n", b"image,x1,y1,x2,y2\na.jpg,1,2,3,4.5\n"]),
         "toml": (toml_options, [b"[train]\nsteps = 3000\ndssim = 0.2\n[masks]\nbackend = \"lint\"\n# a\n"]),
     }  # fmt: skip
 
@@ -196,7 +210,7 @@ class Checked:
 
     def __init__(self, name: str, folder: Path) -> None:
         self.read, self.seeds = targets()[name]
-        self.path = folder / ("file.json" if name == "coco" else "file")
+        self.path = folder / ("file.json" if name in ("coco", "labelme") else "file")
         self.n = self.refused = 0
         self.slowest_s = 0.0
 

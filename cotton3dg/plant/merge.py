@@ -205,15 +205,15 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) 
     splits = (verdicts == -2).sum(axis=1)
     others = np.maximum((verdicts != -1).sum(axis=1) - 1, 1)
     rate = splits / others
-    widths = np.array([_mask_width(votes, m, points) for m in range(len(rate))])
+    held = votes.held.tocsc()
+    widths = np.array([_width(points[held.indices[held.indptr[m] : held.indptr[m + 1]]]) for m in range(len(rate))])
     usual = np.median(widths[widths > 0]) if (widths > 0).any() else np.inf
     return (rate > 0.5) | ((rate > 0.12) & (widths > 1.15 * usual))
 
 
-def _mask_width(votes: _Votes, mask: int, points: NDArray) -> float:
-    """Longest width of the Gaussians a mask holds; 0 when they are too few to tell."""
-    rows = votes.held[:, [mask]].nonzero()[0]
-    return float(extent(points[rows])[1][0]) if len(rows) >= LEAST_GAUSSIANS else 0.0
+def _width(points: NDArray) -> float:
+    """Longest width of the Gaussians that a mask holds; 0 when they are too few to tell."""
+    return float(extent(points)[1][0]) if len(points) >= LEAST_GAUSSIANS else 0.0
 
 
 def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], share: float) -> NDArray[np.int64]:

@@ -77,6 +77,17 @@ def _source_indices(plant: Workspace) -> dict[str, int]:
     return {image["name"]: image["source_index"] for image in images}
 
 
+def with_masks(plant: Workspace, masks: dict[str, np.ndarray], folder: str) -> Workspace:
+    """An empty folder made a plant's with other masks; its model is linked to."""
+    scratch = Workspace(folder)
+    for stage in ("sfm", "train"):
+        scratch.folder(stage).symlink_to(plant.folder(stage).resolve())
+    with scratch.writing("masks") as partial:
+        for name, ids in masks.items():
+            write_ids(partial / scratch.mask_png(name).name, ids)
+    return scratch
+
+
 def trial(folder: str, options: SegmentOptions) -> tuple[float, float]:
     """Processor time, s, and peak memory, MB, of segment and cluster in this process."""
     begin_s = time.process_time()
@@ -135,12 +146,7 @@ def rows_of(plant: Workspace, truth: Path, wanted: argparse.Namespace) -> list[d
             if rows and (rows[-1]["masks"], rows[-1]["views"]) == (kind, len(masks)):
                 continue  # the plant has no more views with masks
             with tempfile.TemporaryDirectory() as folder:
-                scratch = Workspace(folder)
-                for stage in ("sfm", "train"):
-                    scratch.folder(stage).symlink_to(plant.folder(stage).resolve())
-                with scratch.writing("masks") as partial:
-                    for name, ids in masks.items():
-                        write_ids(partial / scratch.mask_png(name).name, ids)
+                scratch = with_masks(plant, masks, folder)
                 for method in wanted.methods:
                     options = SegmentOptions(method=method, steps=wanted.steps)
                     context = multiprocessing.get_context("spawn")

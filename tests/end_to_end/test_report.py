@@ -365,7 +365,8 @@ def test_the_page_works_in_a_browser(made, tmp_path):
         boll = browser.value("document.querySelector('tr.touched').dataset.boll")
         told = browser.value("document.querySelector('#scene .hovertext').textContent")
         assert f"Boll {boll}" in told
-        assert f"{read_facts(made).bolls[int(boll) - 1]['volume_cm3']} cm³" in told
+        row = read_facts(made).bolls[int(boll) - 1]
+        assert f"{row['volume_cm3']} ± {row['volume_error_cm3']} cm³" in told
         browser.click(*found)
         browser.wait(f"document.querySelector('tr.chosen')?.dataset.boll === '{boll}'")
         assert browser.value("document.querySelectorAll('#chosen img').length") == 3

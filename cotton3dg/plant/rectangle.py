@@ -258,7 +258,8 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
         parts.append([column[clear] for column in part])
     if not parts:
         return _Maxima(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), 0)
-    return _Maxima(*(np.concatenate(column) for column in zip(*parts, strict=True)), looked)
+    view, along, pixels, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return _Maxima(view, along, pixels, normals, looked)
 
 
 def _adjusted(

@@ -213,7 +213,7 @@ def _markers(build: _Builder, options: SimulateOptions) -> None:
     for number in range(options.markers):
         picture = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), number, 600)
         paper = np.pad(picture, 100, constant_values=255)
-        sheet = np.repeat(0.06 + 0.86 * paper[..., None].astype(np.float32) / 255, 3, axis=2)
+        sheet = np.repeat((0.06 + 0.86 * paper[..., None] / 255).astype(np.float32), 3, axis=2)
         end, row = (-1) ** number, number // 2
         middle = np.array([end * (half[0] - 0.9 * side), (row - 1) * 1.45 * side + 0.1 * side, 0.0012])
         turn = build.rng.uniform(-0.15, 0.15)

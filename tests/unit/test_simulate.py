@@ -324,3 +324,15 @@ def test_simulate_never_replaces_what_it_did_not_write(tmp_path):
     with pytest.raises(BadUsage, match="even"):
         simulate(tmp_path / "new", replace(SMALL, width=101))
     assert (tmp_path / "video.mp4").read_bytes() == b"a user's video"
+
+
+def test_markers_a_box_and_a_second_table_leave_the_room_as_it_is():
+    plain = build_room(SimulateOptions(seed=4, width=160), np.zeros(3))
+    more = build_room(SimulateOptions(seed=4, width=160, markers=3, hidden=0.25, second_table=True), np.zeros(3))
+    assert len(more.panels) == len(plain.panels) + 3 + 5 + 5
+    for before, after in zip(plain.panels, more.panels, strict=False):
+        assert (before.corner == after.corner).all()
+        assert (before.image == after.image).all()
+    paper = more.panels[len(plain.panels)]
+    assert np.linalg.norm(paper.across) == pytest.approx(0.12 * 8 / 6)
+    assert paper.across @ paper.down == pytest.approx(0, abs=1e-12)

@@ -1,5 +1,7 @@
 """YOLO segmentation around a network that can be worked out by hand, run by OpenCV; files that are no network."""
 
+import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,9 @@ import pytest
 from onnx_scene import CELL, SIDE, write_bright_cells
 
 from cotton3dg.detect.networks import Network, open_network
+from cotton3dg.detect.sam import open_sam
 from cotton3dg.detect.yolo import decoded, detect_yolo, fitted, suppressed
-from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
 
 DEFAULTS = {"image_size": SIDE, "confidence": 0.3, "nms_iou": 0.7}
 
@@ -121,3 +124,16 @@ def test_a_network_that_answers_nonsense_is_told(network: Network, tmp_path: Pat
     swapped = Network(lambda pixels: network.forward(pixels)[::-1])
     with pytest.raises(BadInput, match="YOLO segmentation"):
         detect_yolo(image, swapped, **DEFAULTS)
+
+
+def test_a_missing_extra_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with zipfile.ZipFile(tmp_path / "best.pt", "w") as archive:
+        archive.writestr("data.pkl", b"")
+    (tmp_path / "config.json").write_text('{"model_type": "sam"}')
+    (tmp_path / "model.safetensors").write_bytes(b"x")
+    for name in ("ultralytics", "transformers"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(EnvironmentUnusable, match=r"pip install 'cotton3dg\[yolo\]'"):
+        open_network(tmp_path / "best.pt", trusted=True)
+    with pytest.raises(EnvironmentUnusable, match=r"pip install 'cotton3dg\[sam\]'"):
+        open_sam(tmp_path, trusted=False)

@@ -31,6 +31,8 @@ SHARPEST_PX = 0.2
 ROUNDS = ((6.0, 1e-3), (3.0, 1e-4))
 """How far around an edge its maxima are sought, px, until the corners move less than so many widths of the table."""
 MOST_ROUNDS = 8
+ALONG = 0.3
+"""Quantile along an edge by which its contrast is judged: a sheet of paper beside it is brighter, but shorter."""
 STRONG = 0.75
 """Contrast of an edge relative to the strongest line beside it."""
 MIN_VIEWS = 3
@@ -192,8 +194,10 @@ def _roughly(first: Rectangle, views: list[_View], reach: float, most: float) ->
         # Turning counter-clockwise moves an edge outwards at one end and inwards at the other.
         sign = -1 if edge in (1, 2) else 1
         sheared = [
-            np.mean(
-                [np.interp(steps + sign * turn * way, steps, row) for way, row in zip(ways, contrast, strict=True)], 0
+            np.quantile(
+                [np.interp(steps + sign * turn * way, steps, row) for way, row in zip(ways, contrast, strict=True)],
+                ALONG,
+                axis=0,
             )
             for turn in turns
         ]

@@ -67,6 +67,9 @@ class TrainOptions:
     max_gaussians: int = option(150_000, "hard budget of Gaussians", at_least=100, at_most=20_000_000)
     sh_degree: int = option(1, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
     dssim: float = option(0.2, "weight λ of D-SSIM in the loss", paper="0.2", at_least=0.0, at_most=1.0)
+    exposure: str = option(
+        "auto", "bring images of varying exposure and white balance to a common one", choices=("auto", "on", "off")
+    )
     holdout: int = option(8, "every n-th image is held out for PSNR; 0 = none", paper="8", at_least=0)
     seed: int = option(0, "seed of image order and densification", at_least=0)
 

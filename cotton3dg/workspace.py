@@ -131,6 +131,11 @@ class Workspace:
         return self.root / "train" / "metrics.json"
 
     @property
+    def effects_json(self) -> Path:
+        """Which effects of the camera the training allows for, and the evidence for and against each."""
+        return self.root / "train" / "effects.json"
+
+    @property
     def masks_json(self) -> Path:
         return self.root / "masks" / "masks.json"
 

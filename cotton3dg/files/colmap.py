@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,10 @@ PARAMETER_COUNTS = {0: 3, 1: 4}
 """Of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
 MAX_COORDINATE = 1e12
 """su; beyond it, as with NaN, a pose or point is lost rather than far."""
+
+
+OBSERVATION = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<i8")])
+"""A feature of an image and the triangulated point it shows, -1 = none."""
 
 
 class _Reader:
@@ -44,6 +49,12 @@ class _Reader:
         if n * least_bytes > len(self.content) - self.at:
             raise self.bad(f"claims {n} entries")
         return n
+
+    def array(self, kind: np.dtype, n: int) -> NDArray[np.void]:
+        """The next `n` entries, which `count` has found to be there."""
+        values = np.frombuffer(self.content, kind, n, self.at)
+        self.at += n * kind.itemsize
+        return values
 
     def skip(self, n_bytes: int) -> None:
         self.at += n_bytes
@@ -76,10 +87,7 @@ def read_cameras(model_dir: Path) -> list[Camera]:
     pinholes = _read_pinholes(model_dir / "cameras.bin")
     reader = _Reader(model_dir / "images.bin")
     cameras: dict[str, Camera] = {}
-    for _ in range(reader.count(73)):
-        _, *pose, camera_id = reader.fields("I7dI")
-        name = reader.name()
-        reader.skip(24 * reader.count(24))
+    for name, pose, camera_id, _ in _images(reader):
         if not (np.abs(pose) < MAX_COORDINATE).all() or not np.abs(pose[:4]).max() > 1e-6:
             log.warning("sfm: the pose of %s is not finite; the image is left out", name)
             continue
@@ -93,6 +101,31 @@ def read_cameras(model_dir: Path) -> list[Camera]:
     if not cameras:
         raise reader.bad("has no image with a pose")
     return [cameras[name] for name in sorted(cameras)]
+
+
+def read_tracks(model_dir: Path) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
+    """Where each image shows which triangulated points.
+
+    Returns:
+        Image name -> places (K, 2) px, x and y, (0.5, 0.5) being the centre of the first pixel; ids of the points (K,).
+    Raises:
+        MissingInput: the file is not there.
+        BadInput: it is damaged.
+    """
+    tracks = {}
+    for name, _, _, observed in _images(_Reader(model_dir / "images.bin")):
+        places = np.column_stack([observed["x"], observed["y"]])
+        known = (observed["point"] >= 0) & (np.abs(places) < MAX_COORDINATE).all(axis=1)
+        tracks[name] = places[known], observed["point"][known]
+    return tracks
+
+
+def _images(reader: _Reader) -> Iterator[tuple[str, list[float], int, NDArray[np.void]]]:
+    """Name, pose, camera id and observed points of each image of images.bin."""
+    for _ in range(reader.count(73)):
+        _, *pose, camera_id = reader.fields("I7dI")
+        name = reader.name()
+        yield name, pose, camera_id, reader.array(OBSERVATION, reader.count(OBSERVATION.itemsize))
 
 
 def _read_pinholes(path: Path) -> dict[int, tuple[int, int, tuple[float, float, float, float]]]:

@@ -33,10 +33,16 @@ class ViewQuality:
     """(H, W, 3) RGB."""
 
 
-def view_quality(gaussians: Gaussians, view: View, centre: NDArray, radius_su: float) -> ViewQuality:
-    """Render `gaussians` through the camera of `view` and compare; the plant region is a ball around `centre`."""
+def view_quality(
+    gaussians: Gaussians, view: View, centre: NDArray, radius_su: float, gains: NDArray | float = 1.0
+) -> ViewQuality:
+    """Render `gaussians` through the camera of `view` and compare; the plant region is a ball around `centre`.
+
+    Args:
+        gains: (3,) how much brighter the photo is than the images trained on (see exposure.py).
+    """
     rendering = render(gaussians, view.camera)
-    rendered = to_uint8(rendering.image)
+    rendered = to_uint8(rendering.image * gains)
     plant = plant_region(view.camera, rendering.depth, centre, radius_su)
     similarity = ssim_map(rendered, view.image)
     return ViewQuality(

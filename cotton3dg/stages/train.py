@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .. import __version__, _native
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..core.scene import Gaussians
+from ..core.scene import Float64, Gaussians
 from ..errors import BadInput
 from ..files.checkpoint import read_training, write_training
-from ..files.colmap import read_cameras, read_points
+from ..files.colmap import read_cameras, read_points, read_tracks
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
 from ..options import TrainOptions, as_dict
+from ..splat.exposure import VISIBLE, corrected, exposure
 from ..splat.fit import Fit, Training, fit
 from ..splat.initialise import starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.views import View
 from ..workspace import Workspace, explained_disk_errors, json_text, replacing
 
-VERSION = 2
+VERSION = 3
+
+T = TypeVar("T")
 
 LOW_PSNR_DB = 22.0
 """Below this the render is visibly blurred, and traits measured on it are doubtful."""
@@ -40,21 +44,25 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
-    views = load_views(workspace, options.max_side)
-    training, held_out = hold_out(views, options.holdout)
-    result = _fitted(workspace, options, training, progress)
+    capture = load_capture(workspace, options)
+    result = _fitted(workspace, options, capture.training, progress)
+    views, held_out = capture.views, capture.held_out
     centre, radius_su = focus([view.camera for view in views])
-    qualities = [view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
+    qualities = [
+        view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su, gains)
+        for view, gains in zip(held_out, capture.held_out_gains, strict=True)
+    ]
     pixel_su = radius_su / float(np.median([view.camera.fx for view in views]))
     metrics = _metrics(result, qualities) | {"pixel_su": pixel_su}
     with workspace.writing("train") as folder:
         write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
         (folder / workspace.metrics_json.name).write_text(json_text(metrics), encoding="utf-8")
+        (folder / workspace.effects_json.name).write_text(json_text(capture.effects), encoding="utf-8")
         for i in np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int)):
             pair = np.concatenate([held_out[i].image, qualities[i].rendered], axis=1)
             write_image(folder / f"held_out_{Path(qualities[i].name).stem}.jpg", pair)
     workspace.train_checkpoint.unlink(missing_ok=True)
-    return _outcome(metrics)
+    return _outcome(metrics, capture.effects)
 
 
 def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress) -> Fit:
@@ -83,6 +91,49 @@ def _training_key(workspace: Workspace, options: TrainOptions) -> str:
     return hashlib.sha256(json_text(facts).encode()).hexdigest()
 
 
+@dataclass(frozen=True)
+class Capture:
+    """The photos as trained on and as judged by."""
+
+    views: list[View]
+    """As filmed, in order of name."""
+    training: list[View]
+    """Corrected for the effects that are there."""
+    held_out: list[View]
+    """As filmed."""
+    held_out_gains: list[Float64]
+    """(3,) for each, to be put on its render."""
+    effects: dict[str, Any]
+    """What effects.json says."""
+
+
+def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
+    """Load the views, look for effects of the camera and correct those that are there (or that the options force)."""
+    views = load_views(workspace, options.max_side)
+    gains = np.ones((len(views), 3))
+    effects: dict[str, Any] = {"exposure": {"option": options.exposure, "on": options.exposure == "on"}}
+    if options.exposure != "off":
+        tracks = read_tracks(workspace.undistorted / "sparse")
+        full = {camera.name: camera.width for camera in read_cameras(workspace.undistorted / "sparse")}
+        places = [tracks[view.camera.name][0] * (view.camera.width / full[view.camera.name]) for view in views]
+        found = exposure(views, places, [tracks[view.camera.name][1] for view in views])
+        on = options.exposure == "on" or found.varies
+        gains = found.gains if on else gains
+        effects["exposure"] |= {
+            "on": on,
+            "spread_pct": 100 * found.spread,
+            "error_pct": 100 * found.error,
+            "visible_from_pct": 100 * VISIBLE,
+            "n_observations": found.n_observations,
+            "gains": {view.camera.name: gain.tolist() for view, gain in zip(views, found.gains, strict=True)},
+        }
+    usable = [corrected(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
+    training, _ = hold_out(usable, options.holdout)
+    _, held_out = hold_out(views, options.holdout)
+    _, held_out_gains = hold_out(list(gains), options.holdout)
+    return Capture(views, training, held_out, held_out_gains, effects)
+
+
 def load_views(workspace: Workspace, max_side: int) -> list[View]:
     """The undistorted images with their cameras in order of name, at most `max_side` px long.
 
@@ -100,8 +151,11 @@ def load_views(workspace: Workspace, max_side: int) -> list[View]:
     return views
 
 
-def hold_out(views: list[View], every: int) -> tuple[list[View], list[View]]:
-    """Training and held-out views: every `every`-th from the first is held out, none for 0 or if none would be left."""
+def hold_out(views: list[T], every: int) -> tuple[list[T], list[T]]:
+    """Training and held-out views: every `every`-th from the first is held out, none for 0 or if none would be left.
+
+    Also for a list of something that belongs to the views, one each.
+    """
     held_out = views[::every] if every > 1 else []
     return [view for i, view in enumerate(views) if every <= 1 or i % every], held_out
 
@@ -141,11 +195,12 @@ def _metrics(result: Fit, qualities: list[ViewQuality]) -> dict[str, Any]:
     }
 
 
-def _outcome(metrics: dict[str, Any]) -> StageOutcome:
+def _outcome(metrics: dict[str, Any], effects: dict[str, Any]) -> StageOutcome:
     summary = {
         key: metrics[key] if isinstance(metrics[key], int) else round(metrics[key], 2)
         for key in ("psnr_db", "plant_psnr_db", "n_gaussians", "steps", "seconds", "cpu_seconds")
     }
+    summary["effects"] = ", ".join(name for name, decision in effects.items() if decision["on"]) or "none"
     flags, warnings = [], []
     unusable = {reason: n for reason, n in metrics["culled"].items() if n}
     if unusable:

@@ -25,7 +25,7 @@ from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import density, fit, initialise
 from cotton3dg.splat.metrics import PLANT_REGION, focus, view_quality
 from cotton3dg.splat.views import View
-from cotton3dg.stages.train import hold_out, load_views
+from cotton3dg.stages.train import Capture, load_capture
 from cotton3dg.workspace import Workspace
 
 
@@ -69,14 +69,17 @@ OPTIONS: dict[str, dict[str, Any]] = {
 """Name -> option and its value, or factor where it is a float."""
 
 
-def trained(plant: Path, views: list[View], options: TrainOptions) -> dict[str, float]:
-    training, held_out = hold_out(views, options.holdout)
+def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, float]:
+    training = capture.training
     points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
     began = time.process_time()
     result = fit.fit(initialise.starting_gaussians(points, colours, training, options), training, options)
     cpu_s = time.process_time() - began
-    centre, radius_su = focus([view.camera for view in views])
-    qualities = [view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
+    centre, radius_su = focus([view.camera for view in capture.views])
+    qualities = [
+        view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su, gains)
+        for view, gains in zip(capture.held_out, capture.held_out_gains, strict=True)
+    ]
     return {
         "psnr_db": float(np.mean([quality.psnr_db for quality in qualities])),
         "plant_psnr_db": float(np.nanmean([quality.plant_psnr_db for quality in qualities])),
@@ -85,25 +88,25 @@ def trained(plant: Path, views: list[View], options: TrainOptions) -> dict[str, 
     }
 
 
-def variants(options: TrainOptions) -> dict[str, Callable[[Path, list[View]], dict[str, float]]]:
-    def without(name: str) -> Callable[[Path, list[View]], dict[str, float]]:
-        def run(plant: Path, views: list[View]) -> dict[str, float]:
+def variants(options: TrainOptions) -> dict[str, Callable[[Path, Capture], dict[str, float]]]:
+    def without(name: str) -> Callable[[Path, Capture], dict[str, float]]:
+        def run(plant: Path, capture: Capture) -> dict[str, float]:
             with ExitStack() as stack:
                 for module, attribute, value in INGREDIENTS[name]:
                     stack.enter_context(patch.object(module, attribute, value))
-                return trained(plant, views, options)
+                return trained(plant, capture, options)
 
         return run
 
-    def changed(name: str) -> Callable[[Path, list[View]], dict[str, float]]:
+    def changed(name: str) -> Callable[[Path, Capture], dict[str, float]]:
         values = {
             key: round(getattr(options, key) * value) if isinstance(value, float) else value
             for key, value in OPTIONS[name].items()
         }
-        return lambda plant, views: trained(plant, views, resolve("train", vars(options), values))
+        return lambda plant, capture: trained(plant, capture, resolve("train", vars(options), values))
 
     return (
-        {"all": lambda plant, views: trained(plant, views, options)}
+        {"all": lambda plant, capture: trained(plant, capture, options)}
         | {f"without {name}": without(name) for name in INGREDIENTS}
         | {name: changed(name) for name in OPTIONS}
     )
@@ -120,12 +123,12 @@ def main() -> None:
     results: dict[str, dict[str, dict[str, float]]] = {}
     for plant in arguments.plants:
         rows = results[plant.name] = {}
-        views = load_views(Workspace(plant), options.max_side)
+        capture = load_capture(Workspace(plant), options)
         print(f"\n{plant.name}\n\n| | PSNR, dB | plant, dB | CPU, s | Gaussians |\n|---|---|---|---|---|", flush=True)
         for name, run in variants(options).items():
             if arguments.only and name not in arguments.only:
                 continue
-            row = rows[name] = run(plant, views)
+            row = rows[name] = run(plant, capture)
             print(
                 f"| {name} | {row['psnr_db']:.2f} | {row['plant_psnr_db']:.2f} | {row['cpu_s']:.0f} | "
                 f"{row['n_gaussians']} |",

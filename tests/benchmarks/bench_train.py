@@ -22,7 +22,7 @@ from cotton3dg.options import PRESET_VALUES, PRESETS, as_dict, resolve
 from cotton3dg.splat.fit import fit
 from cotton3dg.splat.initialise import starting_gaussians
 from cotton3dg.splat.metrics import PLANT_REGION, focus, view_quality
-from cotton3dg.stages.train import hold_out, load_views
+from cotton3dg.stages.train import load_capture
 from cotton3dg.workspace import Workspace
 
 
@@ -38,12 +38,13 @@ def main() -> None:
 
     workspace = Workspace(arguments.plant)
     began, cpu_began = time.perf_counter(), time.process_time()
-    training, held_out = hold_out(load_views(workspace, options.max_side), options.holdout)
+    capture = load_capture(workspace, options)
+    training, held_out = capture.training, capture.held_out
     points, colours, _, _ = read_points(workspace.undistorted / "sparse")
     loaded, cpu_loaded = time.perf_counter(), time.process_time()
     start = starting_gaussians(points, colours, training, options)
     started, cpu_started = time.perf_counter(), time.process_time()
-    centre, radius_su = focus([view.camera for view in [*training, *held_out]])
+    centre, radius_su = focus([view.camera for view in capture.views])
     curve: list[dict[str, float]] = []
     judging = cpu_judging = 0.0
 
@@ -52,7 +53,10 @@ def main() -> None:
         if step % arguments.every and step != options.steps:
             return
         now, cpu_now = time.perf_counter(), time.process_time()
-        qualities = [view_quality(gaussians, view, centre, PLANT_REGION * radius_su) for view in held_out]
+        qualities = [
+            view_quality(gaussians, view, centre, PLANT_REGION * radius_su, gains)
+            for view, gains in zip(held_out, capture.held_out_gains, strict=True)
+        ]
         curve.append(
             {
                 "step": step,

@@ -1,0 +1,135 @@
+"""Did the camera change its exposure or white balance along the way? What triangulated points look like in each image
+tells, before any training; only if they did are the images brought to common brightness.
+
+A point keeps its colour; its logarithm in an image is that colour plus the image's gain. Both follow from all
+observations by robust least squares. sRGB is near enough to a power law for a factor of the light to be a factor of
+the values, except where they saturate: such observations are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float64
+from .views import View
+
+DARKEST, BRIGHTEST = 15, 235
+"""Values between which a channel is neither noise nor saturated."""
+MOST_POINTS = 2000
+"""The points seen in the most images suffice: they tie distant images together."""
+FEWEST_OBSERVATIONS = 20
+"""Of an image; with fewer its gain would be a guess, and it stays as it is."""
+PATCH_PX = 3
+"""Side of the square whose mean is a point's colour in an image."""
+HUBER = 1.5
+"""Residuals beyond this many standard deviations lose weight: highlights and wrong matches."""
+ROUNDS = 5
+"""Of reweighting; after these the gains move by less than a tenth of their error."""
+
+VISIBLE = 0.01
+"""Standard deviation of log gains that is corrected: on mid-grey it is an error 46 dB below white, which begins to
+count beside the 30 to 35 dB of a model."""
+CERTAIN = 3.0
+"""... and it must exceed its own standard error by this factor."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How much brighter than the mean image each image is, and how sure that is."""
+
+    gains: Float64
+    """(V, 3) factors of the RGB values; their logarithms have mean zero."""
+    spread: float
+    """Standard deviation of the log gains over images and channels."""
+    error: float
+    """Standard error of a log gain, from the green of two halves of the points."""
+    n_observations: int
+
+    @property
+    def varies(self) -> bool:
+        """Whether correcting it is worth the while."""
+        return self.spread > VISIBLE and self.spread > CERTAIN * self.error
+
+
+def exposure(views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]) -> Exposure:
+    """Gains of all images.
+
+    Args:
+        views: V photos with their cameras.
+        places_px: for each view (K, 2) where it shows triangulated points, in pixels of its camera.
+        points: for each view (K,) the numbers of those points.
+    Returns:
+        Gains of 1 and an infinite error where the points tell nothing.
+    """
+    colours, rows, ids = _observations(views, places_px, points)
+    known = np.bincount(rows, minlength=len(views)) >= FEWEST_OBSERVATIONS
+    if known.sum() < 2:
+        return Exposure(np.ones((len(views), 3)), 0.0, np.inf, len(ids))
+    half = np.arange(ids.max() + 1) % 2 == 0
+    logs = np.stack([log_gains(colours[:, channel], rows, ids, len(views)) for channel in range(3)], axis=1)
+    halves = [log_gains(colours[mine, 1], rows[mine], ids[mine], len(views)) for mine in (half[ids], ~half[ids])]
+    logs = np.where(known[:, None], logs - logs[known].mean(axis=0), 0)
+    # Each half has twice the variance of the whole, and the difference of both twice that again.
+    error = float(np.sqrt(np.mean((halves[0] - halves[1])[known] ** 2)) / 2)
+    return Exposure(np.exp(logs), float(np.sqrt(np.mean(logs[known] ** 2))), error, len(ids))
+
+
+def _observations(
+    views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]
+) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64]]:
+    """Log colours (K, 3) of what is neither dark nor saturated, view (K,) and number of the point (K,) from 0 on."""
+    import cv2
+
+    colours, rows, ids = [], [], []
+    for row, (view, places, own) in enumerate(zip(views, places_px, points, strict=True)):
+        smooth = cv2.blur(view.image, (PATCH_PX, PATCH_PX))
+        x, y = np.floor(np.asarray(places).reshape(-1, 2).T).astype(np.int64)
+        inside = (x >= 0) & (y >= 0) & (x < view.camera.width) & (y < view.camera.height)
+        seen = smooth[y[inside], x[inside]].astype(np.float64)
+        good = ((seen >= DARKEST) & (seen <= BRIGHTEST)).all(axis=1)
+        colours.append(np.log(seen[good]))
+        ids.append(np.asarray(own)[inside][good])
+        rows.append(np.full(int(good.sum()), row))
+    names, number, counts = np.unique(np.concatenate(ids), return_inverse=True, return_counts=True)
+    chosen = np.zeros(len(names), bool)
+    chosen[np.argsort(-counts, kind="stable")[:MOST_POINTS]] = True
+    chosen &= counts > 1
+    keep = chosen[number]
+    return np.concatenate(colours)[keep], np.concatenate(rows)[keep], (np.cumsum(chosen) - 1)[number[keep]]
+
+
+def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], n_views: int) -> Float64:
+    """(V,) offsets, of mean zero, that best explain `values` (K,) = offset of the view + constant of the point.
+
+    Iteratively reweighted least squares (Huber). The points are eliminated, so that a system of V unknowns is left.
+    """
+    from scipy import sparse
+
+    ids = np.unique(ids, return_inverse=True)[1]
+    n_points = int(ids.max(initial=-1)) + 1
+    weights = np.ones(len(values))
+    offsets = np.zeros(n_views)
+    for _ in range(ROUNDS):
+        of_point = np.bincount(ids, weights, n_points)
+        shared = sparse.csr_matrix((weights, (rows, ids)), shape=(n_views, n_points))
+        normal = np.diag(np.bincount(rows, weights, n_views)) - (shared @ sparse.diags(1 / of_point) @ shared.T)
+        right = np.bincount(rows, weights * values, n_views)
+        right -= shared @ (np.bincount(ids, weights * values, n_points) / of_point)
+        # Least norm: the common offset is free, and so is that of views without a common point.
+        offsets = np.linalg.lstsq(np.asarray(normal), right, rcond=1e-9)[0]
+        constants = np.bincount(ids, weights * (values - offsets[rows]), n_points) / of_point
+        residuals = np.abs(values - offsets[rows] - constants[ids])
+        limit = HUBER * max(1.4826 * float(np.median(residuals)), 1e-9)
+        weights = 1 / np.maximum(1, residuals / limit)
+    return offsets - offsets.mean()
+
+
+def corrected(view: View, gains: Float64) -> View:
+    """The view as the mean image's exposure would have taken it; saturated pixels stay as dark as they became."""
+    levels = np.clip(np.rint(np.arange(256)[:, None] / gains), 0, 255).astype(np.uint8)
+    image = np.stack([levels[view.image[..., channel], channel] for channel in range(3)], axis=-1)
+    return View(view.camera, image)

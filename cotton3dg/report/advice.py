@@ -178,6 +178,7 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
         bolls_px: widths of the bolls in the training images.
     """
     found = [*_walk(facts.sfm), *_images(facts.frames), *_length(facts.frames), *_table(facts.scale)]
+    found += _exposure(facts.effects.get("exposure", {}))
     if len(bolls_px):
         width = float(np.median(bolls_px))
         good = width >= 2 * SMALL_BOLL_PX
@@ -228,6 +229,18 @@ def _images(frames: dict[str, Any]) -> list[Advice]:
     remedy = "" if good else "; lock the exposure (long press on the plant) and light it evenly"
     text = f"Mean brightness {np.median(light):.0%}, brightest to darkest frame {ratio:.1f} : 1{remedy}."
     return [*found, Advice(good, "Light", text)]
+
+
+def _exposure(found: dict[str, Any]) -> list[Advice]:
+    """The evidence for or against the camera's exposure having drifted, and what was done about it."""
+    if "spread_pct" not in found:
+        return []
+    size = f"{found['spread_pct']:.1f} % (± {number(found['error_pct']) or 0:.1f} %)"
+    if found["on"]:
+        text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
+        return [Advice(False, "Exposure", text)]
+    visible = f"{found['visible_from_pct']:.0f} % begins to matter"
+    return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
 
 
 def _length(frames: dict[str, Any]) -> list[Advice]:

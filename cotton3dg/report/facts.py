@@ -46,6 +46,7 @@ class Facts:
     frames: dict[str, Any]
     sfm: dict[str, Any]
     metrics: dict[str, Any]
+    effects: dict[str, Any]
     scale: dict[str, Any]
 
     def done(self, stage: str) -> bool:
@@ -89,6 +90,7 @@ def read_facts(workspace: Workspace) -> Facts:
         frames=when_done("frames", workspace.frames_json),
         sfm=when_done("sfm", workspace.sfm_json),
         metrics=when_done("train", workspace.metrics_json),
+        effects=when_done("train", workspace.effects_json),
         scale=when_done("scale", workspace.scale_json),
     )
 

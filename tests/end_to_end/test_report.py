@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import cv2
@@ -229,6 +230,26 @@ def test_every_flag_of_the_stages_has_words():
     assert len(appended) > 10
     assert appended <= FLAGS.keys(), appended - FLAGS.keys()
     assert meaning("new_flag").title == "new flag"
+
+
+@pytest.mark.parametrize(
+    ("found", "good", "text"),
+    [
+        ({"on": False, "spread_pct": 0.22, "error_pct": 0.15, "visible_from_pct": 1.0}, True, "steady: 0.2 % (± 0.1"),
+        ({"on": True, "spread_pct": 7.8, "error_pct": 0.2, "visible_from_pct": 1.0}, False, "drifted by 7.8 % (± 0.2"),
+        ({"on": False, "spread_pct": 0.0, "error_pct": None, "visible_from_pct": 1.0}, True, "steady"),
+    ],
+)
+def test_the_evidence_for_effects_is_shown(made, found, good, text):
+    facts = replace(read_facts(made), effects={"exposure": found})
+    (item,) = [item for item in capture_advice(facts) if item.topic == "Exposure"]
+    assert item.good is good
+    assert text in item.text
+
+
+def test_a_forced_effect_needs_no_evidence(made):
+    facts = replace(read_facts(made), effects={"exposure": {"option": "off", "on": False}})
+    assert "Exposure" not in {item.topic for item in capture_advice(facts)}
 
 
 def test_advice_names_what_this_video_lacks(made):

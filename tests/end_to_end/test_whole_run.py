@@ -102,7 +102,12 @@ def test_a_dry_run_says_why_and_changes_nothing(plant):
 
 def test_a_batch_skips_the_finished_plant_and_explains_the_broken_ones(plant):
     folder = plant.root.parent
-    broken = {"empty": "no video", "no_video": "cannot", "odd_options": "frames.count", "two_videos": "several videos"}
+    broken = {
+        "empty": "no video",
+        "no_video": "no video that can be read",
+        "odd_options": "frames.count",
+        "two_videos": "several videos",
+    }
     for name in broken:
         (folder / name).mkdir()
     (folder / "no_video" / "walk.mp4").write_bytes(b"this is no video" * 100)

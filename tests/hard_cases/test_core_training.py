@@ -45,7 +45,7 @@ def test_case_02_culled_gaussians_are_counted_in_the_stages_record() -> None:
     result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
     assert result.culled["non_finite"] >= 1
     assert result.culled["degenerate"] >= 1
-    outcome = train._outcome(train._metrics(result, []))
+    outcome = train._outcome(train._metrics(result, []), effects={})
     assert "gaussians_culled" in outcome.flags
     assert f"{result.culled['degenerate']} degenerate" in outcome.warnings[0]
 

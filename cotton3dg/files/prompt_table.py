@@ -37,7 +37,8 @@ def read_prompts(path: Path) -> dict[str, Float64]:
             for number, row in enumerate(table, start=2):
                 values = [float(row[name]) for name in columns]
                 if not all(map(math.isfinite, values)) or (columns == BOX and not _is_box(values)):
-                    raise BadInput(f"{path.name}, line {number}: {values} is no {'box' if columns == BOX else 'point'}")
+                    wanted = "a box, x1 < x2 and y1 < y2" if columns == BOX else "a point, x and y"
+                    raise BadInput(f"{path.name}, line {number}: {values} is not {wanted}; correct it")
                 rows.setdefault(Path(str(row["image"]).replace("\\", "/")).stem, []).append(values)
     except (ValueError, TypeError, csv.Error) as error:
         raise BadInput(f"{path.name} is no table of numbers ({error!r:.80}); save it as CSV") from error

@@ -252,11 +252,16 @@ def _table_prompts(table: Path, cameras: Sequence[Camera]) -> dict[str, Prompts]
     prompts = {}
     for stem, rows in read_prompts(table).items():
         if stem not in by_stem:
-            raise BadInput(f"{table.name} prompts {stem}, which is no image with a pose (e.g. {next(iter(by_stem))})")
+            raise BadInput(
+                f"{table.name} prompts {stem}, which is no image with a pose; use names such as {next(iter(by_stem))}"
+            )
         camera = by_stem[stem]
         limits = np.tile([camera.width, camera.height], rows.shape[1] // 2)
         if ((rows < 0) | (rows > limits)).any():
-            raise BadInput(f"{table.name} prompts {stem} outside of its {camera.width} x {camera.height} px")
+            raise BadInput(
+                f"{table.name} prompts {stem} outside of its {camera.width} x {camera.height} px; "
+                "take them in the images of sfm/undistorted"
+            )
         prompts[camera.name] = Prompts(points=rows) if rows.shape[1] == 2 else Prompts(boxes=rows)
     return prompts
 

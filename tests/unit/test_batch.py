@@ -47,6 +47,14 @@ def stand_in(tmp_path):
     return [sys.executable, str(script)]
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """A process that a shell started in the background, as continuous integration may, ignores Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
     plant = folder / name
     plant.mkdir(parents=True)

@@ -39,14 +39,14 @@ PLANTS: dict[str, str] = {
 
 
 def made_and_run(folder: Path, name: str, preset: str) -> int:
-    """Exit code of the first command that failed, or 0; what they print goes to study.log in the plant's folder."""
+    """Exit code of the first command that failed, or 0; what they print goes to NAME.log."""
     plant = folder / name
     tool = Path(sys.executable).with_name("cotton3dg")
-    plant.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     commands = [["run", str(plant), "--preset", preset]]
     if not (plant / "truth.json").is_file():
         commands.insert(0, ["simulate", str(plant), "--mask-interval", "1", *PLANTS[name].split()])
-    with (plant / "study.log").open("a", encoding="utf-8") as log:
+    with (folder / f"{name}.log").open("a", encoding="utf-8") as log:
         for command in commands:
             code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
             if code:
@@ -100,7 +100,7 @@ def main() -> None:
         print("\nMean absolute values:\n")
         print(means(rows).to_string(float_format="{:.2f}".format))
     for name, code in failed.items():
-        print(f"{name}: exit {code}; see {wanted.folder / name / 'study.log'}", file=sys.stderr)
+        print(f"{name}: exit {code}; see {wanted.folder / f'{name}.log'}", file=sys.stderr)
     sys.exit(bool(failed))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.measurements import Scale
 from ..core.scene import Camera, Float64
 from .box import min_area_rectangle
-from .rectangle import CAUCHY, PLANE_PRIOR, Rectangle, RimFit, fit_rim
+from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, Rectangle, RimFit, fit_rim
 from .views import Orbit, fit_orbit
 
 TOLERANCE = 0.006
@@ -36,10 +36,14 @@ LEAST_PLANE_ERROR = 2e-4
 """In widths of the table; 0.1 mm, about how flat a table is."""
 MIN_SUPPORT = 0.4
 """Share of the places along an edge that show it; a third would by chance."""
+CLEAR_SUPPORT = 0.5
+"""The same for the two edges that alone give the scale, because a third one is unclear."""
 LEAST_ERROR = 2e-3
 """Relative; sides that are too short alike, because the plane lies a millimetre too high, do not disagree."""
 LEAST_ERROR_OF_POINTS = 1e-2
 """The same without photos: points end short of an edge, floaters lie beyond it."""
+LEAST_ERROR_OF_ONE_SIDE = 1e-2
+"""The same where one edge is unclear: no second side checks the first."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,18 @@ class TableFit:
     @property
     def aspect(self) -> float:
         return self.rectangle.length / self.rectangle.width
+
+    @property
+    def unclear_edges(self) -> tuple[int, ...]:
+        """Edges of which the photos show too little, in the order of `Rectangle.sides`."""
+        return tuple(edge for edge in EDGES if self.rim and self.rim.support[edge] < MIN_SUPPORT)
+
+    @property
+    def one_side_is_clear(self) -> bool:
+        """Whether the side without the unclear edge can be relied upon."""
+        assert self.rim
+        clear = 2 - 2 * (self.unclear_edges[0] // 2)
+        return min(self.rim.support[clear : clear + 2]) >= CLEAR_SUPPORT
 
 
 @dataclass(frozen=True)
@@ -100,7 +116,7 @@ def find_table(
         if first is None:
             continue
         first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
-        for guess in (first, *(_completed(first, aspect) if images else ())):
+        for number, guess in enumerate((first, *(_completed(first, aspect) if images else ()))):
             rim = fit_rim(guess, image_cameras, images, plane_error) if images else None
             if images and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
@@ -108,7 +124,8 @@ def find_table(
             rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
             fill, inliers = _coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
-            doubt = _doubt(fit, aspect)
+            # A guess made from the known shape cannot vouch for it: there every edge must be seen.
+            doubt = _doubt(fit, aspect, most_unclear=0 if number else 1)
             if not doubt:
                 return fit
             refused = refused if refused.reason else NoTable(doubt)
@@ -120,15 +137,19 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
 
     Edges are found equally well on all sides, so the longer one tells more; the seed paper's plain mean of the two
     ratios would be led by the short side. The error is half their disagreement, as for a mean of two, and at least
-    `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may agree by chance.
+    `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may agree by chance. A side that ends in an unclear
+    edge, such as that of a wooden table before a wooden floor, is left out.
     """
     measured, known = np.array([fit.rectangle.length, fit.rectangle.width]), np.array([length_cm, width_cm])
+    least = LEAST_ERROR if fit.rim else LEAST_ERROR_OF_POINTS
+    if fit.unclear_edges:
+        clear = 1 - fit.unclear_edges[0] // 2
+        measured, known, least = measured[[clear]], known[[clear]], LEAST_ERROR_OF_ONE_SIDE
     cm_per_su = float(measured @ known / (measured @ measured))
     ratios = known / measured
-    error = float(abs(ratios[0] - ratios[1]) / 2 / cm_per_su)
+    error = float((ratios.max() - ratios.min()) / 2 / cm_per_su)
     up = fit.rectangle.axes[2]
     plane = np.append(up, -up @ fit.rectangle.origin)
-    least = LEAST_ERROR if fit.rim else LEAST_ERROR_OF_POINTS
     return Scale(cm_per_su, max(error, least), "table", up, plane, fit.rectangle.corners)
 
 
@@ -305,13 +326,13 @@ def _coverage(rectangle: Rectangle, points: Float64, radius: float) -> tuple[flo
     return float(cv2.dilate(covered, np.ones((5, 5), np.uint8)).mean()), int(on.sum())
 
 
-def _doubt(fit: TableFit, aspect: float) -> str:
-    """Why a fit is no table of that shape; '' when it is."""
+def _doubt(fit: TableFit, aspect: float, most_unclear: int) -> str:
+    """Why a fit is no table of that shape; '' when it is. So many edges may be unclear."""
     if abs(fit.aspect / aspect - 1) > ASPECT_TOLERANCE:
         return f"the plane's sides are as {fit.aspect:.2f} to 1 where the table's are as {aspect:.2f} to 1"
     if fit.fill < MIN_FILL:
         return f"only {fit.fill:.0%} of the table top was reconstructed"
-    if fit.rim and min(fit.rim.support) < MIN_SUPPORT:
+    if fit.rim and (len(fit.unclear_edges) > most_unclear or (fit.unclear_edges and not fit.one_side_is_clear)):
         return f"an edge of the table shows at only {min(fit.rim.support):.0%} of its length"
     return ""
 

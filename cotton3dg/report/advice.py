@@ -112,6 +112,11 @@ FLAGS = {
         "Nothing of known size was found. Bolls are counted, but volumes, height and canopy are blank.",
         "Film so that all of the table top is seen, give its size, or lay printed markers beside the plant.",
     ),
+    "table_edge_unclear": Meaning(
+        "One edge of the table is unclear",
+        "It does not stand out from what is behind it. The scale rests on the other sides and is known to about 1 %.",
+        "Lay something of another colour below the table, or a printed marker on it.",
+    ),
     "scale_uncertain": Meaning(
         "The scale is uncertain",
         "Lengths are known less well than to 1 %, volumes less well than to 3 %.",

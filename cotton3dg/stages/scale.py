@@ -28,7 +28,7 @@ from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_ta
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace, json_text
 
-VERSION = 3
+VERSION = 4
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3
@@ -101,7 +101,8 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
             write_image(folder / name, picture)
     progress(len(scene.chosen) + 1, len(scene.chosen) + 1)
     summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
-    return StageOutcome(summary, *_doubts(together))
+    unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
+    return StageOutcome(summary, *_doubts(together, unclear))
 
 
 def _check_points(workspace: Workspace, options: ScaleOptions) -> None:
@@ -186,9 +187,15 @@ def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
     }
 
 
-def _doubts(together: Reconciled) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _doubts(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a scale."""
     flags, warnings = [], []
+    if unclear_edge:
+        flags.append("table_edge_unclear")
+        warnings.append(
+            "one edge of the table does not stand out from what is behind it; the scale rests on the other sides; "
+            "lay something of another colour below the table, or a printed marker on it"
+        )
     if together.relative_error > 0.01:
         flags.append("scale_uncertain")
         warnings.append(

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 
-from cotton3dg.plant.rectangle import Rectangle, fit_rim
-from cotton3dg.plant.table import NoTable, TableFit, find_table, level_planes, outlined, scale_from_table
+from cotton3dg.plant.rectangle import Rectangle, RimFit, fit_rim
+from cotton3dg.plant.table import NoTable, TableFit, _doubt, find_table, level_planes, outlined, scale_from_table
 from cotton3dg.plant.views import fit_orbit
 
 CAMERAS = orbit(20, 320, 180)
@@ -124,6 +124,34 @@ def test_a_half_hidden_table_is_measured_rightly_or_refused():
             assert scale_from_table(fit, 120, 60).cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.01)
         else:
             assert fit.reason
+
+
+@pytest.mark.parametrize(("unclear", "sides_cm"), [(3, (120, 57.8)), (2, (120, 58.0)), (0, (124, 60)), (1, (117, 60))])
+def test_a_side_that_ends_in_an_unclear_edge_gives_no_scale(unclear, sides_cm):
+    length, width = sides_cm
+    support = tuple(0.3 if edge == unclear else 0.7 for edge in range(4))
+    rim = RimFit(rectangle_cm([-60, length - 60, -30, width - 30]), (0.3,) * 4, support, (9,) * 4)
+    fit = TableFit(rim.rectangle, 1.0, 500, rim)
+    assert fit.unclear_edges == (unclear,)
+    scale = scale_from_table(fit, 120, 60)
+    assert scale.cm_per_su == pytest.approx(POSE.cm_per_su, rel=1e-6)
+    assert scale.relative_error == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("support", "taken"),
+    [
+        ((0.7, 0.6, 0.5, 0.38), True),
+        ((0.45, 0.6, 0.5, 0.38), False),  # the side that is left is not clear enough to stand alone
+        ((0.7, 0.6, 0.38, 0.38), False),  # nor may two edges lack
+        ((0.7, 0.6, 0.45, 0.41), True),
+    ],
+)
+def test_one_unclear_edge_is_no_reason_to_refuse_a_table(support, taken):
+    rim = RimFit(rectangle_cm([-60, 60, -30, 30]), (0.3,) * 4, support, (9,) * 4)
+    doubt = _doubt(TableFit(rim.rectangle, 1.0, 500, rim), 2.0, most_unclear=1)
+    assert (doubt == "") is taken
+    assert not taken or min(support) > 0.4 or _doubt(TableFit(rim.rectangle, 1.0, 500, rim), 2.0, most_unclear=0)
 
 
 def test_a_second_table_beside_it_is_not_taken_for_it():

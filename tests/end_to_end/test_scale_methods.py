@@ -6,16 +6,13 @@ import json
 import numpy as np
 import pytest
 from marker_scene import photo_of_top, top_picture
-from table_scene import POSE, gaussians_at, orbit, table_points_cm
-from test_scale_stage import write_colmap
+from table_scene import POSE, orbit
+from table_workspace import table_workspace
 
 from cotton3dg.errors import BadUsage, MissingInput
-from cotton3dg.files.images import write_image
-from cotton3dg.files.ply import write_gaussians
 from cotton3dg.files.scale import read_scale
 from cotton3dg.options import ScaleOptions
 from cotton3dg.stages import scale
-from cotton3dg.workspace import Workspace
 
 CAMERAS = orbit(12, 960, 540)
 MARKERS = {0: (-44, 8, 0.1), 1: (44, -10, -0.2), 2: (-44, -14, 0.05), 3: (44, 14, 0.0)}
@@ -29,15 +26,7 @@ def photos():
 
 @pytest.fixture
 def workspace(tmp_path, photos):
-    workspace = Workspace(tmp_path)
-    points = POSE.scene(table_points_cm(np.random.default_rng(0)))
-    write_colmap(workspace.undistorted / "sparse", CAMERAS, points)
-    (workspace.undistorted / "images").mkdir()
-    for camera, image in zip(CAMERAS, photos, strict=True):
-        write_image(workspace.undistorted_image(camera.name), image)
-    workspace.gaussians_ply.parent.mkdir()
-    write_gaussians(workspace.gaussians_ply, gaussians_at(table_points_cm(np.random.default_rng(1), 500), 0.3))
-    return workspace
+    return table_workspace(tmp_path, CAMERAS, photos)
 
 
 def facts(workspace):

@@ -1,36 +1,19 @@
 """The scale stage on a made room: COLMAP model, photos and Gaussians in, scale.json and pictures out."""
 
 import json
-import struct
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-from table_scene import POSE, gaussians_at, orbit, photo, table_points_cm
+from table_scene import POSE, orbit, photo
+from table_workspace import table_workspace
 
 from cotton3dg.errors import MissingInput, NoScale
-from cotton3dg.files.images import read_image, write_image
-from cotton3dg.files.ply import write_gaussians
+from cotton3dg.files.images import read_image
 from cotton3dg.files.scale import read_scale
 from cotton3dg.options import ScaleOptions
 from cotton3dg.stages import scale
 from cotton3dg.workspace import Workspace
 
 CAMERAS = orbit(16, 320, 180)
-
-
-def write_colmap(folder, cameras, points):
-    folder.mkdir(parents=True)
-    c = cameras[0]
-    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, c.width, c.height, c.fx, c.fy, c.cx, c.cy))
-    images = [struct.pack("<Q", len(cameras))]
-    for number, camera in enumerate(cameras, 1):
-        x, y, z, w = Rotation.from_matrix(camera.rotation).as_quat()
-        row = struct.pack("<I7dI", number, w, x, y, z, *camera.cam_from_scene[:, 3], 1)
-        images.append(row + camera.name.encode() + b"\0" + struct.pack("<Q", 0))
-    (folder / "images.bin").write_bytes(b"".join(images))
-    rows = [struct.pack("<Q3d3BdQ", n, *point, 128, 128, 128, 0.5, 0) for n, point in enumerate(points, 1)]
-    (folder / "points3D.bin").write_bytes(struct.pack("<Q", len(points)) + b"".join(rows))
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +23,7 @@ def photos():
 
 @pytest.fixture
 def workspace(tmp_path, photos):
-    workspace = Workspace(tmp_path)
-    points = POSE.scene(table_points_cm(np.random.default_rng(0)))
-    write_colmap(workspace.undistorted / "sparse", CAMERAS, points)
-    (workspace.undistorted / "images").mkdir()
-    for camera, image in zip(CAMERAS, photos, strict=True):
-        write_image(workspace.undistorted_image(camera.name), image)
-    workspace.gaussians_ply.parent.mkdir()
-    write_gaussians(workspace.gaussians_ply, gaussians_at(table_points_cm(np.random.default_rng(1), 500), 0.3))
-    return workspace
+    return table_workspace(tmp_path, CAMERAS, photos)
 
 
 def test_the_table_gives_the_scale(workspace):

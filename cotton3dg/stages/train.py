@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,7 +47,52 @@ def inputs(workspace: Workspace) -> list[Path]:
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
     capture = load_capture(workspace, options)
-    result = _fitted(workspace, options, capture.training, progress)
+    outcome = _save(workspace, _fitted(workspace, options, capture.training, progress), capture)
+    workspace.train_checkpoint.unlink(missing_ok=True)
+    return outcome
+
+
+def save_intermediate(
+    workspace: Workspace, options: TrainOptions, targets: Mapping[int, Workspace], progress: Progress = silent
+) -> dict[int, StageOutcome]:
+    """Train once and save the model after so many steps as the result of this stage in other folders.
+
+    The schedules of a training are made for its last step: a training that ends at an earlier one does better than this
+    training there.
+
+    Args:
+        targets: number of steps -> whose train folder gets the model. The clock stands while models are saved.
+    """
+    began, cpu_began = time.perf_counter(), time.process_time()
+    capture = load_capture(workspace, options)
+    outcomes: dict[int, StageOutcome] = {}
+
+    def watch(step: int, gaussians: Gaussians) -> None:
+        nonlocal began, cpu_began
+        if step not in targets or step == options.steps:
+            return
+        now, cpu_now = time.perf_counter(), time.process_time()
+        reached = {
+            "step": step,
+            "seconds": round(now - began, 3),
+            "cpu_seconds": round(cpu_now - cpu_began, 3),
+            "n_gaussians": len(gaussians),
+        }
+        outcomes[step] = _save(targets[step], Fit(gaussians, [reached]), capture)
+        began, cpu_began = began + time.perf_counter() - now, cpu_began + time.process_time() - cpu_now
+
+    result = fit(_start(workspace, options, capture.training), capture.training, options, progress, watch)
+    if options.steps in targets:
+        result.history[-1] |= {
+            "seconds": round(time.perf_counter() - began, 3),
+            "cpu_seconds": round(time.process_time() - cpu_began, 3),
+        }
+        outcomes[options.steps] = _save(targets[options.steps], result, capture)
+    return outcomes
+
+
+def _save(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
+    """Judge the model by the held-out views and write the stage's folder."""
     views, held_out = capture.views, capture.held_out
     centre, radius_su = focus([view.camera for view in views])
     qualities = [
@@ -61,7 +108,6 @@ def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent
         for i in np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int)):
             pair = np.concatenate([held_out[i].image, qualities[i].rendered], axis=1)
             write_image(folder / f"held_out_{Path(qualities[i].name).stem}.jpg", pair)
-    workspace.train_checkpoint.unlink(missing_ok=True)
     return _outcome(metrics, capture.effects)
 
 
@@ -80,9 +126,13 @@ def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], prog
     start: Gaussians | Training | None = read_training(workspace.train_checkpoint, key)
     if start is None:
         workspace.train_rejected.unlink(missing_ok=True)
-        points, colours, _, _ = read_points(workspace.undistorted / "sparse")
-        start = starting_gaussians(points, colours, views, options)
+        start = _start(workspace, options, views)
     return fit(start, views, options, progress, save=save, keep_rejected=keep_rejected)
+
+
+def _start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Gaussians:
+    points, colours, _, _ = read_points(workspace.undistorted / "sparse")
+    return starting_gaussians(points, colours, views, options)
 
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:

@@ -45,7 +45,5 @@ def test_the_documentation_lists_each():
 
 
 def test_importing_loads_nothing_large():
-    script = (
-        "import sys, cotton3dg; print([m for m in ('numpy', 'typer', 'torch', 'cv2') if m in sys.modules])"
-    )
+    script = "import sys, cotton3dg; print([m for m in ('numpy', 'typer', 'torch', 'cv2') if m in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", script], text=True).strip() == "[]"

@@ -147,14 +147,14 @@ def fit(
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
     cameras = [view.camera for view in views]
     _, radius_su = focus(cameras)
-    levels = resolutions(views, options.steps)
+    stages = resolutions(views, options.steps)
     renewals = renewal_steps(options.steps, len(views))
     order = image_order(len(views), options.steps, options.seed)
     result = training.fit
     saved = time.perf_counter()
     began, cpu_began = saved - training.seconds, time.process_time() - training.cpu_seconds
     for step in range(training.step, options.steps):
-        view = next(level for until, level in levels if step < until)[order[step]]
+        view = next(level for until, level in stages if step < until)[order[step]]
         report = train_step(
             result.gaussians,
             training.adam,
@@ -215,11 +215,14 @@ def fit(
 def resolutions(views: Sequence[View], steps: int) -> list[tuple[int, list[View]]]:
     """The views from coarse to fine, each resolution with the step that ends its use."""
     side = max(max(view.image.shape) for view in views)
-    factors = [factor for factor in (4, 2, 1) if factor == 1 or side / factor >= COARSEST_SIDE_PX]
+    return [(until, [view.limited(side / factor) for view in views]) for until, factor in levels(side, steps)]
+
+
+def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
+    """By how much images are reduced, coarse to fine, each factor after the step that ends its use."""
+    factors = [factor for factor in (4, 2, 1) if factor == 1 or side_px / factor >= COARSEST_SIDE_PX]
     untils = np.rint(np.cumsum(LEVEL_SHARES[len(factors)]) * steps).astype(int).tolist()
-    return [
-        (until, [view.limited(side / factor) for view in views]) for until, factor in zip(untils, factors, strict=True)
-    ]
+    return list(zip(untils, factors, strict=True))
 
 
 def renewal_steps(steps: int, n_views: int) -> range:

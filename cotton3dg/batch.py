@@ -24,6 +24,7 @@ from typing import Any
 from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.tables import BOLLS, TRAITS, Column, csv_text
+from .needs import OUT_OF_MEMORY
 from .workspace import Workspace, write_text_atomically
 
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
@@ -289,6 +290,8 @@ def _bound(pid: int, slot: list[int], jobs: int) -> None:
 
 def _reason(name: str, code: int, said: str) -> str:
     """The last line that a failed run printed, without its plant's name; or the signal that ended it."""
+    if OUT_OF_MEMORY.search(said):  # also where a library ended the process by itself
+        return "ran out of memory; use fewer --jobs, --preset draft or a machine with more memory"
     if code < 0:
         cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
         return f"ended by signal {-code}{cause}"

@@ -186,6 +186,18 @@ def doctor(
 
 
 @app.command(rich_help_panel="Everything")
+def clean(plant_dir: PlantDir) -> None:
+    """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
+    from .clean import clean as drop
+    from .workspace import Workspace
+
+    with _reported(plant_dir):
+        dropped = drop(Workspace(plant_dir))
+        rest = "" if dropped.finished else "; the plant is not finished, so its images stay"
+        typer.echo(f"{dropped.n_files} files dropped, {dropped.n_bytes / 2**20:.1f} MiB free{rest}")
+
+
+@app.command(rich_help_panel="Everything")
 def report(plant_dir: PlantDir) -> None:
     """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
     from .report.page import make_report

@@ -19,6 +19,7 @@ from . import __version__
 from .core.outcome import StageOutcome
 from .core.progress import Progress, silent
 from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
+from .needs import check_disk, check_memory, is_out_of_memory
 from .options import PRESET_VALUES, PRESETS, STAGE_OPTIONS, as_dict, read_toml, resolve
 from .workspace import Workspace
 
@@ -114,17 +115,40 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
     return UP_TO_DATE
 
 
+def _reason_to_run(workspace: Workspace, stage: str, options: Any, stages: tuple[str, ...], force: bool) -> str:
+    if force:
+        return "forced"
+    reason = stale_reason(workspace, stage, options)
+    # A whole run does well without what `clean` dropped; whoever names a stage wants its files.
+    if not reason and stages != STAGES and workspace.dropped(workspace.folder(stage)):
+        reason = "clean dropped its files"
+    return reason
+
+
+def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
+    """The stages that have to make their files again because `clean` dropped them and `stage` reads them."""
+    steps: list[Step] = []
+    makers = {name.split("/")[0] for name in workspace.dropped(*stage_module(stage).inputs(workspace))}
+    for maker in (name for name in STAGES if name in makers):
+        recorded = (workspace.read_record(maker) or {})["options"]
+        steps += _remade_for(workspace, maker)
+        steps.append(Step(maker, resolve(maker, recorded), f"{stage} reads what clean dropped"))
+    return steps
+
+
 def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], *, force: bool = False) -> list[Step]:
     """What `run` would do, without doing it. Once one stage is stale, those after it depend on what it makes."""
     steps: list[Step] = []
     for stage in stages:
         running = next((step.stage for step in reversed(steps) if step.reason), None)
-        if force:
-            reason = "forced"
-        elif running:
+        if running and not force:
             reason = f"after {running}"
         else:
-            reason = stale_reason(workspace, stage, options[stage])
+            reason = _reason_to_run(workspace, stage, options[stage], stages, force)
+        if reason and not running:
+            remade = _remade_for(workspace, stage)
+            again = {step.stage for step in remade}
+            steps = [step for step in steps if step.stage not in again] + remade
         steps.append(Step(stage, options[stage], reason))
     return steps
 
@@ -152,14 +176,15 @@ def run(
         try:
             workspace.capture()
             for stage in stages:
-                reason = "forced" if force else stale_reason(workspace, stage, options[stage])
+                reason = _reason_to_run(workspace, stage, options[stage], stages, force)
                 step = Step(stage, options[stage], reason)
                 if not reason:
                     watcher.skipped(step)
                     continue
-                log.info("%s starts: %s", stage, reason)
-                record = _run_stage(workspace, step, watcher.started(step))
-                watcher.finished(step, record)
+                for due in (*_remade_for(workspace, stage), step):
+                    log.info("%s starts: %s", due.stage, due.reason)
+                    record = _run_stage(workspace, due, watcher.started(due))
+                    watcher.finished(due, record)
         except Cotton3dgError as error:
             failure = str(error)
             raise
@@ -196,6 +221,8 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str
     wall_s, cpu_s = time.perf_counter(), _cpu_seconds()
     failure: Cotton3dgError | None = None
     try:
+        check_memory()
+        check_disk(workspace, step.stage, step.options)
         record["inputs"] = workspace.hashes(*module.inputs(workspace))
         outcome: StageOutcome = module.run(workspace, step.options, progress)
         record |= {
@@ -207,14 +234,16 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str
         }
     except Cotton3dgError as error:
         failure = error
-    except MemoryError as error:
-        failure = OutOfResources(f"{step.stage} ran out of memory; use smaller options or a larger machine")
-        failure.__cause__ = error
     except Exception as error:
         log.error("%s", traceback.format_exc())
-        failure = StageFailed(
-            f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}"
-        )
+        if is_out_of_memory(error):
+            failure = OutOfResources(
+                f"{step.stage} ran out of memory; use --preset draft, fewer --jobs or a machine with more memory"
+            )
+        else:
+            failure = StageFailed(
+                f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}"
+            )
         failure.__cause__ = error
     record |= {
         "seconds": round(time.perf_counter() - wall_s, 3),

@@ -266,6 +266,11 @@ class Workspace:
             )
 
     # --------------------------------------------------------------- records
+    @property
+    def dropped_json(self) -> Path:
+        """Names of the files that `clean` dropped."""
+        return self.root / "records" / "dropped.json"
+
     def record_file(self, stage: str) -> Path:
         return self.root / "records" / f"{stage}.json"
 
@@ -282,14 +287,39 @@ class Workspace:
             write_text_atomically(self.record_file(stage), json_text(record))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
-        """SHA-256 of files, and of all files below folders, by path relative to the plant's folder."""
+        """SHA-256 of files, and of all files below folders, by path relative to the plant's folder.
+
+        What `clean` dropped counts as if it were still there.
+        """
         files: list[Path] = []
         for path in paths:
             if path.is_dir():
                 files += [p for p in path.rglob("*") if p.is_file() and p.name != OWNER_MARK]
             elif path.exists():
                 files.append(path)
-        return {path.relative_to(self.root).as_posix(): file_sha256(path) for path in sorted(files)}
+        found = {path.relative_to(self.root).as_posix(): file_sha256(path) for path in sorted(files)}
+        dropped = self.dropped()
+        return found | {name: dropped[name] for name in dropped if self._is_below(name, paths)}
+
+    def dropped(self, *paths: Path) -> dict[str, str]:
+        """Hashes of the files, below `paths` if given, that `clean` dropped and nothing has made again since."""
+        try:
+            names = json.loads(self.dropped_json.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            return {}
+        # A stage that wrote anew took its old record away, and with it the word for files that it no longer makes.
+        records = {stage: self.read_record(stage) or {} for stage in {name.split("/")[0] for name in names}}
+        hashes = {name: records[name.split("/")[0]].get("outputs", {}).get(name) for name in names}
+        return {
+            name: sha256
+            for name, sha256 in hashes.items()
+            if sha256 and not (self.root / name).exists() and (not paths or self._is_below(name, paths))
+        }
+
+    def _is_below(self, name: str, paths: tuple[Path, ...]) -> bool:
+        return any((self.root / name).is_relative_to(path) for path in paths)
 
     # ------------------------------------------------------------------ lock
     @contextmanager

@@ -270,7 +270,8 @@ CASES = (
     Case(50, "disk full", "the old file stays; a clear error", (
         WORKSPACE + "test_disk_errors_are_explained",
         SAVES + "test_case_50_a_disk_that_is_full_at_any_boundary_is_told_and_costs_nothing_old",
-    ), f"a look at the free space before the start: {OVERNIGHT}"),
+        "tests/unit/test_needs.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start",
+    )),
     Case(51, "resume differs from a straight run", "the same bits from any step on one machine and build", (
         RESUME + "test_case_51_resume_from_any_step_ends_in_the_same_bits",
         RESUME + "test_case_51_killed_in_training_the_next_run_goes_on_and_ends_in_the_same_bits",
@@ -295,5 +296,10 @@ CASES = (
         RESUME + "test_case_54_training_goes_on_and_keeps_what_the_step_was_given",
         RESUME + "test_case_54_too_many_such_steps_end_the_stage_with_the_reason_and_the_evidence",
         "tests/unit/test_fit.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
+    )),
+    Case(55, "memory limit reached", "exit code 7 and what to do, before the start where it can be known", (
+        "tests/unit/test_needs.py::test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start",
+        "tests/unit/test_needs.py::test_case_55_memory_that_runs_out_in_a_stage_is_told",
+        "tests/unit/test_needs.py::test_running_out_of_memory_is_known_whichever_library_says_it",
     )),
 )  # fmt: skip

@@ -1,0 +1,89 @@
+"""Drop what a finished plant's folder does not need: the images that its stages made, and what killed runs left.
+
+Results, records with their hashes and everything of the user's stay. The stages stay up to date; should one have to
+run that reads dropped files, the pipeline makes those again first.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from .options import STAGE_OPTIONS
+from .workspace import Workspace, explained_disk_errors, file_sha256, json_text, write_text_atomically
+
+LEFT = re.compile(r"\.(.+)\.(partial|old)")
+"""How a file or folder is called while it is being replaced."""
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """What was freed."""
+
+    n_files: int
+    n_bytes: int
+    finished: bool
+    """Whether the images went too: those of an unfinished plant are still needed."""
+
+
+def clean(workspace: Workspace) -> Dropped:
+    """Free what can be made again.
+
+    Raises:
+        EnvironmentUnusable: another process works in the folder.
+    """
+    with workspace.locked(), explained_disk_errors(workspace.root):
+        records = [workspace.read_record(stage) or {} for stage in STAGE_OPTIONS]
+        finished = all(record.get("status") == "ok" for record in records)
+        images = _unchanged_images(workspace) if finished else []
+        # The names come first: killed in between, files that still are there count as there.
+        if images:
+            names = {path.relative_to(workspace.root).as_posix() for path in images}
+            write_text_atomically(workspace.dropped_json, json_text(sorted(names | workspace.dropped().keys())))
+        files = images + _leftovers(workspace)
+        n_bytes = sum(path.stat().st_size for path in files)
+        for path in files:
+            path.unlink()
+        for folder in _partial_folders(workspace):
+            shutil.rmtree(folder)
+    return Dropped(len(files), n_bytes, finished)
+
+
+def _unchanged_images(workspace: Workspace) -> list[Path]:
+    """The images of frames and sfm that are what the records say; one that somebody changed is theirs."""
+    recorded = {
+        name: sha256
+        for stage in ("frames", "sfm")
+        for name, sha256 in (workspace.read_record(stage) or {}).get("outputs", {}).items()
+    }
+    undistorted = sorted((workspace.undistorted / "images").glob("*.jpg"))
+    return [
+        path
+        for path in (*workspace.frame_images(), *undistorted)
+        if recorded.get(path.relative_to(workspace.root).as_posix()) == file_sha256(path)
+    ]
+
+
+def _partial_folders(workspace: Workspace) -> list[Path]:
+    """Folders of unfinished saves. In the plant's own folder only names of ours count."""
+    stages, films = _partials(workspace.root), _partials(workspace.root / "render")
+    ours = {*STAGE_OPTIONS, "annotations"}
+    return [
+        path for path, name in (*stages, *films) if path.is_dir() and (name in ours or path.parent != workspace.root)
+    ]
+
+
+def _leftovers(workspace: Workspace) -> list[Path]:
+    """Files of unfinished saves."""
+    inside = [file for folder in _partial_folders(workspace) for file in folder.rglob("*") if file.is_file()]
+    records = [path for path, _ in _partials(workspace.root / "records") if path.is_file()]
+    pages = [path for path, name in _partials(workspace.root) if path.is_file() and name == workspace.report_html.name]
+    return inside + records + pages
+
+
+def _partials(folder: Path) -> list[tuple[Path, str]]:
+    """What is called like something half saved, with the name that it was to get."""
+    found = [(path, LEFT.fullmatch(path.name)) for path in folder.iterdir()] if folder.is_dir() else []
+    return [(path, name[1]) for path, name in found if name]

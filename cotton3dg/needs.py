@@ -1,0 +1,92 @@
+"""Memory and disk that stages need, told before they start where it can be, and clearly where it runs out."""
+
+from __future__ import annotations
+
+import errno
+import re
+import resource
+import shutil
+from typing import Any
+
+from .errors import OutOfResources
+from .workspace import Workspace
+
+MIB = 2**20
+SPARE_MIB = 16
+"""For records, the log and the small tables."""
+JPEG_BYTES_A_PIXEL = 1.0
+"""At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""
+FEATURE_BYTES = 200
+"""A SIFT feature with its share of the matches, in the database that sfm keeps while it works."""
+MASK_MIB = 0.25
+LEAST_MEMORY_MIB = {resource.RLIMIT_AS: 2000, resource.RLIMIT_DATA: 1000}
+"""Address space and data that the libraries take with a small plant. Below it some of them end the process without a
+word that can be caught."""
+OUT_OF_MEMORY = re.compile(
+    r"allocate memory|out of memory|bad.?alloc|insufficient memory|failed to map segment|can't start new thread|"
+    r"Resource temporarily unavailable",
+    re.IGNORECASE,
+)
+"""How libraries say it that have no error of their own for it."""
+
+
+def check_disk(workspace: Workspace, stage: str, options: Any) -> None:
+    """Refuse to start a stage that the disk has no room for; what is there now stays until the new result is whole.
+
+    Raises:
+        OutOfResources: says what is needed and what is free.
+    """
+    needed_mib, free_mib = needed_disk_mib(workspace, stage, options), shutil.disk_usage(workspace.root).free / MIB
+    if free_mib < needed_mib:
+        raise OutOfResources(
+            f"{stage} needs about {needed_mib:.0f} MiB of disk and {free_mib:.0f} MiB are free; free some space"
+            " (`cotton3dg clean` drops what can be made again of finished plants)"
+        )
+
+
+def check_memory() -> None:
+    """Refuse to start where a limit (ulimit -v, ulimit -d, a scheduler) leaves too little memory for anything.
+
+    Raises:
+        OutOfResources: says what is needed and what is allowed.
+    """
+    for kind, needed_mib in LEAST_MEMORY_MIB.items():
+        allowed = resource.getrlimit(kind)[0]
+        if allowed != resource.RLIM_INFINITY and allowed < needed_mib * MIB:
+            raise OutOfResources(
+                f"a limit allows {allowed / MIB:.0f} MiB of memory and {needed_mib} MiB are needed at least; raise it"
+                " (ulimit -v, ulimit -d, or what the scheduler was asked for)"
+            )
+
+
+def needed_disk_mib(workspace: Workspace, stage: str, options: Any) -> float:
+    """About what a stage writes, by its options and by the size of what it reads; generous."""
+    match stage:
+        case "frames":
+            pixels = options.count * options.max_side**2 * 9 / 16
+            needed = pixels * JPEG_BYTES_A_PIXEL
+        case "sfm":
+            images = [path.stat().st_size for path in workspace.frame_images()]
+            needed = 2 * sum(images) + len(images) * options.max_features * FEATURE_BYTES
+        case "train":
+            # float32: 14 parameters, 3 normals and the colours; the checkpoint holds them with two moments and more.
+            values = 17 + 3 * (options.sh_degree + 1) ** 2
+            needed = 5 * 4 * values * options.max_gaussians
+        case "masks":
+            needed = options.views * MASK_MIB * MIB
+        case "segment" | "cluster":
+            needed = 2 * workspace.gaussians_ply.stat().st_size if workspace.gaussians_ply.exists() else 0
+        case _:
+            needed = 0
+    return SPARE_MIB + needed / MIB
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether an error, or one that it came from, means that there is no memory left, whichever library says so."""
+    cause = error.__cause__ or error.__context__
+    return (
+        isinstance(error, MemoryError)
+        or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
+        or OUT_OF_MEMORY.search(str(error)) is not None
+        or (cause is not None and is_out_of_memory(cause))
+    )

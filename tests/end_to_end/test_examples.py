@@ -1,0 +1,107 @@
+"""Every script in examples/ does what it says, on one tiny plant."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tiny_plant import ROOT, in_shell
+
+from cotton3dg.files.images import read_image
+from cotton3dg.files.tables import TRAITS
+from cotton3dg.options import read_toml, resolve
+
+EXAMPLES = ROOT / "examples"
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def plants(tiny_plant, tmp_path):
+    """A folder with the finished plant and one without a video."""
+    (tmp_path / "field" / "empty").mkdir(parents=True)
+    shutil.move(tiny_plant.root, tmp_path / "field" / "plant_017")
+    return tmp_path / "field"
+
+
+def test_each_has_a_test():
+    text = Path(__file__).read_text()
+    made_elsewhere = {"slurm_array.sh"}
+    assert {path.name for path in EXAMPLES.iterdir() if path.is_file()} - made_elsewhere <= {
+        name for name in text.split('"') if "." in name
+    } | {"one_plant.sh"}
+
+
+def test_one_plant(first_run):
+    plant, said = first_run
+    (row,) = rows(plant.traits_csv)
+    assert row["plant_id"] == "plant_017"
+    assert int(row["boll_count"]) >= 3
+    assert 60 < float(row["plant_height_cm"]) < 90
+    assert f"look at {plant.root}/report.html" in said
+    assert plant.report_html.is_file()
+
+
+def test_many_plants(plants, first_run):
+    done = in_shell(EXAMPLES / "many_plants.sh", plants, plants / "all.csv", cwd=plants)
+    assert done.returncode == 1
+    assert "1 plants failed" in done.stdout
+    assert rows(plants / "all.csv") == rows(first_run[0].traits_csv)
+
+
+def test_own_coco_masks(tiny_plant, tmp_path):
+    before = rows(tiny_plant.traits_csv)
+    assert in_shell("cotton3dg", "masks-export", tiny_plant.root, cwd=tmp_path).returncode == 0
+    document = json.loads(tiny_plant.annotations_json.read_text())
+    fewer = document | {"annotations": [item for item in document["annotations"] if item["bbox"][1] > 60]}
+    assert 0 < len(fewer["annotations"]) < len(document["annotations"])
+    (tmp_path / "corrected.json").write_text(json.dumps(fewer))
+    done = in_shell(EXAMPLES / "own_coco_masks.sh", "plant_017", "corrected.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert rows(tiny_plant.root / "traits_of_found_masks.csv") == before
+    assert json.loads(tiny_plant.masks_json.read_text())["backend"] == "import"
+    assert int(rows(tiny_plant.traits_csv)[0]["boll_count"]) < int(before[0]["boll_count"])
+
+
+def test_against_truth(plants, tmp_path):
+    header, first, *_ = (EXAMPLES / "truth.csv").read_text().splitlines()
+    (tmp_path / "truth.csv").write_text(f"{header}\n{first}\n")
+    done = in_shell(EXAMPLES / "against_truth.sh", plants, "truth.csv", "scores", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "empty: failed: no video" in done.stdout
+    scores = {row["trait"]: row for row in rows(tmp_path / "scores" / "evaluation.csv")}
+    assert list(scores) == [name for name in header.split(",")[1:] if name != "boll_weight_g"]
+    measured = float(rows(plants / "plant_017" / "traits" / "traits.csv")[0]["plant_height_cm"])
+    true = float(dict(zip(header.split(","), first.split(","), strict=True))["plant_height_cm"])
+    assert float(scores["plant_height_cm"]["bias"]) == pytest.approx(measured - true, abs=0.01)
+    assert (tmp_path / "scores" / "scatter_plant_height_cm.png").is_file()
+
+
+def test_the_truth_names_columns_of_the_table():
+    names = {column.name for column in TRAITS} | {"boll_weight_g"}
+    assert set((EXAMPLES / "truth.csv").read_text().splitlines()[0].split(",")) <= names
+
+
+def test_python_api(tiny_plant, tmp_path):
+    done = in_shell("python", EXAMPLES / "python_api.py", tiny_plant.root, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    last = done.stdout.splitlines()[-1].split()
+    (row,) = rows(tiny_plant.traits_csv)
+    assert abs(int(last[0]) - int(row["boll_count"])) <= 2
+    assert float(last[5]) == pytest.approx(float(row["plant_height_cm"]), rel=0.05)
+
+
+def test_picture(tiny_plant, tmp_path):
+    done = in_shell("python", EXAMPLES / "picture.py", tiny_plant.root, tmp_path / "picture.jpg", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    height, width, _ = read_image(tmp_path / "picture.jpg").shape
+    assert height == pytest.approx(width * 9 / 16, abs=4)
+
+
+def test_options_file():
+    for stage, values in read_toml(EXAMPLES / "cotton3dg.toml").items():
+        resolve(stage, values)

@@ -1,0 +1,36 @@
+"""A tiny simulated plant whose whole run takes half a minute, and commands of the shell on it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FILM = {"seed": 5, "bolls": 6, "frames": 64, "width": 320, "height": 180, "supersampling": 1}
+OPTIONS = """\
+[frames]
+count = 32
+[train]
+max_side = 320
+steps = 300
+max_gaussians = 15000
+[masks]
+views = 16
+[segment]
+steps = 50
+feature_steps = 20
+"""
+
+
+def in_shell(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command that finds this environment's `cotton3dg` and `python` first."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        [str(word) for word in command],
+        cwd=cwd,
+        env={**os.environ, "PATH": path, "COLUMNS": "160"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )

@@ -1,0 +1,170 @@
+"""README and docs: every command parses, every option, link and column named in them exists."""
+
+import csv
+import re
+
+import pytest
+from doc_commands import (
+    COMMANDS,
+    PAGES,
+    SCRIPTS,
+    Block,
+    blocks,
+    check,
+    commands,
+    option_names,
+    prose_code,
+    stage_option_names,
+)
+from finished_scene import finished_workspace
+from tiny_plant import ROOT
+
+from cotton3dg.files.tables import BOLLS, TRAITS
+from cotton3dg.options import STAGE_OPTIONS, resolve
+from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
+from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.workspace import Workspace
+
+FILE_ENDINGS = ("json", "csv", "npy", "npz", "ply", "png", "jpg", "py", "bin")
+OTHER_PROGRAMS = {"--no-build-isolation"}
+TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
+
+
+def page_id(page):
+    return page.name
+
+
+@pytest.mark.parametrize("page", [*PAGES, *SCRIPTS], ids=page_id)
+def test_every_command_is_one_that_the_command_line_takes(page):
+    lines = page.read_text().splitlines()
+    if page.suffix == ".sh":
+        lines = [line.removeprefix("#").strip() if "cotton3dg " in line else line for line in lines]
+    found = [Block("", lines)] if page.suffix == ".sh" else blocks(page)
+    for block in found:
+        for words in commands(block.lines) if block.language != "python" else ():
+            if words[0] == "make":
+                assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
+            else:
+                check(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_every_name_in_the_text_exists(page):
+    for code in prose_code(page):
+        for words in commands([code]):
+            if words[0] == "make":
+                assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
+            else:
+                check(words, whole=False)
+        first, _, rest = code.partition(" ")
+        if first in COMMANDS and re.match(r"--\w", rest):
+            check(["cotton3dg", *code.split()], whole=False)
+        elif first.startswith("--") and first not in OTHER_PROGRAMS:
+            assert first in option_names(), code
+        stage, dot, name = code.partition(".")
+        name = re.split(r"\W", name)[0]
+        if dot and stage in STAGE_OPTIONS and name not in FILE_ENDINGS:
+            assert f"{stage}.{name}" in stage_option_names(), code
+
+
+def refused(command):
+    try:
+        check(["cotton3dg", *command.split()])
+    except Exception:
+        return True
+    return False
+
+
+def test_a_renamed_option_is_noticed():
+    for command in (
+        "run",
+        "run plant_017 --presett draft",
+        "run plant_017 --preset daft",
+        "run plant_017 --until harvest",
+        "run plant_017 --set train.stepps=3",
+        "harvest plant_017",
+        "scale plant_017 --metod table",
+        "scale plant_017 --method tables",
+        "scale plant_017 --marker-cm ten",
+    ):
+        assert refused(command), command
+    assert not refused("scale plant_017 --method all --marker-cm 10")
+    assert not refused("train --help")
+    assert sum(len(list(commands(block.lines))) for page in PAGES for block in blocks(page)) > 60
+    assert list(commands(["a && cotton3dg run x || [ $? = 8 ] # cotton3dg no", "x | make y"])) == [
+        ["cotton3dg", "run", "x"],
+        ["make", "y"],
+    ]
+
+
+def anchors(text):
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in re.findall(r"^#+ (.*)$", text, re.M)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            name, _, anchor = target.partition("#")
+            file = (page.parent / name) if name else page
+            assert file.exists(), target
+            assert not anchor or anchor in anchors(file.read_text(encoding="utf-8")), target
+
+
+def test_pictures_are_small():
+    for picture in (ROOT / "docs" / "filming").iterdir():
+        assert picture.stat().st_size < 100_000, picture
+
+
+def told(heading):
+    """Rows of the tables below a heading of csv.md."""
+    text = (ROOT / "docs" / "csv.md").read_text(encoding="utf-8")
+    part = text.split(f"\n## {heading}")[1].split("\n## ")[0]
+    rows = [line.strip("|").split("|") for line in part.splitlines() if line.startswith("| `")]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+@pytest.mark.parametrize(("heading", "columns"), [("traits.csv", TRAITS), ("bolls.csv", BOLLS)])
+def test_csv_md_tells_the_columns(heading, columns):
+    expected = [[f"`{c.name}`", c.unit, c.description + (f" ({c.ontology})" if c.ontology else "")] for c in columns]
+    assert [row[:3] for row in told(heading)] == expected
+
+
+def test_csv_md_tells_the_flags():
+    rows = {row[0].strip("`"): row[1:] for row in told("Quality flags")}
+    assert rows == {
+        **{name: [f"{flag.title}. {flag.meaning}", flag.action] for name, flag in FLAGS.items()},
+        **{name: [meaning] for name, meaning in BOLL_FLAGS.items()},
+    }
+
+
+def blank(path):
+    with path.open(newline="") as file:
+        return [{name for name, cell in row.items() if not cell} - {"qc_flags"} for row in csv.DictReader(file)]
+
+
+def said_blank(heading, *reasons):
+    return {row[0].strip("`") for row in told(heading) if any(why in row[3].split("; ") for why in reasons)}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Workspace:
+    return finished_workspace(tmp_path_factory.mktemp("docs") / "plant")
+
+
+def test_cells_are_blank_when_csv_md_says_so(finished):
+    assert blank(finished.traits_csv) == [set()]
+    scale = finished.scale_json.read_text()
+    with finished.writing("scale") as made:
+        (made / "scale.json").write_text('{"source": "none"}')
+    traits.run(finished, resolve("traits"))
+    assert blank(finished.traits_csv) == [said_blank("traits.csv", "no scale")]
+    assert blank(finished.bolls_csv) == 4 * [said_blank("bolls.csv", "no scale")]
+    with finished.writing("scale") as made:
+        (made / "scale.json").write_text(scale)
+    with finished.writing("masks"):
+        pass
+    for module in (segment, cluster, traits):
+        module.run(finished, resolve(module.__name__.rpartition(".")[2]))
+    no_bolls = said_blank("traits.csv", "no bolls", "no boll with a volume", "fewer than two bolls")
+    assert blank(finished.traits_csv) == [no_bolls]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -24,6 +24,10 @@ from .options import (
     SimulateOptions,
     help_text,
 )
+
+if TYPE_CHECKING:
+    from .time_budget import Budget
+    from .workspace import Workspace
 
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
@@ -43,6 +47,8 @@ NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to loo
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
 ]
+
+TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
 
 
 def main() -> None:
@@ -92,6 +98,7 @@ def run(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="for another run of this plant, instead of failing")] = False,
     defaults: Annotated[Path | None, typer.Option(help="cotton3dg.toml of many plants; a plant's own wins")] = None,
+    time_budget: TimeBudget = None,
     no_report: NoReport = False,
     set_: Set = None,
 ) -> None:
@@ -101,16 +108,33 @@ def run(
 
     with _reported(plant_dir):
         workspace = Workspace(plant_dir)
-        options = pipeline.stage_options(workspace, preset, _parsed_overrides(set_), defaults)
-        stages = pipeline.selected(from_, until)
+        overrides, stages = _parsed_overrides(set_), pipeline.selected(from_, until)
+        budget = None
+        if time_budget:
+            if preset != "standard" or stages != pipeline.STAGES:
+                raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
+            budget = _budget(workspace, time_budget, overrides, defaults)
+        options = budget.choice.options if budget else pipeline.stage_options(workspace, preset, overrides, defaults)
         if dry_run:
             workspace.capture()
             display.print_plan(pipeline.plan(workspace, options, stages, force=force))
             return
         with display.ProgressDisplay() as watcher:
-            pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
+            if budget:
+                budget.run(force=force, wait=wait, watcher=watcher, report=not no_report)
+            else:
+                pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
         if "traits" in stages:
             display.print_traits(workspace.traits_csv)
+
+
+def _budget(workspace: Workspace, time: str, overrides: dict[str, dict[str, Any]], defaults: Path | None) -> Budget:
+    from .calibrate import calibrated
+    from .core.tradeoff import seconds_of
+    from .time_budget import Budget
+
+    tell = partial(typer.echo, err=True)
+    return Budget(workspace, seconds_of(time), calibrated(tell), overrides, defaults, tell)
 
 
 @app.command(rich_help_panel="Everything")
@@ -168,6 +192,7 @@ def status(
 def doctor(
     folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    calibrate: Annotated[bool, typer.Option("--calibrate", help="measure its speed, for --time-budget")] = False,
 ) -> None:
     """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
     from dataclasses import asdict
@@ -176,6 +201,12 @@ def doctor(
     from .doctor import examine
     from .errors import EnvironmentUnusable
 
+    if calibrate:
+        from .calibrate import calibrate as measure
+        from .calibrate import described
+
+        with _reported(folder):
+            typer.echo(described(measure()), err=as_json)
     findings = examine(folder)
     if as_json:
         typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
@@ -243,6 +274,35 @@ def evaluate(
             display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
         else:
             display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
+
+
+@app.command(rich_help_panel="Trying it out")
+def study(
+    plant_dir: PlantDir,
+    sweep: Annotated[list[str] | None, typer.Option(help="what to vary, or all; repeatable")] = None,
+    preset: Preset = "draft",
+    time_budget: TimeBudget = None,
+    truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's")] = None,
+    standard: Annotated[bool, typer.Option("--standard", help="on a simulated plant, made in the folder")] = False,
+    set_: Set = None,
+) -> None:
+    """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
+    from . import display
+    from .core.tradeoff import seconds_of
+    from .study.settings import sweeps_of
+    from .study.tables import summary
+    from .study.work import Study, film_standard_plant
+    from .workspace import Workspace
+
+    with _reported(plant_dir), display.ProgressDisplay() as watcher:
+        sweeps, budget_s = sweeps_of(sweep), seconds_of(time_budget or "1000h")
+        if standard:
+            film_standard_plant(plant_dir, watcher.watched("simulate"))
+        plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
+        work = Study(
+            plant, preset, _parsed_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
+        )
+        typer.echo(f"{summary(work.run(sweeps))}\nsaved in {plant.study_csv.parent}")
 
 
 def _stage_command(stage: str) -> Callable[..., None]:

@@ -66,12 +66,16 @@ def stage_options(
     preset: str = "standard",
     overrides: dict[str, dict[str, Any]] | None = None,
     defaults: Path | None = None,
+    chosen: dict[str, dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """Options of every stage: default < preset < TOML `defaults` < the plant's TOML < `overrides` (command line)."""
+    """Options of every stage.
+
+    Default < preset < `chosen` by a program < TOML `defaults` < the plant's TOML < `overrides` (command line).
+    """
     if preset not in PRESETS:
         raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
     files = [file for file in (defaults, workspace and workspace.options_file) if file]
-    layers = [PRESET_VALUES[preset], *(read_toml(file) for file in files), overrides or {}]
+    layers = [PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files), overrides or {}]
     return {stage: resolve(stage, *(layer.get(stage, {}) for layer in layers)) for stage in STAGES}
 
 

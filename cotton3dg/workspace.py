@@ -219,6 +219,43 @@ class Workspace:
     def log_file(self) -> Path:
         return self.root / "run.log"
 
+    @property
+    def study_csv(self) -> Path:
+        """Accuracy and time of the settings that were tried."""
+        return self.root / "study" / "study.csv"
+
+    @property
+    def study_md(self) -> Path:
+        return self.root / "study" / "study.md"
+
+    @property
+    def study_plot(self) -> Path:
+        return self.root / "study" / "study.png"
+
+    def study_setting(self, sweep: str, value: str) -> Workspace:
+        """A folder like this one's for another setting; made if needed."""
+        self._check_ours(self.root / "study")
+        folder = self.root / "study" / sweep / value
+        with explained_disk_errors(self.root):
+            folder.mkdir(parents=True, exist_ok=True)
+            (self.root / "study" / OWNER_MARK).touch()
+        return Workspace(folder)
+
+    def share_inputs(self, other: Workspace) -> None:
+        """Give `other` what the user gave, without taking up space again: the capture, own masks, picked points."""
+        for source in (self.capture(), self.masks_input, self.scale_points):
+            target = other.root / source.name
+            if source.exists() and not target.exists():
+                _link(source, target)
+
+    def share_result(self, stage: str, other: Workspace) -> None:
+        """Give `other` a finished stage without taking up space again; files are replaced, never changed in place."""
+        with other.writing(stage) as folder:
+            _link(self.folder(stage), folder)
+        record = self.read_record(stage)
+        if record:
+            other.write_record(stage, record)
+
     def require(self, path: Path, stage: str) -> Path:
         """`path`, or MissingInput naming the stage that makes it."""
         if not path.exists():
@@ -345,6 +382,15 @@ class Workspace:
             os.close(handle)
 
 
+def user_cache(name: str) -> Path:
+    """A file of this user for all plants, below $XDG_CACHE_HOME or ~/.cache; its folder is made if needed."""
+    root = os.environ.get("XDG_CACHE_HOME", "")
+    folder = (Path(root) if Path(root).is_absolute() else Path.home() / ".cache") / "cotton3dg"
+    with explained_disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder / name
+
+
 @contextmanager
 def explained_disk_errors(root: Path) -> Iterator[None]:
     """Turn the operating system's errors about full or read-only disks into ours, with a remedy."""
@@ -358,6 +404,21 @@ def explained_disk_errors(root: Path) -> Iterator[None]:
                 f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
             ) from error
         raise
+
+
+def _link(source: Path, target: Path) -> None:
+    """Make `target` the same as a file or folder by hard links, or by copies where there are none."""
+    if source.is_dir():
+        shutil.copytree(source, target, copy_function=_link_file, dirs_exist_ok=True)
+    else:
+        _link_file(source, target)
+
+
+def _link_file(source: Path | str, target: Path | str) -> None:
+    try:
+        os.link(Path(source).resolve(), target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def write_text_atomically(path: Path, text: str) -> None:

@@ -1,0 +1,55 @@
+"""What accuracy costs in time: the settings worth choosing, and durations in words."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from statistics import median
+
+from ..errors import BadUsage
+
+_UNITS_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def pareto_front(seconds: Sequence[float], losses: Sequence[float]) -> list[int]:
+    """Indices of the settings that no other one beats, the fastest first.
+
+    A setting is beaten by one that is at most as slow and at most as bad, and better in one of the two; of equal ones
+    the first stays. Settings with a value that is not finite are never on the front.
+    """
+    order = sorted(range(len(seconds)), key=lambda i: (seconds[i], losses[i], i))
+    front: list[int] = []
+    for i in order:
+        if not (math.isfinite(seconds[i]) and math.isfinite(losses[i])):
+            continue
+        if not front or losses[i] < losses[front[-1]]:
+            front.append(i)
+    return front
+
+
+def typical_ratio(pairs: Iterable[tuple[float, float]]) -> float:
+    """Median of measured over predicted seconds; 1 while nothing was measured."""
+    ratios = [measured / predicted for measured, predicted in pairs if measured > 0 and predicted > 0]
+    return median(ratios) if ratios else 1.0
+
+
+def seconds_of(text: str) -> float:
+    """Seconds of a duration such as 90s, 5m, 1h30m; a bare number is seconds.
+
+    Raises:
+        BadUsage: the text is none, or not above 0.
+    """
+    parts = re.findall(r"(\d+(?:\.\d+)?)([smh]?)", text)
+    whole = "".join(number + unit for number, unit in parts)
+    total = sum(float(number) * _UNITS_S[unit or "s"] for number, unit in parts)
+    if whole != text or (len(parts) > 1 and any(not unit for _, unit in parts)) or total <= 0:
+        raise BadUsage(f"time budget {text!r} cannot be used; write it as 90s, 5m or 1h30m")
+    return total
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,100 @@
+"""The row of a finished setting: its traits, time and memory, and how well and how fast its model renders."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.machine import usable_cores
+from ..core.scene import Camera
+from ..files.ply import read_gaussians
+from ..options import TrainOptions
+from ..pipeline import STAGES
+from ..splat.metrics import PLANT_REGION, focus, view_quality
+from ..splat.ops import render
+from ..stages.train import hold_out, load_views
+from ..workspace import Workspace
+from .tables import COLUMNS, ERRORS
+
+FULL_SIDE = 960
+"""All models are compared at this size of the images, px, or at their own if smaller."""
+TIMED_CAMERAS, TIMED_TIMES = 5, 3
+"""The speed of rendering is the median over so many cameras, each the best of so many times."""
+
+
+def empty_row(sweep: str, setting: str, state: str, reason: str = "") -> dict[str, Any]:
+    blank = dict.fromkeys((column.name for column in COLUMNS), None)
+    return blank | {"sweep": sweep, "setting": setting, "state": state, "reason": reason}
+
+
+def finished_row(workspace: Workspace, sweep: str, setting: str, options: TrainOptions) -> dict[str, Any]:
+    """What the study says of a finished folder; seconds are those of all stages, whichever setting ran them."""
+    records = [workspace.read_record(stage) or {} for stage in STAGES]
+    with workspace.traits_csv.open(encoding="utf-8-sig", newline="") as file:
+        traits = next(csv.DictReader(file))
+    metrics = read_json(workspace.metrics_json)
+    cpu_s = sum(_number(record.get("cpu_seconds")) for record in records)
+    row = empty_row(sweep, setting, "done")
+    row |= {key: _number(metrics.get(key)) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
+    row |= {trait: _number(traits[trait]) for trait in ERRORS}
+    row |= {
+        "n_gaussians": metrics.get("n_gaussians"),
+        "n_frames": int(traits["n_frames"]),
+        "seconds": sum(_number(record.get("seconds")) for record in records),
+        "cpu_seconds": cpu_s,
+        "idle_seconds": cpu_s / len(usable_cores()),
+        "peak_memory_mib": max(_number(record.get("peak_memory_mib")) for record in records),
+    }
+    return row | _rendering(workspace, options)
+
+
+def _rendering(workspace: Workspace, options: TrainOptions) -> dict[str, float]:
+    """Speed of rendering at the training's size, and PSNR of the plant at full size; measured once a model."""
+    gaussians = read_gaussians(workspace.gaussians_ply)
+    known = workspace.read_record("study") or {}
+    if known.get("model") == gaussians.sha256():
+        return {key: _number(known[key]) for key in ("fps", "full_psnr_db")}
+    views = load_views(workspace, FULL_SIDE)
+    centre, radius_su = focus([view.camera for view in views])
+    exposure = read_json(workspace.effects_json).get("exposure", {})
+    gains = exposure.get("gains", {}) if exposure.get("on") else {}
+    _, held_out = hold_out(views, options.holdout)
+    qualities = [
+        view_quality(
+            gaussians, view, centre, PLANT_REGION * radius_su, np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0)))
+        ).plant_psnr_db
+        for view in held_out
+    ]
+    finite = [quality for quality in qualities if math.isfinite(quality)]
+    sample = [views[round(i)] for i in np.linspace(0, len(views) - 1, TIMED_CAMERAS)]
+    found = {
+        "fps": 1.0
+        / float(np.median([_rendered_s(gaussians, view.limited(options.max_side).camera) for view in sample])),
+        "full_psnr_db": float(np.mean(finite)) if finite else math.nan,
+    }
+    workspace.write_record("study", {"model": gaussians.sha256(), **found})
+    return found
+
+
+def _rendered_s(gaussians: Any, camera: Camera) -> float:
+    """Least seconds of a few renders: what others do at the same time can only make it slower."""
+    times = []
+    for _ in range(TIMED_TIMES):
+        began = time.perf_counter()
+        render(gaussians, camera)
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _number(value: Any) -> float:
+    return math.nan if value in (None, "") else float(value)

@@ -1,0 +1,105 @@
+"""Which settings a sweep consists of, and what in a plant's footage stands against some."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .. import pipeline
+from ..cost import Footage
+from ..errors import BadUsage
+from ..options import PRESETS
+from ..workspace import Workspace
+from .tables import TITLES
+
+FACTORS: dict[str, tuple[str, str, tuple[Any, ...]]] = {
+    "resolution": ("train", "max_side", (120, 240, 480, 960)),
+    "steps": ("train", "steps", (50, 100, 200, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 15_000, 20_000, 30_000)),
+    "schedule": ("train", "steps", (250, 500, 1000, 2000, 3000, 7000, 15_000, 30_000)),
+    "images": ("frames", "count", (25, 50, 75, 100, 150, 200, 250, 300)),
+    "sh": ("train", "sh_degree", (0, 1, 2, 3)),
+    "gaussians": ("train", "max_gaussians", (15_000, 30_000, 60_000, 150_000, 300_000, 1_000_000)),
+    "views": ("masks", "views", (4, 8, 16, 36, 72)),
+    "method": ("segment", "method", ("lift", "probability", "affinity")),
+}
+"""Sweep -> stage, option and values, coarse to fine. Besides, there are `style` and `preset`."""
+
+CHEAP = ("resolution", "steps", "views")
+"""They share the cameras, which take longest."""
+
+
+PARTIAL_SHARE = 0.6
+"""Of the frame's sides that `style partial` sees: a camera so much nearer that the plant does not fit."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One line of a table."""
+
+    sweep: str
+    value: str
+    options: dict[str, Any]
+    """Of all stages."""
+    obstacle: str = ""
+    """Why it cannot be tried on this plant."""
+    is_base: bool = False
+    """Whether it is the base setting under another name."""
+    passing: bool = False
+    """Whether its model is one that the base's training passes through."""
+    partial: bool = False
+    """Whether the video is cropped."""
+
+
+def sweeps_of(names: Sequence[str] | None) -> tuple[str, ...]:
+    """The sweeps that are meant: the cheap ones for none, every one for `all`.
+
+    Raises:
+        BadUsage: there is no such sweep.
+    """
+    for name in names or ():
+        if name not in (*TITLES, "all"):
+            raise BadUsage(f"sweep {name!r} is unknown; use {', '.join(TITLES)} or all")
+    return tuple(TITLES) if "all" in (names or ()) else tuple(dict.fromkeys(names or CHEAP))
+
+
+def settings_of(
+    sweep: str, plant: Workspace, preset: str, overrides: Mapping[str, Mapping[str, Any]], source: Footage
+) -> list[Setting]:
+    """The settings of a sweep, coarse to fine, that of the base among them."""
+    given = {stage: dict(values) for stage, values in overrides.items()}
+    base = pipeline.stage_options(plant, preset, given)
+    if sweep == "preset":
+        own = {name: pipeline.stage_options(plant, name, given) for name in PRESETS}
+        return [
+            Setting(sweep, name, options, obstacle_of(options, source), is_base=name == preset)
+            for name, options in own.items()
+        ]
+    if sweep == "style":
+        obstacle = "" if source.is_video else "only a video can be cropped"
+        return [Setting(sweep, "partial", base, obstacle, partial=True), Setting(sweep, "whole", base, is_base=True)]
+    stage, option, values = FACTORS[sweep]
+    base_value = getattr(base[stage], option)
+    if sweep == "steps":
+        passed = [Setting(sweep, str(value), base, passing=True) for value in values if value < base_value]
+        return [*passed, Setting(sweep, str(base_value), base, is_base=True)]
+    if base_value not in values:
+        values = tuple(sorted((*values, base_value)))
+    found = []
+    for value in values:
+        options = {**base, stage: replace(base[stage], **{option: value})}
+        same = value == base_value
+        found.append(Setting(sweep, str(value), options, "" if same else obstacle_of(options, source), is_base=same))
+    return found
+
+
+def obstacle_of(options: Mapping[str, Any], source: Footage) -> str:
+    """Why the footage does not allow for these options; empty when it does."""
+    if options["frames"].count > source.frames:
+        return f"there are only {source.frames} images"
+    if options["masks"].views > options["frames"].count:
+        return f"only {options['frames'].count} images are taken"
+    # Sizes beyond that of the images are that of the images; the first of them stays.
+    if options["train"].max_side >= 2 * max(source.width, source.height):
+        return f"the images have only {max(source.width, source.height)} px"
+    return ""

@@ -1,0 +1,236 @@
+"""Trying the settings of a study on one plant, as far as the time goes.
+
+Each setting is a plant's folder of its own below study/. It starts with what the base setting has finished, so that
+only the stages that the setting changes run; seconds count all stages all the same. Whatever is finished stays.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import __version__, pipeline
+from ..core.machine import usable_cores
+from ..core.progress import Progress, silent
+from ..core.tradeoff import duration, typical_ratio
+from ..cost import costs, footage
+from ..errors import BadUsage, Cotton3dgError
+from ..evaluate import evaluate
+from ..files.encode import crop_video
+from ..files.tables import csv_text
+from ..options import as_dict, resolve
+from ..pipeline import STAGES, Step, Watcher
+from ..stages.simulate import simulate
+from ..workspace import Workspace, explained_disk_errors, replacing, write_text_atomically
+from .plot import write_plot
+from .rows import empty_row, finished_row, read_json
+from .settings import PARTIAL_SHARE, Setting, settings_of
+from .tables import COLUMNS, markdown, with_errors
+
+Tell = Callable[[str], None]
+
+STANDARD_PLANT = {"seed": 1, "bolls": 12, "frames": 120}
+"""What `--standard` films unless the folder has a plant."""
+
+
+def film_standard_plant(folder: Path, progress: Progress = silent) -> None:
+    """Simulate the standard plant into `folder`, unless it has one."""
+    if not (folder.is_dir() and Workspace(folder).truth_json.is_file()):
+        simulate(folder, resolve("simulate", STANDARD_PLANT), progress)
+
+
+class Study:
+    """A study at work; its tables and picture are right at any time."""
+
+    def __init__(
+        self,
+        plant: Workspace,
+        preset: str = "draft",
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+        *,
+        budget_s: float = math.inf,
+        truth_json: Path | None = None,
+        watcher: Watcher | None = None,
+        tell: Tell = print,
+    ):
+        self.plant, self.preset, self.overrides = plant, preset, overrides or {}
+        self.watcher, self.tell = watcher or Watcher(), tell
+        self.source = footage(plant)
+        options = pipeline.stage_options(plant, preset, {stage: dict(own) for stage, own in self.overrides.items()})
+        self.base = Setting("base", preset, options)
+        self.truth_json = truth_json or (plant.truth_json if plant.truth_json.is_file() else None)
+        self.truth: dict[str, float] = {}
+        self.rows: dict[tuple[str, str], dict[str, Any]] = {}
+        self.ends = time.monotonic() + budget_s
+        self.timed: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        """Stage -> measured and modelled seconds of each setting that is done."""
+
+    def run(self, sweeps: Sequence[str]) -> list[dict[str, Any]]:
+        """Try the settings of all sweeps, the base first; returns the rows of the tables.
+
+        Raises:
+            Cotton3dgError: the base setting fails or does not fit into the time.
+        """
+        tables = {sweep: settings_of(sweep, self.plant, self.preset, self.overrides, self.source) for sweep in sweeps}
+        with self.plant.locked():
+            self._run_base()
+            for sweep, settings in tables.items():
+                if sweep == "steps":
+                    self._train_through(settings)
+                for setting in settings:
+                    self._try(setting)
+                    self._save()
+        return self._told_rows()
+
+    # --------------------------------------------------------------- settings
+    def _run_base(self) -> None:
+        needed_s = self._needed_s(self.base)
+        if needed_s > self._left_s():
+            raise BadUsage(f"the base setting alone takes about {duration(needed_s)}; give a longer --time-budget")
+        workspace = self._workspace(self.base)
+        pipeline.run(workspace, self.base.options, watcher=self.watcher)
+        if self.truth_json:
+            self.truth = {item.trait: item.truth for item in evaluate(workspace, self.truth_json)[0]}
+        self._note(self.base, workspace)
+        self._save()
+
+    def _try(self, setting: Setting) -> None:
+        if setting.obstacle:
+            self._leave_out(setting, setting.obstacle)
+            return
+        if setting.is_base:
+            row = self.rows[self.base.sweep, self.base.value]
+            self.rows[setting.sweep, setting.value] = {**row, "sweep": setting.sweep, "setting": setting.value}
+            return
+        needed_s = self._needed_s(setting)
+        if needed_s > self._left_s():
+            left_s = max(0.0, self._left_s())
+            self._leave_out(setting, f"about {duration(needed_s)} needed, {duration(left_s)} left")
+            return
+        self.tell(f"{setting.sweep} {setting.value}: " + (f"about {duration(needed_s)}" if needed_s else "finished"))
+        try:
+            workspace = self._workspace(setting)
+            if needed_s:
+                pipeline.run(workspace, setting.options, watcher=self.watcher)
+            self._note(setting, workspace)
+        except Cotton3dgError as error:
+            self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, "failed", str(error))
+            self.tell(f"{setting.sweep} {setting.value}: failed: {error}")
+
+    def _leave_out(self, setting: Setting, reason: str) -> None:
+        self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, "skipped", reason)
+        self.tell(f"{setting.sweep} {setting.value}: skipped: {reason}")
+
+    def _workspace(self, setting: Setting) -> Workspace:
+        """The setting's folder, with what other folders have finished for it."""
+        workspace = self.plant.study_setting(setting.sweep, setting.value)
+        if setting.partial:
+            cropped = workspace.root / "partial.mp4"
+            if not cropped.exists():
+                with replacing(cropped) as path:
+                    crop_video(self.plant.capture(), path, PARTIAL_SHARE)
+            return workspace
+        self.plant.share_inputs(workspace)
+        base = self.plant.study_setting(self.base.sweep, self.base.value)
+        donors = [self.plant] if setting is self.base else [base, self.plant]
+        for stage in STAGES:
+            # What a training passed through is not what it ended with, although the options are the same.
+            if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
+                continue
+            donor = next((donor for donor in donors if not self._is_due(donor, setting, stage)), None)
+            if donor:
+                donor.share_result(stage, workspace)
+        return workspace
+
+    @staticmethod
+    def _is_due(workspace: Workspace, setting: Setting, stage: str) -> bool:
+        return bool(pipeline.stale_reason(workspace, stage, setting.options[stage]))
+
+    def _train_through(self, settings: Sequence[Setting]) -> None:
+        """One training that leaves its model in the folders of all settings, unless they have it."""
+        passing = [setting for setting in settings if setting.passing]
+        workspaces = {int(setting.value): self._workspace(setting) for setting in passing}
+        if not any(self._is_due(workspaces[int(setting.value)], setting, "train") for setting in passing):
+            return
+        needed_s = self._stage_s(self.base, "train")
+        if needed_s > self._left_s():
+            return
+        self.tell(f"steps: one training, about {duration(needed_s)}")
+        module, options = pipeline.stage_module("train"), self.base.options["train"]
+        base = self._workspace(self.base)
+        progress = self.watcher.started(Step("train", options, "its models are kept"))
+        outcomes = module.save_intermediate(base, options, workspaces, progress)
+        for steps, outcome in outcomes.items():
+            workspace = workspaces[steps]
+            reached = read_json(workspace.metrics_json)
+            record = {
+                "stage": "train",
+                "stage_version": module.VERSION,
+                "cotton3dg_version": __version__,
+                "options": as_dict(options),
+                "reason": f"after {steps} of {options.steps} steps",
+                "inputs": workspace.hashes(*module.inputs(workspace)),
+                "outputs": workspace.hashes(workspace.folder("train")),
+                "status": "ok",
+                "summary": outcome.summary,
+                "flags": list(outcome.flags),
+                "warnings": list(outcome.warnings),
+                "seconds": reached["seconds"],
+                "cpu_seconds": reached["cpu_seconds"],
+                "peak_memory_mib": (base.read_record("train") or {}).get("peak_memory_mib"),
+            }
+            workspace.write_record("train", record)
+
+    # ------------------------------------------------------------------- time
+    def _left_s(self) -> float:
+        return self.ends - time.monotonic()
+
+    def _stage_s(self, setting: Setting, stage: str) -> float:
+        """What a stage will take: as modelled, corrected by what it took so far."""
+        modelled = costs(setting.options, self.source)[stage].seconds(len(usable_cores()))
+        return typical_ratio(self.timed[stage]) * modelled
+
+    def _needed_s(self, setting: Setting) -> float:
+        """Seconds until the setting is finished; 0 when it is."""
+        workspace = self._workspace(setting)
+        due = [stage for stage in STAGES if self._is_due(workspace, setting, stage)]
+        due = [stage for stage in STAGES if stage in due or self._reads(due, stage)]
+        if setting.passing and "train" in due:  # its training left no time for the rest
+            return math.inf
+        return sum(self._stage_s(setting, stage) for stage in due)
+
+    def _reads(self, due: Sequence[str], stage: str) -> bool:
+        """Whether `stage` reads what one of the stages `due` makes."""
+        for path in pipeline.stage_module(stage).inputs(self.plant):
+            folder = path.relative_to(self.plant.root).parts[0]
+            if (path.stem if folder == "records" else folder) in due:
+                return True
+        return False
+
+    # ------------------------------------------------------------------- rows
+    def _note(self, setting: Setting, workspace: Workspace) -> None:
+        """Add the finished setting's row, and learn from the seconds of its stages."""
+        modelled = costs(setting.options, self.source)
+        for stage in STAGES:
+            seconds = (workspace.read_record(stage) or {}).get("seconds")
+            if seconds and not (setting.passing and stage == "train"):
+                self.timed[stage].append((seconds, modelled[stage].seconds(len(usable_cores()))))
+        row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"])
+        self.rows[setting.sweep, setting.value] = row
+
+    def _told_rows(self) -> list[dict[str, Any]]:
+        """All rows with their errors, a sweep after the other."""
+        sweeps = dict.fromkeys(sweep for sweep, _ in self.rows)
+        by_sweep = [[row for key, row in self.rows.items() if key[0] == sweep] for sweep in sweeps]
+        return [row for rows in by_sweep for row in with_errors(rows, self.truth)]
+
+    def _save(self) -> None:
+        rows = self._told_rows()
+        write_text_atomically(self.plant.study_csv, csv_text(COLUMNS, rows))
+        write_text_atomically(self.plant.study_md, markdown(rows))
+        with explained_disk_errors(self.plant.root):
+            write_plot(self.plant.study_plot, rows)

@@ -183,7 +183,7 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
         bolls_px: widths of the bolls in the training images.
     """
     found = [*_walk(facts.sfm), *_images(facts.frames), *_length(facts.frames), *_table(facts.scale)]
-    found += _exposure(facts.effects.get("exposure", {}))
+    found += _exposure(facts.effects.get("exposure", {})) + _lens(facts.effects.get("distortion", {}))
     if len(bolls_px):
         width = float(np.median(bolls_px))
         good = width >= 2 * SMALL_BOLL_PX
@@ -246,6 +246,18 @@ def _exposure(found: dict[str, Any]) -> list[Advice]:
         return [Advice(False, "Exposure", text)]
     visible = f"{found['visible_from_pct']:.0f} % begins to matter"
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
+
+
+def _lens(found: dict[str, Any]) -> list[Advice]:
+    """Whether the lens was found to bend what is straight; either is fine."""
+    if "rise_pct" not in found:
+        return []
+    if found["on"]:
+        return [
+            Advice(True, "Lens", f"It bends straight lines, by {found['corner_px']:.1f} px in the corners; corrected.")
+        ]
+    needed = f"explains {max(found['rise_pct'], 0):.2f} % of the error, needed from {found['needed_from_pct']:.1f} %"
+    return [Advice(True, "Lens", f"Straight: a distortion {needed}. The images were used as they are.")]
 
 
 def _length(frames: dict[str, Any]) -> list[Advice]:

@@ -14,12 +14,19 @@ from ..core.progress import Progress
 from ..errors import BadInput, CaptureFailed
 from ..files import exports
 from ..files.colmap import read_cameras, read_points
-from ..files.reconstruction import ReconstructionSettings, poses, reconstruct, undistort
+from ..files.reconstruction import (
+    NEEDLESS_RISE_PCT,
+    ReconstructionSettings,
+    poses,
+    reconstruct,
+    straightened,
+    undistort,
+)
 from ..options import SfmOptions
 from ..plant.orbit import image_pairs, orbit, out_of_view
 from ..workspace import Workspace, json_text
 
-VERSION = 4
+VERSION = 5
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
@@ -58,7 +65,8 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         with tempfile.TemporaryDirectory(dir=folder) as work:
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)
             _check_registered(models, names)
-        description = _description(models, names)
+        models[0], distortion = _with_lens(models[0], options)
+        description = _description(models, names) | {"distortion": distortion}
         _check_coverage(description)
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
@@ -80,6 +88,21 @@ def _described(path: Path) -> dict[str, Any]:
     if not isinstance(described, dict):
         raise BadInput(f"{path.name} is damaged; run `cotton3dg frames --force`")
     return described
+
+
+def _with_lens(model: Any, options: SfmOptions) -> tuple[Any, dict[str, Any]]:
+    """The model with or without lens distortion, as the evidence or the option says, and what was found."""
+    if options.distortion == "on":
+        return model, {"option": "on", "on": True}
+    straight, evidence = straightened(model)
+    on = options.distortion == "auto" and evidence.on
+    return model if on else straight, {
+        "option": options.distortion,
+        "on": on,
+        "rise_pct": evidence.rise_pct,
+        "needed_from_pct": NEEDLESS_RISE_PCT,
+        "corner_px": evidence.corner_px,
+    }
 
 
 def _check_registered(models: list[Any], names: list[str]) -> None:

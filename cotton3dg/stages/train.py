@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import time
 from collections.abc import Mapping
@@ -111,6 +112,16 @@ def _save(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
     return _outcome(metrics, capture.effects)
 
 
+def _lens(workspace: Workspace) -> dict[str, Any]:
+    """What sfm decided about lens distortion; nothing where the cameras come from elsewhere."""
+    if not workspace.sfm_json.is_file():
+        return {}
+    try:
+        return {"distortion": json.loads(workspace.sfm_json.read_text(encoding="utf-8"))["distortion"]}
+    except (ValueError, TypeError, KeyError):
+        return {}
+
+
 def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress) -> Fit:
     """Train, going on where an interrupted training of the same images with the same options was last saved."""
     key = _training_key(workspace, options)
@@ -161,7 +172,7 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
     """Load the views, look for effects of the camera and correct those that are there (or that the options force)."""
     views = load_views(workspace, options.max_side)
     gains = np.ones((len(views), 3))
-    effects: dict[str, Any] = {"exposure": {"option": options.exposure, "on": options.exposure == "on"}}
+    effects = _lens(workspace) | {"exposure": {"option": options.exposure, "on": options.exposure == "on"}}
     if options.exposure != "off":
         tracks = read_tracks(workspace.undistorted / "sparse")
         full = {camera.name: camera.width for camera in read_cameras(workspace.undistorted / "sparse")}

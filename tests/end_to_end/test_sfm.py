@@ -120,11 +120,60 @@ def frames_only(tmp_path, pictures, ordered=True):
     return workspace
 
 
-def run_sfm(workspace):
+def run_sfm(workspace, **overrides):
     from cotton3dg.stages import sfm
 
-    options = pipeline.stage_options(workspace, overrides=OPTIONS)["sfm"]
+    chosen = {**OPTIONS, "sfm": {**OPTIONS["sfm"], **overrides}}
+    options = pipeline.stage_options(workspace, overrides=chosen)["sfm"]
     return sfm.run(workspace, options, lambda *_: None)
+
+
+def test_images_of_a_straight_lens_stay_as_they_are(plant):
+    decision = json.loads(plant.sfm_json.read_text())["distortion"]
+    assert decision["option"] == "auto" and decision["on"] is False
+    assert decision["rise_pct"] < decision["needed_from_pct"]
+    for camera in cameras_of(plant):
+        assert (camera.width, camera.height, camera.cx, camera.cy) == (WIDTH, HEIGHT, WIDTH / 2, HEIGHT / 2)
+        frame = plant.folder("frames") / camera.name
+        assert plant.undistorted_image(camera.name).read_bytes() == frame.read_bytes()
+
+
+def test_a_bent_lens_is_told_and_straightened(tmp_path, angles):
+    faces = textures()
+    turn = [(render(faces, angle, k1=-0.05), render(faces, angle)) for angle in angles[::2]]
+    workspace = frames_only(tmp_path, [bent for bent, _ in turn])
+    run_sfm(workspace)
+    decision = json.loads(workspace.sfm_json.read_text())["distortion"]
+    assert decision["on"] is True and decision["corner_px"] == pytest.approx(5.4, rel=0.2)
+    cameras = cameras_of(workspace)
+    assert len(cameras) == len(turn)
+    for camera, (_, straight) in list(zip(cameras, turn, strict=True))[::5]:
+        undistorted = read_image(workspace.undistorted_image(camera.name)).astype(float)
+        x, y = np.meshgrid(
+            (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx,
+            (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy,
+        )
+        expected = cv2.remap(
+            straight,
+            (x * FOCAL_PX + WIDTH / 2 - 0.5).astype(np.float32),
+            (y * FOCAL_PX + HEIGHT / 2 - 0.5).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        inside = (slice(20, -20), slice(20, -20))
+        shifted = np.abs(np.roll(expected, 2, axis=1) - expected)[inside].mean()
+        assert np.abs(undistorted - expected)[inside].mean() < 0.6 * shifted
+
+
+@pytest.mark.parametrize(("option", "on"), [("on", True), ("off", False)])
+def test_distortion_can_be_forced(tmp_path, plant, option, on):
+    workspace = frames_only(tmp_path, [read_image(path) for path in plant.frame_images()])
+    run_sfm(workspace, distortion=option)
+    assert json.loads(workspace.sfm_json.read_text())["distortion"]["on"] is on
+    n_bent = sum(
+        workspace.undistorted_image(path.name).read_bytes() != path.read_bytes() for path in workspace.frame_images()
+    )
+    assert n_bent == (N_TAKEN if on else 0)
 
 
 def test_unrelated_images_are_refused_with_advice(tmp_path):

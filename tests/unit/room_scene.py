@@ -26,17 +26,19 @@ def pose(angle):
     return np.stack([right, np.cross(forward, right), forward]), centre
 
 
-def render(faces, angle, yaw=0.0):
+def render(faces, angle, yaw=0.0, k1=0.0):
     """Cast a ray a pixel onto the inside of the room (4 x 4 x 2.4) and the outside of the box (0.8 x 0.6 x 0.7).
 
-    `yaw` turns the camera away from the box, radians.
+    `yaw` turns the camera away from the box, radians; `k1` is the radial distortion of its lens.
     """
     rotation, centre = pose(angle)
     rotation = cv2.Rodrigues(np.array([0.0, yaw, 0.0]))[0] @ rotation
     x, y = np.meshgrid(
         (np.arange(WIDTH) + 0.5 - WIDTH / 2) / FOCAL_PX, (np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL_PX
     )
-    rays = np.stack([x, y, np.ones_like(x)], axis=2) @ rotation
+    distorted = np.stack([x, y], axis=2).reshape(-1, 1, 2)
+    straight = cv2.undistortPoints(distorted, np.eye(3), np.array([k1, 0, 0, 0])).reshape(HEIGHT, WIDTH, 2)
+    rays = np.concatenate([straight, np.ones_like(x)[..., None]], axis=2) @ rotation
     picture = None
     for first, half in ((0, np.array([2, 2, 1.2])), (6, np.array([0.4, 0.3, 0.35]))):
         near = np.minimum((-half - centre) / rays, (half - centre) / rays)

@@ -40,6 +40,8 @@ VIDEO = "tests/unit/test_video.py::"
 IMAGES = "tests/unit/test_images.py::"
 RESUME = "tests/hard_cases/test_resume.py::"
 WORKSPACE = "tests/unit/test_workspace.py::"
+KILLS = "tests/hard_cases/test_killed_runs.py::"
+CLIPS = "tests/hard_cases/test_damaged_clips.py::"
 SAVES = "tests/hard_cases/test_interrupted_saves.py::"
 FUZZ = "tests/property/test_readers.py::test_mutated_files_end_in_a_result_or_in_our_own_error"
 
@@ -223,18 +225,26 @@ CASES = (
         VIDEO + "test_bit_rot_is_noticed_and_ends_at_a_key_frame",
         "tests/end_to_end/test_frames.py::test_half_of_a_clip_is_refused_and_most_of_it_flagged",
         "tests/hard_cases/test_broken_video.py::test_a_broken_video_runs_through_and_every_defect_is_told",
+        CLIPS + "test_case_39_a_clip_cut_off_anywhere_is_flagged_or_refused",
+        CLIPS + "test_case_39_bit_rot_never_gives_frames_of_nothing",
+        CLIPS + "test_case_39_rot_in_a_fifth_of_the_frames_is_never_taken_for_sound",
+        CLIPS + "test_case_39_what_is_no_film_is_refused",
+        CLIPS + "test_case_39_a_film_without_pictures_is_refused",
     )),
     Case(40, "variable frame rate", "timestamps, never frame counts", (
         VIDEO + "test_variable_frame_rate_keeps_true_times",
         "tests/unit/test_capture.py::test_frames_are_spread_in_time_not_by_number",
+        CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
     Case(41, "rotation tag, EXIF orientation", "applied to the pixels, recorded", (
         VIDEO + "test_rotation_tag_is_applied",
         IMAGES + "test_exif_orientation_is_applied",
+        CLIPS + "test_case_41_a_turned_clip_comes_out_upright",
     )),
     Case(42, "HDR and 10 bit", "tone-mapped, recorded", (
         VIDEO + "test_hdr_is_tone_mapped",
         VIDEO + "test_ten_bit_standard_range_is_left_as_filmed",
+        CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
     Case(43, "truncated JPEG decodes half", "refused at every length", (
         IMAGES + "test_every_truncation_is_refused",
@@ -266,6 +276,8 @@ CASES = (
         WORKSPACE + "test_a_failed_save_keeps_the_old_result",
         "tests/unit/test_pipeline.py::test_damage_is_noticed_and_repaired",
         SAVES + "test_case_49_killed_at_any_boundary_the_result_is_the_old_or_the_new_one",
+        KILLS + "test_case_49_killed_at_any_write_boundary_of_any_stage_a_result_is_whole",
+        KILLS + "test_case_49_killed_at_random_the_results_are_those_of_an_undisturbed_run",
     )),
     Case(50, "disk full", "the old file stays; a clear error", (
         WORKSPACE + "test_disk_errors_are_explained",

@@ -134,7 +134,7 @@ class Batch:
             raise BadUsage(f"--jobs {self.jobs}: at least 1")
         names = [plant.relative_to(self.folder).as_posix() for plant in plants]
         self.results |= {name: Result(name) for name in names}
-        self._save()
+        self.save()
         slots: SimpleQueue[list[int]] = SimpleQueue()
         for slot in range(self.jobs):
             slots.put(usable_cores()[slot :: self.jobs] or usable_cores())
@@ -177,7 +177,7 @@ class Batch:
             slots.put(slot)
         with self._saving:
             self.results[name] = result
-            self._save()
+            self.save()
             self._tried += 1
             left_s = (time.monotonic() - began) / self._tried * (total - self._tried)
             self.tell(f"[{self._tried}/{total}] {name}: {self._outcome(result)}; about {_duration(left_s)} left")
@@ -185,7 +185,7 @@ class Batch:
     def _attempt(self, name: str, slot: list[int]) -> Result:
         # A session of its own keeps the terminal's Ctrl-C from it: whether it ends is decided here.
         process = subprocess.Popen(
-            [*self.command, str(self.folder / name), "--wait", *self._options()],
+            [*self.command, str((self.folder / name).absolute()), "--wait", *self.run_arguments()],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -198,16 +198,12 @@ class Batch:
             _, said = process.communicate()
         finally:
             self._processes.discard(process)
-        code = process.returncode
-        if code == 0:
-            return Result(name, "done", 0)
-        if code in (-signal.SIGINT, INTERRUPTED):
-            return Result(name, "waiting", None, "interrupted")
-        return Result(name, "failed", code, _reason(Path(name).name, code, said))
+        return result_of(name, process.returncode, said)
 
-    def _options(self) -> list[str]:
+    def run_arguments(self) -> list[str]:
+        """Of `cotton3dg run`, with the options of the batch."""
         shared = self.folder / OPTIONS_FILE
-        return [*self.arguments, *(["--defaults", str(shared)] if shared.is_file() else [])]
+        return [*self.arguments, *(["--defaults", str(shared.absolute())] if shared.is_file() else [])]
 
     def _interrupt(self) -> None:
         for process in list(self._processes):
@@ -220,7 +216,8 @@ class Batch:
         flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
         return f"{row['boll_count'] or 'no'} bolls in {_duration(float(row['seconds']))}{flags}"
 
-    def _save(self) -> None:
+    def save(self) -> None:
+        """Write the tables and the page of all plants."""
         ordered = self.ordered()
         blank = dict.fromkeys((column.name for column in TRAITS), "")
         rows = [vars(result) | (self._rows(result, "traits_csv") or [blank])[0] for result in ordered]
@@ -268,6 +265,21 @@ def saved_results(folder: Path) -> dict[str, Result]:
             for row in csv.DictReader(file)
         ]
     return {result.folder: result for result in results if (folder / result.folder).is_dir()}
+
+
+def result_of(name: str, code: int, said: str) -> Result:
+    """What a run that has ended means for its plant.
+
+    Args:
+        name: the plant's folder, relative to the batch's.
+        code: of its exit; negative: the signal that ended it.
+        said: what it printed.
+    """
+    if code == 0:
+        return Result(name, "done", 0)
+    if code in (-signal.SIGINT, INTERRUPTED):
+        return Result(name, "waiting", None, "interrupted")
+    return Result(name, "failed", code, _reason(Path(name).name, code, said))
 
 
 def _folder(row: dict[str, str]) -> str:

@@ -144,11 +144,16 @@ def batch(
     preset: Preset = "standard",
     retry: Annotated[int, typer.Option(help="more tries for plants that a fault of the machine stopped")] = 0,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="those that batch.csv calls failed")] = False,
+    engine: Annotated[str, typer.Option(help="local: processes here | slurm: jobs of a cluster")] = "local",
+    slurm_: Annotated[
+        list[str] | None, typer.Option("--slurm", metavar="KEY=VALUE", help="of the jobs, e.g. partition=short")
+    ] = None,
+    status: Annotated[bool, typer.Option("--status", help="run nothing: save and print how the plants do")] = False,
     no_report: NoReport = False,
     set_: Set = None,
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
-    from . import display, pipeline
+    from . import display, pipeline, slurm
     from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, saved_results
 
     with _reported(folder):
@@ -158,11 +163,21 @@ def batch(
         arguments += ["--no-report"] if no_report else []
         tell = partial(typer.echo, err=True)
         work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
+        if engine not in ("local", "slurm"):
+            raise BadUsage(f"--engine {engine} is unknown; use local or slurm")
         if only_failed:
             work.results = saved_results(folder)
             failed = {result.folder for result in work.results.values() if result.state == "failed"}
             plants = [plant for plant in plants if plant.relative_to(folder).as_posix() in failed]
-        results = work.run(plants)
+        if status:
+            results = slurm.status(work, plants)
+        elif engine == "slurm":
+            executor = slurm.slurm_executor(folder, slurm_ or [])
+            submitted = slurm.submit(work, plants, executor, slurm.max_array_size())
+            typer.echo(f"{len(submitted)} plants submitted; `cotton3dg batch {folder} --status` tells how they do")
+            return
+        else:
+            results = work.run(plants)
         display.print_batch(results, folder / TABLE)
     if any(result.state != "done" for result in results):
         raise typer.Exit(SOME_FAILED)
@@ -279,7 +294,9 @@ def evaluate(
 @app.command(rich_help_panel="Trying it out")
 def study(
     plant_dir: PlantDir,
-    sweep: Annotated[list[str] | None, typer.Option(help="what to vary, or all; repeatable")] = None,
+    sweep: Annotated[
+        list[str] | None, typer.Option(metavar="NAME[=VALUE,...]", help="what to vary, or all; repeatable")
+    ] = None,
     preset: Preset = "draft",
     time_budget: TimeBudget = None,
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's")] = None,

@@ -1,0 +1,193 @@
+"""Batches on a Slurm cluster: a job for each plant, through submitit (extra `[slurm]`).
+
+A job leaves what became of its plant in the plant's folder, beside its log, so that anybody who sees the folder can
+tell, and nothing that a job pickled is ever read. A job that its time limit or another user's job ends is queued again
+and goes on with the stage that it was in.
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+import re
+import shutil
+import signal
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .batch import RUN, Batch, Result, result_of, saved_results
+from .errors import BadUsage, EnvironmentUnusable
+from .workspace import explained_disk_errors, json_text, write_text_atomically
+
+JOBS_FOLDER = ".slurm"
+"""Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
+LOG, OUTCOME = "slurm.log", "records/batch.json"
+"""In the plant's folder."""
+
+DEFAULTS: dict[str, Any] = {"time": 120, "cpus_per_task": 2, "mem": "4G"}
+"""As sbatch calls them, time in minutes. Several times what a plant takes at the standard preset; a run that needs longer is queued again."""
+MOST_TIMEOUTS = 10
+MAX_ARRAY_SIZE = 1001
+"""Slurm's default, where it does not say."""
+
+
+class PlantJob:
+    """What a job does, as submitit pickles it."""
+
+    def __init__(self, folder: Path, arguments: Sequence[str], retries: int, command: Sequence[str] = RUN) -> None:
+        self.folder, self.arguments, self.retries, self.command = folder, list(arguments), retries, list(command)
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def __call__(self, name: str) -> None:
+        """Run a plant, again after a fault of the machine, and save what became of it."""
+        (self.folder / name / OUTCOME).unlink(missing_ok=True)
+        for attempt in range(self.retries + 1):
+            result = self._attempt(name)
+            if attempt == self.retries or not result.worth_retrying:
+                break
+        with explained_disk_errors(self.folder / name):
+            write_text_atomically(self.folder / name / OUTCOME, json_text(vars(result)))
+
+    def _attempt(self, name: str) -> Result:
+        plant = self.folder / name
+        with (plant / LOG).open("a+b") as log:
+            start = log.tell()
+            self.process = subprocess.Popen(
+                [*self.command, str(plant), "--wait", *self.arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                preexec_fn=_deaf_to_the_time_limit,  # noqa: PLW1509 - a job has one thread
+            )
+            code = self.process.wait()
+            log.seek(start)
+            return result_of(name, code, log.read().decode("utf-8", "replace"))
+
+    def checkpoint(self, name: str) -> Any:
+        """Called by submitit before the time limit, or when another job takes the place: what to queue again."""
+        from submitit.helpers import DelayedSubmission
+
+        if self.process:
+            self.process.kill()  # what its stages have saved is whole at any moment
+        return DelayedSubmission(PlantJob(self.folder, self.arguments, self.retries, self.command), name)
+
+
+def _deaf_to_the_time_limit() -> None:
+    """Slurm's warning goes to all processes of a job; the one that runs the plant leaves the answer to its parent."""
+    signal.signal(signal.SIGUSR2, signal.SIG_IGN)
+
+
+def slurm_executor(folder: Path, settings: Sequence[str]) -> Any:
+    """submitit's executor.
+
+    Args:
+        settings: KEY=VALUE, as sbatch calls them, time in minutes: partition=short, time=60, mem=8G, account=cotton.
+    Raises:
+        EnvironmentUnusable: no submitit, or no Slurm.
+        BadUsage: a setting that there is not.
+    """
+    try:
+        import submitit
+    except ImportError as error:
+        raise EnvironmentUnusable("submitit is missing; pip install 'cotton3dg[slurm]'") from error
+    if shutil.which("sbatch") is None:
+        raise EnvironmentUnusable("sbatch is not on the PATH; start the batch where jobs are submitted from")
+    values = DEFAULTS | dict(_setting(text) for text in settings)
+    executor = submitit.SlurmExecutor(folder / JOBS_FOLDER / "%j", max_num_timeout=MOST_TIMEOUTS)
+    try:
+        executor.update_parameters(
+            **{"job_name": "cotton3dg", "stderr_to_stdout": True, "additional_parameters": {"requeue": True}},
+            # Steps do not inherit the cores of their job since Slurm 22.05.
+            **{"srun_args": [f"--cpus-per-task={values['cpus_per_task']}"]},
+            **values,
+        )
+    except (TypeError, ValueError) as error:
+        raise BadUsage(f"--slurm: {str(error).splitlines()[0]}; give options of sbatch") from error
+    return executor
+
+
+def _setting(text: str) -> tuple[str, int | float | str]:
+    key, equals, value = text.partition("=")
+    if not (key and equals and value):
+        raise BadUsage(f"--slurm {text}: write KEY=VALUE, e.g. partition=short")
+    for kind in (int, float):
+        try:
+            return key.replace("-", "_"), kind(value)
+        except ValueError:
+            continue
+    return key.replace("-", "_"), value
+
+
+def max_array_size() -> int:
+    """How many jobs one array may hold here."""
+    told = _said_by("scontrol", "show", "config")
+    found = re.search(r"^MaxArraySize\s*=\s*(\d+)", told, re.MULTILINE)
+    return max(1, int(found[1]) if found else MAX_ARRAY_SIZE)
+
+
+def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int) -> dict[str, str]:
+    """Submit those plants that no job has in hand, in arrays of at most `array_size`; the jobs by plant."""
+    jobs = _jobs(batch.folder)
+    waiting = _queued(jobs.values()) if jobs else {}
+    names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
+    names = [name for name in names if jobs.get(name) not in waiting]
+    work = PlantJob(batch.folder.resolve(), batch.run_arguments(), batch.retries, batch.command)
+    submitted: dict[str, str] = {}
+    for start in range(0, len(names), array_size):
+        part = names[start : start + array_size]
+        submitted |= {name: job.job_id for name, job in zip(part, executor.map_array(work, part), strict=True)}
+        with explained_disk_errors(batch.folder):
+            write_text_atomically(batch.folder / JOBS_FOLDER / "jobs.json", json_text(jobs | submitted))
+    return submitted
+
+
+def status(batch: Batch, plants: Sequence[Path]) -> list[Result]:
+    """What became of the plants until now; the tables are saved again. Without jobs, what the saved table says."""
+    jobs = _jobs(batch.folder)
+    if not jobs:
+        batch.results = saved_results(batch.folder)
+        return batch.ordered()
+    waiting = _queued(jobs.values())
+    for name in (plant.relative_to(batch.folder).as_posix() for plant in plants):
+        batch.results[name] = _result(batch.folder, name, jobs.get(name), waiting)
+    batch.save()
+    return batch.ordered()
+
+
+def _result(folder: Path, name: str, job: str | None, waiting: dict[str, str]) -> Result:
+    if job is None:
+        return Result(name, "waiting", None, "not submitted")
+    if job in waiting:
+        return Result(name, "waiting", None, f"job {job} is {waiting[job].lower()}")
+    try:
+        saved = json.loads((folder / name / OUTCOME).read_text(encoding="utf-8"))
+        return Result(name, str(saved["state"]), saved["exit_code"], str(saved["reason"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return Result(name, "failed", None, f"job {job} ended without a word; submit again to go on, or see its {LOG}")
+
+
+def _jobs(folder: Path) -> dict[str, str]:
+    try:
+        jobs = json.loads((folder / JOBS_FOLDER / "jobs.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {str(name): str(job) for name, job in jobs.items()} if isinstance(jobs, dict) else {}
+
+
+def _queued(jobs: Any) -> dict[str, str]:
+    """State of those of `jobs` that wait or run."""
+    told = _said_by("squeue", "--noheader", "--array", "--user", getpass.getuser(), "--format", "%i %T")
+    found = dict(line.split(maxsplit=1) for line in told.splitlines() if " " in line.strip())
+    return {job: found[job].strip() for job in jobs if job in found}
+
+
+def _said_by(*command: str) -> str:
+    try:
+        return subprocess.run(command, check=True, capture_output=True, text=True, errors="replace").stdout
+    except (OSError, subprocess.CalledProcessError) as error:
+        said = getattr(error, "stderr", "") or str(error)
+        raise EnvironmentUnusable(
+            f"{command[0]} fails ({said.strip().splitlines()[-1]}); start it where Slurm's commands work"
+        ) from error

@@ -9,7 +9,7 @@ from typing import Any
 from .. import pipeline
 from ..cost import Footage
 from ..errors import BadUsage
-from ..options import PRESETS
+from ..options import PRESETS, as_dict, resolve
 from ..workspace import Workspace
 from .tables import TITLES
 
@@ -51,55 +51,73 @@ class Setting:
     """Whether the video is cropped."""
 
 
-def sweeps_of(names: Sequence[str] | None) -> tuple[str, ...]:
-    """The sweeps that are meant: the cheap ones for none, every one for `all`.
+def sweeps_of(texts: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
+    """Sweep -> its values, from `name` or `name=value,value`: all usual values for none, the cheap sweeps for nothing.
 
     Raises:
         BadUsage: there is no such sweep.
     """
-    for name in names or ():
+    sweeps: dict[str, tuple[str, ...]] = {}
+    for text in texts or CHEAP:
+        name, _, values = text.partition("=")
         if name not in (*TITLES, "all"):
             raise BadUsage(f"sweep {name!r} is unknown; use {', '.join(TITLES)} or all")
-    return tuple(TITLES) if "all" in (names or ()) else tuple(dict.fromkeys(names or CHEAP))
+        sweeps |= {each: tuple(values.split(",")) if values else () for each in (TITLES if name == "all" else [name])}
+    return sweeps
 
 
 def settings_of(
-    sweep: str, plant: Workspace, preset: str, overrides: Mapping[str, Mapping[str, Any]], source: Footage
+    sweep: str,
+    plant: Workspace,
+    preset: str,
+    overrides: Mapping[str, Mapping[str, Any]],
+    source: Footage,
+    values: Sequence[str] = (),
 ) -> list[Setting]:
-    """The settings of a sweep, coarse to fine, that of the base among them."""
-    given = {stage: dict(values) for stage, values in overrides.items()}
+    """The settings of a sweep, coarse to fine, that of the base among them.
+
+    Args:
+        values: those to try instead of the usual ones.
+    Raises:
+        BadUsage: a value that the option does not take.
+    """
+    given = {stage: dict(own) for stage, own in overrides.items()}
     base = pipeline.stage_options(plant, preset, given)
     if sweep == "preset":
-        own = {name: pipeline.stage_options(plant, name, given) for name in PRESETS}
+        names = [name for name in PRESETS if not values or name in (*values, preset)]
+        own = {name: pipeline.stage_options(plant, name, given) for name in names}
         return [
-            Setting(sweep, name, options, obstacle_of(options, source), is_base=name == preset)
+            Setting(sweep, name, options, obstacle_of(options, base, source), is_base=name == preset)
             for name, options in own.items()
         ]
     if sweep == "style":
         obstacle = "" if source.is_video else "only a video can be cropped"
         return [Setting(sweep, "partial", base, obstacle, partial=True), Setting(sweep, "whole", base, is_base=True)]
-    stage, option, values = FACTORS[sweep]
+    stage, option, usual = FACTORS[sweep]
     base_value = getattr(base[stage], option)
+    wanted = tuple(getattr(resolve(stage, as_dict(base[stage]), {option: value}), option) for value in values) or usual
     if sweep == "steps":
-        passed = [Setting(sweep, str(value), base, passing=True) for value in values if value < base_value]
+        passed = [Setting(sweep, str(value), base, passing=True) for value in wanted if value < base_value]
         return [*passed, Setting(sweep, str(base_value), base, is_base=True)]
-    if base_value not in values:
-        values = tuple(sorted((*values, base_value)))
+    if base_value not in wanted:
+        wanted = (*wanted, base_value)
     found = []
-    for value in values:
+    for value in wanted if isinstance(base_value, str) else sorted(wanted):
         options = {**base, stage: replace(base[stage], **{option: value})}
-        same = value == base_value
-        found.append(Setting(sweep, str(value), options, "" if same else obstacle_of(options, source), is_base=same))
+        obstacle = obstacle_of(options, base, source)
+        found.append(Setting(sweep, str(value), options, obstacle, is_base=value == base_value))
     return found
 
 
-def obstacle_of(options: Mapping[str, Any], source: Footage) -> str:
-    """Why the footage does not allow for these options; empty when it does."""
-    if options["frames"].count > source.frames:
+def obstacle_of(options: Mapping[str, Any], base: Mapping[str, Any], source: Footage) -> str:
+    """Why the footage does not allow for these options where they differ from the base's; empty when it does."""
+    count, views, side = options["frames"].count, options["masks"].views, options["train"].max_side
+    longer = max(source.width, source.height)
+    if count > source.frames and count != base["frames"].count:
         return f"there are only {source.frames} images"
-    if options["masks"].views > options["frames"].count:
-        return f"only {options['frames'].count} images are taken"
+    if views > count and views != base["masks"].views:
+        return f"only {count} images are taken"
     # Sizes beyond that of the images are that of the images; the first of them stays.
-    if options["train"].max_side >= 2 * max(source.width, source.height):
-        return f"the images have only {max(source.width, source.height)} px"
+    if side >= 2 * longer and side != base["train"].max_side:
+        return f"the images have only {longer} px"
     return ""

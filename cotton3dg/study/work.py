@@ -69,13 +69,18 @@ class Study:
         self.timed: dict[str, list[tuple[float, float]]] = defaultdict(list)
         """Stage -> measured and modelled seconds of each setting that is done."""
 
-    def run(self, sweeps: Sequence[str]) -> list[dict[str, Any]]:
+    def run(self, sweeps: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
         """Try the settings of all sweeps, the base first; returns the rows of the tables.
 
+        Args:
+            sweeps: name -> values, none for the usual ones.
         Raises:
             Cotton3dgError: the base setting fails or does not fit into the time.
         """
-        tables = {sweep: settings_of(sweep, self.plant, self.preset, self.overrides, self.source) for sweep in sweeps}
+        tables = {
+            sweep: settings_of(sweep, self.plant, self.preset, self.overrides, self.source, values)
+            for sweep, values in sweeps.items()
+        }
         with self.plant.locked():
             self._run_base()
             for sweep, settings in tables.items():

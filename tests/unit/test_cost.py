@@ -1,0 +1,167 @@
+"""The cost model, and what fits into a time."""
+
+from itertools import pairwise
+
+import pytest
+
+from cotton3dg import pipeline, time_budget
+from cotton3dg.cost import Cost, Footage, Machine, costs, seconds
+from cotton3dg.errors import BadUsage
+from cotton3dg.time_budget import LADDER, choose, told
+
+VIDEO = Footage(120, 1280, 720)
+MACHINE = Machine(2)
+
+
+def options(preset="standard", **train):
+    return pipeline.stage_options(None, preset, {"train": train})
+
+
+def total(chosen, source=VIDEO, machine=MACHINE):
+    return seconds(costs(chosen, source, machine), machine.cores)
+
+
+def test_every_stage_costs_something():
+    by_stage = costs(options(), VIDEO, MACHINE)
+    assert by_stage.keys() == {*pipeline.STAGES, "report"}
+    assert all(cost.cpu_s > 0 for cost in by_stage.values())
+
+
+def test_the_model_meets_runs_that_were_measured():
+    """CPU-seconds of a 1280x720 video of 120 frames by the default options, and of a 640x360 one by the draft's."""
+    measured = {"frames": 7.6, "sfm": 155.0, "train": 325.0, "masks": 19.4, "segment": 2.1, "traits": 5.6}
+    for stage, cpu_s in measured.items():
+        assert costs(options(), VIDEO, MACHINE)[stage].cpu_s == pytest.approx(cpu_s, rel=0.25), stage
+    measured = {"frames": 3.8, "sfm": 25.3, "train": 74.0, "masks": 9.2, "segment": 0.9, "traits": 3.0}
+    for stage, cpu_s in measured.items():
+        cost = costs(options("draft"), Footage(80, 640, 360), MACHINE)[stage]
+        assert cost.cpu_s == pytest.approx(cpu_s, rel=0.25), stage
+
+
+@pytest.mark.parametrize(
+    "less, more",
+    [
+        ({"steps": 1000}, {"steps": 2000}),
+        ({"max_side": 480}, {"max_side": 960}),
+        ({"max_gaussians": 50_000}, {"max_gaussians": 100_000}),
+        ({"sh_degree": 0}, {"sh_degree": 3}),
+    ],
+)
+def test_more_work_takes_longer(less, more):
+    assert total(options(**less)) < total(options(**more))
+
+
+def test_images_cannot_be_more_than_the_video_has():
+    assert total(options(), Footage(50, 1280, 720)) < total(options())
+    many = pipeline.stage_options(None, overrides={"frames": {"count": 500}})
+    assert total(many) == pytest.approx(total(pipeline.stage_options(None, overrides={"frames": {"count": 120}})))
+
+
+def test_a_slower_machine_and_fewer_cores_take_longer():
+    assert total(options(), machine=Machine(1)) > 1.7 * total(options())
+    assert total(options(), machine=Machine(2, 2.0, 2.0)) == pytest.approx(2 * total(options()))
+    only_splatting = costs(options(), VIDEO, Machine(2, splatting=3.0))
+    assert only_splatting["sfm"] == costs(options(), VIDEO, MACHINE)["sfm"]
+    assert only_splatting["train"].cpu_s == pytest.approx(3 * costs(options(), VIDEO, MACHINE)["train"].cpu_s)
+
+
+def test_work_that_one_core_must_do_is_not_shared():
+    assert Cost(10.0, 3.0).seconds(2) == 8.0
+    assert Cost(10.0, 3.0).cpu_s == 13.0
+
+
+def resolve(values):
+    return pipeline.stage_options(None, chosen=values)
+
+
+@pytest.mark.parametrize("budget_s", [100, 120, 300, 600, 3600])
+def test_what_is_chosen_fits_and_uses_the_time(budget_s):
+    choice = choose(budget_s, resolve, VIDEO, MACHINE)
+    assert choice.expected_s <= budget_s
+    assert choice.expected_s == pytest.approx(total(choice.options))
+    # Between two rungs some time may be left; never as much as half.
+    assert choice.expected_s > 0.5 * budget_s
+
+
+def test_more_time_never_gives_less():
+    chosen = [choose(budget_s, resolve, VIDEO, MACHINE) for budget_s in range(90, 4000, 200)]
+    rungs = [LADDER.index(choice.rung) for choice in chosen]
+    assert rungs == sorted(rungs, reverse=True)
+    for before, after in pairwise(chosen):
+        if before.rung is after.rung:
+            assert before.options["train"].steps <= after.options["train"].steps
+
+
+def test_what_the_user_gave_wins():
+    def with_steps(values):
+        return pipeline.stage_options(None, overrides={"train": {"steps": "700"}}, chosen=values)
+
+    choice = choose(600, with_steps, VIDEO, MACHINE)
+    assert choice.options["train"].steps == 700
+    assert choice.expected_s <= 600
+
+
+def test_a_toml_of_the_plant_wins(tmp_path):
+    (tmp_path / "own.toml").write_text("[frames]\ncount = 33\n")
+
+    def with_file(values):
+        return pipeline.stage_options(None, defaults=tmp_path / "own.toml", chosen=values)
+
+    assert choose(600, with_file, VIDEO, MACHINE).options["frames"].count == 33
+
+
+def test_a_time_that_is_too_short_is_told():
+    with pytest.raises(BadUsage, match="longer --time-budget"):
+        choose(10, resolve, VIDEO, MACHINE)
+
+
+def test_time_that_cameras_took_is_taken_from_the_steps():
+    first = choose(300, resolve, VIDEO, MACHINE)
+    slow = choose(300, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 110.0}, ladder=(first.rung,))
+    quick = choose(300, resolve, VIDEO, MACHINE, {"frames": 3.0, "sfm": 40.0}, ladder=(first.rung,))
+    assert slow.options["train"].steps <= first.options["train"].steps < quick.options["train"].steps
+    assert quick.expected_s <= 300
+
+
+def test_cameras_that_took_all_the_time_leave_the_least_steps():
+    first = choose(300, resolve, VIDEO, MACHINE)
+    late = choose(300, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 500.0}, ladder=(first.rung,))
+    assert late.options["train"].steps == first.rung.least
+
+
+def test_the_line_tells_what_is_given_up():
+    line = told(choose(120, resolve, VIDEO, MACHINE), 120)
+    assert line.startswith("time budget 2.0 min: ")
+    assert "30,000 steps" in line.split("gives up")[1]
+
+
+class Recorded:
+    """Stands in for the pipeline: notes what it is asked for and leaves records."""
+
+    def __init__(self, seconds):
+        self.seconds, self.calls = seconds, []
+
+    def run(self, workspace, options, stages=pipeline.STAGES, **keywords):
+        self.calls.append((stages, options))
+        for stage in stages:
+            workspace.write_record(stage, {"seconds": self.seconds})
+
+
+def test_a_budget_runs_the_cameras_then_fits_the_steps(tmp_path, monkeypatch):
+    from cotton3dg.workspace import Workspace
+
+    monkeypatch.setattr(time_budget, "footage", lambda workspace: VIDEO)
+    said, recorded = [], Recorded(60.0)
+    monkeypatch.setattr(time_budget.pipeline, "run", recorded.run)
+    workspace = Workspace(tmp_path)
+    budget = time_budget.Budget(workspace, 300, MACHINE, tell=said.append)
+    before = budget.choice.options["train"].steps
+    budget.run()
+    (early, first), (late, second) = recorded.calls
+    assert early + late == pipeline.STAGES and early[-1] == "sfm"
+    assert first["frames"] == second["frames"] and second["train"].steps != before
+    assert len(said) == 2 and "cameras took" in said[1]
+    record = workspace.read_record("time_budget")
+    assert record["budget_s"] == 300 and record["expected_s"] == pytest.approx(budget.choice.expected_s)
+    budget.run()
+    assert recorded.calls[-1][1] == second  # the same seconds are on record, so the same is chosen

@@ -1,0 +1,296 @@
+"""Settings side by side: what is shared, skipped, resumed and told; with small stages in place of the real ones."""
+
+import csv
+import json
+import math
+from collections import Counter
+from types import SimpleNamespace
+
+import pytest
+
+from cotton3dg import pipeline
+from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.cost import Footage
+from cotton3dg.errors import BadUsage, CaptureFailed
+from cotton3dg.study import work
+from cotton3dg.study.rows import empty_row
+from cotton3dg.study.settings import settings_of, sweeps_of
+from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, starred, summary, with_errors
+from cotton3dg.workspace import Workspace
+
+VIDEO = Footage(120, 1280, 720)
+READS = {
+    "frames": [], "sfm": ["frames"], "train": ["sfm"], "masks": ["sfm"], "segment": ["train", "masks"],
+    "cluster": ["segment"], "scale": ["train"], "traits": ["cluster", "scale"],
+}  # fmt: skip
+
+
+class Stages:
+    """Each stage notes that it ran, and writes its option that matters here and what it read."""
+
+    def __init__(self):
+        self.ran, self.interrupt_after, self.fail = [], math.inf, lambda options: False
+
+    def module(self, stage):
+        def inputs(workspace):
+            return [workspace.folder(source) for source in READS[stage]] or [workspace.capture()]
+
+        def write(workspace, text):
+            with workspace.writing(stage) as folder:
+                (folder / "out.txt").write_text(text)
+                (folder / "metrics.json").write_text(json.dumps({"seconds": 2.0, "cpu_seconds": 3.0}))
+            return StageOutcome({"n": 1})
+
+        def run(workspace, options, progress):
+            if len(self.ran) >= self.interrupt_after:
+                raise KeyboardInterrupt
+            if self.fail(options):
+                raise CaptureFailed("too dark; film again")
+            self.ran.append(stage)
+            read = [(workspace.folder(source) / "out.txt").read_text() for source in READS[stage]]
+            return write(workspace, f"{stage} {options} {read}")
+
+        def save_intermediate(workspace, options, targets, progress):
+            self.ran.append("training")
+            return {steps: write(target, f"model after {steps}") for steps, target in targets.items()}
+
+        return SimpleNamespace(VERSION=1, inputs=inputs, run=run, save_intermediate=save_intermediate)
+
+
+def figures(setting):
+    """A row as if measured: finer settings take longer and are better."""
+    finer = float(setting) if setting.isdecimal() else 5.0
+    row = {"full_psnr_db": 20 + finer, "seconds": 10 * finer + 10, "idle_seconds": 10 * finer + 5, "psnr_db": 30.0}
+    row |= dict.fromkeys(ERRORS, 100.0 + finer)
+    return row | {"cpu_seconds": 2 * row["idle_seconds"], "trait_error_pct": 0.0}
+
+
+@pytest.fixture
+def stages(monkeypatch):
+    stages = Stages()
+    monkeypatch.setattr(pipeline, "stage_module", stages.module)
+    monkeypatch.setattr(work, "footage", lambda plant: VIDEO)
+    monkeypatch.setattr(
+        work,
+        "finished_row",
+        lambda folder, sweep, setting, options: empty_row(sweep, setting, "done") | figures(setting),
+    )
+    return stages
+
+
+@pytest.fixture
+def plant(tmp_path):
+    folder = tmp_path / "plant_007"
+    folder.mkdir()
+    (folder / "video.mp4").write_text("video")
+    return Workspace(folder)
+
+
+def study(plant, sweeps, **keywords):
+    said = []
+    made = work.Study(plant, tell=said.append, **keywords)
+    return {(row["sweep"], row["setting"]): row for row in made.run(sweeps_of(sweeps))}, said
+
+
+def test_stages_that_a_setting_does_not_touch_run_once(plant, stages):
+    rows, _ = study(plant, ["sh=0,2", "views=8"])
+    assert set(rows) == {
+        ("base", "draft"), ("sh", "0"), ("sh", "1"), ("sh", "2"), ("views", "8"), ("views", "36"),
+    }  # fmt: skip
+    assert {row["state"] for row in rows.values()} == {"done"}
+    assert Counter(stages.ran) == {
+        "frames": 1, "sfm": 1, "train": 3, "masks": 2, "segment": 4, "cluster": 4, "scale": 3, "traits": 4,
+    }  # fmt: skip
+    # The base stands in each sweep under its own value.
+    assert rows["sh", "1"]["seconds"] == rows["views", "36"]["seconds"] == rows["base", "draft"]["seconds"]
+
+
+def test_what_the_plants_own_run_has_finished_is_not_repeated(plant, stages):
+    pipeline.run(plant, pipeline.stage_options(plant, "draft"))
+    before = plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES))
+    stages.ran.clear()
+    study(plant, ["views=8"])
+    assert stages.ran == ["masks", "segment", "cluster", "traits"]
+    assert plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES)) == before
+
+
+@pytest.mark.parametrize("after", [0, 3, 9, 12, 14])
+def test_an_interrupted_study_resumes(plant, stages, tmp_path, after):
+    stages.interrupt_after = after
+    with pytest.raises(KeyboardInterrupt):
+        study(plant, ["sh=0,2", "views=8"])
+    stages.interrupt_after = math.inf
+    resumed, _ = study(plant, ["sh=0,2", "views=8"])
+    assert Counter(stages.ran)["sfm"] == 1 and len(stages.ran) == 22
+    _, said = study(plant, ["sh=0,2", "views=8"])
+    assert len(stages.ran) == 22 and said == ["sh 0: finished", "sh 2: finished", "views 8: finished"]
+    with plant.study_csv.open(newline="") as file:
+        assert [(row["sweep"], row["setting"]) for row in csv.DictReader(file)] == list(resumed)
+
+
+def test_the_tables_are_right_after_each_setting(plant, stages):
+    stages.interrupt_after = 13  # in the second setting after the base
+    with pytest.raises(KeyboardInterrupt):
+        study(plant, ["sh=0,2"])
+    with plant.study_csv.open(newline="") as file:
+        assert [(row["sweep"], row["setting"]) for row in csv.DictReader(file)] == [
+            ("base", "draft"), ("sh", "0"), ("sh", "1"),
+        ]  # fmt: skip
+    assert "Degree of the view-dependent colour" in plant.study_md.read_text()
+    assert plant.study_plot.stat().st_size > 1000
+
+
+def test_a_setting_that_fails_leaves_the_others(plant, stages):
+    stages.fail = lambda options: getattr(options, "sh_degree", 1) == 0
+    rows, _ = study(plant, ["sh=0,2"])
+    assert rows["sh", "0"]["state"] == "failed" and "too dark" in rows["sh", "0"]["reason"]
+    assert rows["sh", "2"]["state"] == "done"
+    assert "0: failed, too dark; film again." in plant.study_md.read_text()
+
+
+def test_a_base_that_fails_is_the_studys_failure(plant, stages):
+    stages.fail = lambda options: True
+    with pytest.raises(CaptureFailed, match="too dark"):
+        study(plant, ["sh"])
+
+
+def test_what_does_not_fit_into_the_time_is_skipped_and_told(plant, stages, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(work.time, "monotonic", lambda: clock[0])
+    made = work.Study(plant, budget_s=1000.0, tell=lambda text: None)
+    run = pipeline.run
+
+    def timed(workspace, *arguments, **keywords):
+        clock[0] += 300.0
+        run(workspace, *arguments, **keywords)
+
+    monkeypatch.setattr(work.pipeline, "run", timed)
+    monkeypatch.setattr(made, "_stage_s", lambda setting, stage: 40.0)
+    rows = {row["setting"]: row for row in made.run({"sh": ("0", "2", "3")}) if row["sweep"] == "sh"}
+    # Five stages, 200 s, are expected of each; after the base and two of 300 s there are 100 s left.
+    assert [rows[value]["state"] for value in "0123"] == ["done", "done", "done", "skipped"]
+    assert rows["3"]["reason"] == "about 3.3 min needed, 1.7 min left"
+
+
+def test_a_time_that_is_too_short_for_the_base_is_told(plant, stages):
+    with pytest.raises(BadUsage, match="base setting alone"):
+        study(plant, ["sh"], budget_s=5.0)
+    assert stages.ran == []
+
+
+def test_times_are_told_from_those_measured(plant, stages):
+    made = work.Study(plant)
+    first = made._stage_s(made.base, "train")
+    made.timed["train"] += [(3 * first, first)] * 2
+    assert made._stage_s(made.base, "train") == pytest.approx(3 * first)
+
+
+def test_steps_come_from_one_training(plant, stages):
+    rows, _ = study(plant, ["steps=50,100,99999"])
+    assert [key for key in rows if key[0] == "steps"] == [("steps", "50"), ("steps", "100"), ("steps", "2000")]
+    assert Counter(stages.ran)["training"] == 1 and Counter(stages.ran)["train"] == 1
+    passed = plant.study_setting("steps", "50")
+    assert (passed.folder("train") / "out.txt").read_text() == "model after 50"
+    assert "model after 50" in (passed.folder("segment") / "out.txt").read_text()
+    assert passed.read_record("train")["seconds"] == 2.0
+    done = len(stages.ran)
+    study(plant, ["steps=50,100"])
+    assert len(stages.ran) == done
+
+
+def test_settings_name_what_the_footage_does_not_allow(plant):
+    def obstacles(sweep, source=VIDEO):
+        return {item.value: item.obstacle for item in settings_of(sweep, plant, "draft", {}, source) if item.obstacle}
+
+    assert set(obstacles("images")) == {"150", "200", "250", "300"}
+    assert obstacles("views") == {"72": "only 60 images are taken"}
+    assert set(obstacles("resolution", Footage(120, 400, 300))) == {"960"}
+    assert obstacles("style", Footage(80, 1280, 720, is_video=False)) == {"partial": "only a video can be cropped"}
+
+
+def test_values_are_ordered_and_checked(plant):
+    values = [item.value for item in settings_of("gaussians", plant, "draft", {}, VIDEO, ["90000", "500"])]
+    assert values == ["500", "60000", "90000"]
+    with pytest.raises(BadUsage, match="sh_degree"):
+        settings_of("sh", plant, "draft", {}, VIDEO, ["7"])
+    with pytest.raises(BadUsage, match="unknown"):
+        sweeps_of(["colour"])
+    assert list(sweeps_of(["all"]))[:4] == ["resolution", "steps", "schedule", "images"]
+
+
+# ------------------------------------------------------------------- tables
+def row(sweep, setting, seconds, psnr_db, count, **more):
+    made = empty_row(sweep, setting, "done") | dict.fromkeys(ERRORS, count)
+    return made | {
+        "full_psnr_db": psnr_db, "seconds": seconds, "idle_seconds": seconds, "cpu_seconds": 2 * seconds,
+        "trait_error_pct": abs(count - 10), **more,
+    }  # fmt: skip
+
+
+def test_errors_are_relative_to_the_truth():
+    truth = dict.fromkeys(ERRORS, 8.0)
+    (told,) = with_errors([row("sh", "0", 1, 20, 10.0)], truth)
+    assert told["boll_count_error_pct"] == 25.0 and told["trait_error_pct"] == 25.0 and told["reference"] == "truth"
+
+
+def test_without_a_truth_the_finest_setting_is_the_reference():
+    failed = empty_row("sh", "3", "failed", "x")
+    coarse, fine, last = with_errors([row("sh", "0", 1, 20, 9.0), row("sh", "1", 2, 21, 10.0), failed], {})
+    assert coarse["trait_error_pct"] == pytest.approx(10.0) and coarse["reference"] == "sh 1"
+    assert math.isnan(fine["trait_error_pct"])
+    assert math.isnan(last["trait_error_pct"])
+
+
+def test_a_trait_that_was_not_measured_has_no_error():
+    (told,) = with_errors([row("sh", "0", 1, 20, math.nan)], dict.fromkeys(ERRORS, 8.0))
+    assert math.isnan(told["trait_error_pct"])
+
+
+def some_rows():
+    base = row("base", "draft", 50.0, 30.0, 10.0)
+    return [
+        base,
+        row("resolution", "120", 20.0, 22.0, 13.0),
+        row("resolution", "240", 60.0, 25.0, 12.0),
+        {**base, "sweep": "resolution", "setting": "480"},
+        row("views", "4", 48.0, 30.0, 14.0),
+        row("style", "partial", 10.0, 99.0, 30.0),
+        empty_row("images", "300", "skipped", "there are only 120 images"),
+    ]
+
+
+def test_the_fronts_compare_only_what_can_be_compared():
+    rows = some_rows()
+    # The same model with fewer masks, and other images, are no better renders.
+    assert front(rows, "full_psnr_db") == {("base", "draft"), ("resolution", "120")}
+    assert front(rows, "trait_error_pct") == {("base", "draft"), ("resolution", "120"), ("style", "partial")}
+    assert ("resolution", "480") in starred(rows)  # the base by another name
+    assert ("resolution", "240") not in starred(rows)
+
+
+def test_markdown_has_a_table_a_sweep_with_a_column_of_seconds():
+    text = markdown(some_rows())
+    lines = text.splitlines()
+    assert [line for line in lines if line.startswith("**")] == [
+        "**Table 1: image resolution**", "**Table 3: number of images**", "**Table 4: capture style**",
+        "**Images with masks**",
+    ]  # fmt: skip
+    head = next(line for line in lines if line.startswith("| longer side"))
+    cells = dict(zip(head.split(" | "), next(x for x in lines if x.startswith("| 240")).split(" | "), strict=True))
+    assert cells["s"] == "60" and cells["full-size"] == "25.00" and cells["SSIM"] == ""
+    assert all(line.count("|") == head.count("|") for line in lines if line.startswith("|"))
+    assert "300: skipped, there are only 120 images." in lines
+
+
+def test_a_busy_machine_is_noticed_and_told():
+    rows = some_rows()
+    assert not machine_was_busy(rows) and "Other programs" not in markdown(rows)
+    slow = [{**item, "seconds": 3 * item["seconds"]} if item["state"] == "done" else item for item in rows]
+    assert machine_was_busy(slow) and "Other programs" in markdown(slow)
+    assert front(slow, "full_psnr_db") == front(rows, "full_psnr_db")
+
+
+def test_the_summary_has_a_line_a_setting():
+    lines = summary(some_rows()).splitlines()
+    assert len(lines) == 8
+    assert lines[-1].endswith("skipped: there are only 120 images")

@@ -42,7 +42,7 @@ test: setup ## all tests
 
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
-	$(BIN)/python -m pytest tests/end_to_end/test_report.py
+	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py
 
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py

@@ -149,6 +149,11 @@ BOLL_FLAGS = {
     "large": "much larger than the others: perhaps two bolls in one",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
+    "too_few_points": "too few Gaussians for a body, so it has no volume",
+    "coincident_points": "its Gaussians are all in one place, so it has no volume",
+    "collinear_points": "its Gaussians lie on a line, so it has no volume",
+    "flat_points": "its Gaussians lie in a plane, so it has no volume",
+    "not_finite": "its Gaussians are not finite, so it has no volume",
 }
 
 

@@ -4,9 +4,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from finished_scene import finished_workspace
 from tiny_plant import FILM, OPTIONS, ROOT, in_shell
 
 from cotton3dg.options import resolve
+from cotton3dg.report.page import make_report
 from cotton3dg.stages.simulate import simulate
 from cotton3dg.workspace import Workspace
 
@@ -35,4 +37,19 @@ def first_run(filmed, tmp_path_factory) -> tuple[Workspace, str]:
 def tiny_plant(first_run, tmp_path) -> Workspace:
     """A copy of the finished plant that may be changed."""
     shutil.copytree(first_run[0].root, tmp_path / "plant_017")
+    return Workspace(tmp_path / "plant_017")
+
+
+@pytest.fixture(scope="session")
+def reported(tmp_path_factory) -> Workspace:
+    """A plant made by code, with its page; tests must not change it."""
+    workspace = finished_workspace(tmp_path_factory.mktemp("batch") / "plant_017")
+    make_report(workspace)
+    return workspace
+
+
+@pytest.fixture
+def reported_copy(reported, tmp_path) -> Workspace:
+    """A copy that may be changed."""
+    shutil.copytree(reported.root, tmp_path / "plant_017")
     return Workspace(tmp_path / "plant_017")

@@ -81,6 +81,10 @@ class Browser:
         theme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._ask("Emulation.setEmulatedMedia", features=[theme])
 
+    def on_paper(self, *, on: bool = True) -> None:
+        """Show the page as it is printed."""
+        self._ask("Emulation.setEmulatedMedia", media="print" if on else "")
+
     def printed(self) -> bytes:
         return base64.b64decode(self._ask("Page.printToPDF", printBackground=False)["data"])
 
@@ -123,7 +127,7 @@ class Browser:
         self.release(x, y)
 
     def key(self, name: str) -> None:
-        codes = {"Enter": 13, "ArrowRight": 39, "ArrowLeft": 37, "Tab": 9}
+        codes = {"Enter": 13, "Escape": 27, "ArrowRight": 39, "ArrowLeft": 37, "Tab": 9}
         text = {"text": "\r"} if name == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             extra = text if kind == "keyDown" else {}

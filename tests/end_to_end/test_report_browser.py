@@ -1,0 +1,207 @@
+"""The pages in a real browser, by real input events."""
+
+import numpy as np
+import pytest
+from chromium import Browser, executable
+from report_page import HOSTILE, batch_rows, fail, picture
+
+from cotton3dg.report.facts import read_facts
+from cotton3dg.report.index import index_page
+from cotton3dg.report.page import make_report
+from cotton3dg.workspace import Workspace
+
+pytestmark = pytest.mark.skipif(
+    executable() is None, reason="no Chromium; apt-get install chromium, or name one in COTTON3DG_CHROMIUM"
+)
+
+
+def test_the_page_works_in_a_browser(reported, tmp_path):
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(reported.report_html)
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+        # The 3D view draws: the plant's and the bolls' colours are in it.
+        drawn = picture(browser.screenshot("#scene"))
+        assert len(np.unique(drawn.reshape(-1, 3) // 32, axis=0)) > 20
+
+        # Pointing at a boll tells its volume, a click chooses its row and shows its cut-outs.
+        x0, y0 = browser.middle("#scene")
+        found = None
+        for dy in range(-220, 221, 11):
+            for dx in range(-170, 171, 11):
+                browser.move(x0 + dx, y0 + dy)
+                if browser.value("document.querySelector('tr.touched')?.dataset.boll"):
+                    found = x0 + dx, y0 + dy
+                    break
+            if found:
+                break
+        assert found, "no boll answers the pointer"
+        browser.wait("document.querySelector('#scene .hovertext')")
+        boll = browser.value("document.querySelector('tr.touched').dataset.boll")
+        told = browser.value("document.querySelector('#scene .hovertext').textContent")
+        assert f"Boll {boll}" in told
+        row = read_facts(reported).bolls[int(boll) - 1]
+        assert f"{row['volume_cm3']} ± {row['volume_error_cm3']} cm³" in told
+        browser.click(*found)
+        browser.wait(f"document.querySelector('tr.chosen')?.dataset.boll === '{boll}'")
+        assert browser.value("document.querySelectorAll('#chosen img').length") == 3
+        assert f"Boll {boll}" in browser.value("document.getElementById('chosen').textContent")
+
+        # The keyboard chooses another one.
+        other = "1" if boll != "1" else "2"
+        browser.value(f"document.querySelector('tr[data-boll=\"{other}\"] button').focus()")
+        browser.key("Enter")
+        assert browser.value("document.querySelector('tr.chosen').dataset.boll") == other
+        assert browser.value("document.querySelectorAll('tr.chosen').length") == 1
+
+        # The bolls' bodies give way to the lint, and the view turns.
+        browser.click(*browser.middle("#bodies"))
+        assert browser.value("document.getElementById('bodies').getAttribute('aria-pressed')") == "false"
+        browser.click(*browser.middle("[data-eye=top]"))
+        browser.wait("document.getElementById('scene')._fullLayout.scene._scene.getCamera().eye.z > 1.5")
+
+        # A heading sorts, and again the other way round.
+        order = "[...document.querySelectorAll('tr[data-boll]')].map(row => Number(row.cells[3].dataset.value))"
+        heading = "table.sortable th:nth-child(4) button"
+        browser.click(*browser.middle(heading))
+        heights = browser.value(order)
+        assert heights == sorted(heights)
+        browser.click(*browser.middle(heading))
+        assert browser.value(order) == heights[::-1]
+        assert browser.value("document.querySelector('th:nth-child(4)').getAttribute('aria-sort')") == "descending"
+
+        # The slider uncovers the render, by pointer and by keys.
+        x, y = browser.middle(".compare")
+        width = browser.value("document.querySelector('.compare').offsetWidth")
+        browser.press(x, y)
+        browser.move(x + 0.3 * width, y, pressed=True)
+        browser.release(x + 0.3 * width, y)
+        split = "parseFloat(document.querySelector('.compare').style.getPropertyValue('--split'))"
+        assert browser.value(split) == pytest.approx(80, abs=6)
+        before = browser.value(split)
+        browser.key("ArrowLeft")
+        assert browser.value(split) == before - 1
+
+        # A picture opens large and closes again.
+        browser.click(*browser.middle("button.zoom"))
+        assert browser.value("document.getElementById('large').open")
+        browser.click(*browser.middle("#large button"))
+        assert not browser.value("document.getElementById('large').open")
+
+        # Dark follows the system, also in 3D.
+        browser.colours(dark=True)
+        browser.wait("getComputedStyle(document.body).backgroundColor === 'rgb(20, 24, 27)'")
+        assert picture(browser.screenshot("#scene"))[5, 5].max() < 80
+        assert browser.complaints == []
+        assert [url for url in browser.requests if not url.startswith(("data:", "blob:"))] == [
+            reported.report_html.resolve().as_uri()
+        ]
+
+
+def test_small_screens_and_no_webgl(reported, tmp_path):
+    folder = reported.root.parent
+    (folder / "index.html").write_text(index_page("field", folder, batch_rows()), encoding="utf-8")
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        for page in (folder / "index.html", reported.report_html):
+            for dark in (False, True):
+                browser.open(page, 390, 800, dark=dark)
+                assert browser.value("document.documentElement.scrollWidth") <= 390
+        assert "WebGL" in browser.value("document.querySelector('.fallback').textContent")
+        browser.click(*browser.middle("tr[data-boll='2'] button"))
+        assert browser.value("document.querySelector('tr.chosen').dataset.boll") == "2"
+        assert browser.complaints == []
+
+
+LUMINANCE = """(colour => {
+    const [r, g, b] = colour.match(/[\\d.]+/g).slice(0, 3).map(v => v / 255)
+        .map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+})"""
+
+
+def test_text_is_legible_in_light_and_dark(reported, tmp_path):
+    """WCAG 2.1 asks for a contrast of 4.5."""
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(reported.report_html)
+        for dark in (False, True):
+            browser.colours(dark=dark)
+            for text, ground in (
+                ("body", "body"),
+                (".soft", ".card"),
+                (".flags strong", ".alarm, section:not(.bare)"),
+                ("th", ".long"),
+            ):
+                lights = [
+                    browser.value(f"{LUMINANCE}(getComputedStyle(document.querySelector({element!r})).{name})")
+                    for element, name in ((text, "color"), (ground, "backgroundColor"))
+                ]
+                assert (max(lights) + 0.05) / (min(lights) + 0.05) > 4.5, (dark, text)
+
+
+def test_a_keyboard_is_enough(reported, tmp_path):
+    focused = "document.activeElement"
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(reported.report_html)
+        browser.key("Tab")
+        assert browser.value(f"{focused}.textContent") == "To the table of bolls"
+        browser.key("Enter")
+        assert browser.value("location.hash") == "#bolls"
+        for _ in range(60):
+            browser.key("Tab")
+            where = browser.value(f"{focused}.closest('tr[data-boll=\"3\"]') && {focused}.tagName")
+            if where == "BUTTON":
+                browser.key("Enter")
+                break
+        assert browser.value("document.querySelector('tr.chosen').dataset.boll") == "3"
+        browser.value("document.querySelector('button.zoom').focus()")
+        browser.key("Enter")
+        assert browser.value("document.getElementById('large').open")
+        assert browser.value(f"{focused}.closest('dialog') !== null")
+        browser.key("Escape")
+        assert not browser.value("document.getElementById('large').open")
+        assert browser.value(f"{focused}.className") == "zoom"
+        assert browser.complaints == []
+
+
+def test_paper_shows_what_the_screen_shows(reported, tmp_path):
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(reported.report_html)
+        browser.on_paper()
+        shown = "(e => getComputedStyle(e).display !== 'none')(document.querySelector({!r}))"
+        for element in (".cards", "tr[data-boll]", ".compare .over", ".flags", "#walk ~ .map svg"):
+            assert browser.value(shown.format(element)), element
+        for element in (".tools", ".compare input", ".skip"):
+            assert not browser.value(shown.format(element)), element
+        assert browser.value("getComputedStyle(document.querySelector('.compare .over')).clipPath") == "none"
+        assert browser.value("document.querySelector('.scroll').scrollWidth") <= 1280
+        browser.on_paper(on=False)
+        pdf = browser.printed()
+        assert pdf.startswith(b"%PDF")
+        assert 2 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") + pdf.count(b"/Type /Page/") <= 8
+
+
+def test_a_hostile_plant_does_nothing_in_a_browser(tmp_path):
+    folder = tmp_path / "plants"
+    folder.mkdir()
+    workspace = Workspace(folder)
+    fail(workspace, "frames", HOSTILE)
+    make_report(workspace)
+    (folder / "index.html").write_text(index_page(HOSTILE, folder, batch_rows()), encoding="utf-8")
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(workspace.report_html)
+        assert browser.value("document.title") == "plants – cotton3dg"
+        assert browser.value("document.querySelector('.alarm strong').textContent") in HOSTILE
+        browser.open(folder / "index.html")
+        assert browser.value("document.title") == f"{HOSTILE} – cotton3dg"
+
+        # The index: sort by height, choose traits, find a plant by its dot.
+        order = "[...document.querySelectorAll('td[data-trait=plant_height_cm]')].map(cell => cell.dataset.value)"
+        browser.click(*browser.middle("table.sortable th:nth-child(6) button"))
+        heights = browser.value(order)
+        assert heights[-1] == ""  # the failed plant has none
+        assert [float(value) for value in heights[:-1]] == sorted(float(value) for value in heights[:-1])
+        assert browser.value("document.querySelectorAll('#scatter circle').length") == 7
+        browser.click(*browser.middle("#scatter circle.odd"))
+        assert browser.value("document.querySelector('tr.chosen th').textContent") == "sp ace/#%"
+        assert "160" in browser.value("document.getElementById('pointed').textContent")
+        assert browser.complaints == []
+        assert len([url for url in browser.requests if not url.startswith("data:")]) == 1

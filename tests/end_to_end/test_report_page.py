@@ -1,0 +1,149 @@
+"""report.html of a plant: what it tells, its size, its closedness, when it is made."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from finished_scene import UNPLACED
+from report_page import Page
+
+from cotton3dg import pipeline
+from cotton3dg.errors import BadInput
+from cotton3dg.options import STAGE_OPTIONS
+from cotton3dg.report import page as report_page
+from cotton3dg.report.advice import FLAGS, capture_advice, meaning
+from cotton3dg.report.facts import read_facts
+from cotton3dg.report.page import make_report, stale
+
+
+def test_the_page_tells_traits_flags_bolls_walk_and_stages(reported):
+    text = reported.report_html.read_text(encoding="utf-8")
+    seen = Page(text)
+    traits = read_facts(reported).traits
+    assert "plant_017" in seen.text
+    assert f"{float(traits['plant_height_cm']):.1f} cm" in seen.text
+    assert "±" in seen.text
+    for flag in ("few_frames_registered", "orbit_gap"):
+        assert FLAGS[flag].title in seen.text
+        assert FLAGS[flag].action in seen.text
+    assert [found["data-boll"] for name, found in seen.tags if "data-boll" in found] == ["1", "2", "3", "4"]
+    assert seen.count("input", type="range") == 3
+    assert "16 of 17 frames could be placed" in seen.text
+    assert "330° around the plant" in seen.text
+    assert f"{UNPLACED} at 8.0 s" in text
+    for stage in STAGE_OPTIONS:
+        assert stage in seen.text
+    assert seen.text.count("321") == len(STAGE_OPTIONS)
+    scene = json.loads(re.search(r'id="scene_data">(.*?)</script>', text, re.S)[1])
+    assert [boll["id"] for boll in scene["bolls"]] == [1, 2, 3, 4]
+    centres = {row["boll_id"]: [float(row[f"{axis}_cm"]) for axis in "xyz"] for row in read_facts(reported).bolls}
+    for boll in scene["bolls"]:
+        assert boll["centre"] == pytest.approx(centres[str(boll["id"])], abs=0.3)
+
+
+def test_bodies_in_3d_have_the_measured_volumes(reported):
+    from scipy.spatial import ConvexHull
+
+    text = reported.report_html.read_text(encoding="utf-8")
+    scene = json.loads(re.search(r'id="scene_data">(.*?)</script>', text, re.S)[1])
+    volumes = {row["boll_id"]: float(row["volume_cm3"]) for row in read_facts(reported).bolls}
+    for boll in scene["bolls"]:
+        axes = [np.frombuffer(base64.b64decode(axis), np.float32) for axis in boll["corners"]]
+        assert ConvexHull(np.stack(axes, 1)).volume == pytest.approx(volumes[str(boll["id"])], rel=1e-3)
+
+
+def test_the_page_is_small_closed_and_accessible(reported):
+    assert reported.report_html.stat().st_size < 15e6
+    text = reported.report_html.read_text(encoding="utf-8")
+    seen = Page(text)
+    (policy,) = [found["content"] for name, found in seen.tags if "http-equiv" in found]
+    assert policy.startswith("default-src 'none'; img-src data: blob:;")
+    assert "unsafe" not in policy.partition("script-src")[2]
+    for tag, found in seen.tags:
+        for key in ("src", "href"):
+            assert (found.get(key) or "data:").startswith(("data:", "#")), (tag, found)
+        assert not [key for key in found if key.startswith("on")]
+    assert all("alt" in found for tag, found in seen.tags if tag == "img")
+    assert seen.count("html", lang="en") == seen.count("h1") == seen.count("main") == 1
+    assert all("aria-label" in found for tag, found in seen.tags if tag in ("input", "svg"))
+
+
+def test_every_flag_of_the_stages_has_words():
+    source = "".join(path.read_text() for path in Path(pipeline.__file__).parent.glob("stages/*.py"))
+    source += "".join(path.read_text() for path in Path(pipeline.__file__).parent.glob("plant/*.py"))
+    appended = set(re.findall(r'(?<!doubts )flags(?:\.append\(| \+= \()"([a-z_]+)"', source))
+    assert len(appended) > 10
+    assert appended <= FLAGS.keys(), appended - FLAGS.keys()
+    assert meaning("new_flag").title == "new flag"
+
+
+@pytest.mark.parametrize(
+    ("found", "good", "text"),
+    [
+        ({"on": False, "spread_pct": 0.22, "error_pct": 0.15, "visible_from_pct": 1.0}, True, "steady: 0.2 % (± 0.1"),
+        ({"on": True, "spread_pct": 7.8, "error_pct": 0.2, "visible_from_pct": 1.0}, False, "drifted by 7.8 % (± 0.2"),
+        ({"on": False, "spread_pct": 0.0, "error_pct": None, "visible_from_pct": 1.0}, True, "steady"),
+    ],
+)
+def test_the_evidence_for_effects_is_shown(reported, found, good, text):
+    facts = replace(read_facts(reported), effects={"exposure": found})
+    (item,) = [item for item in capture_advice(facts) if item.topic == "Exposure"]
+    assert item.good is good
+    assert text in item.text
+
+
+def test_a_forced_effect_needs_no_evidence(reported):
+    facts = replace(read_facts(reported), effects={"exposure": {"option": "off", "on": False}})
+    assert "Exposure" not in {item.topic for item in capture_advice(facts)}
+
+
+def test_advice_names_what_this_video_lacks(reported):
+    facts = read_facts(reported)
+    advice = {item.topic: item for item in capture_advice(facts, [8.0, 9.0, 40.0])}
+    assert not advice["Walk"].good
+    assert "widest gap is 45°" in advice["Walk"].text
+    assert not advice["Placed frames"].good
+    assert not advice["Distance"].good
+    assert not advice["Sharpness"].good
+    assert "from 7.0 to 8.0 s" in advice["Sharpness"].text
+    assert advice["Light"].good
+    assert advice["Table"].good
+    states = [item.good for item in capture_advice(facts)]
+    assert states == sorted(states)
+
+
+def test_run_makes_the_page_once_and_never_fails_by_it(reported_copy, monkeypatch):
+    class Ears(pipeline.Watcher):
+        def __init__(self):
+            self.heard = []
+
+        def reported(self, remark):
+            self.heard.append(remark)
+
+    def run(**keywords):
+        ears = Ears()
+        pipeline.run(reported_copy, pipeline.stage_options(reported_copy), ("cluster",), watcher=ears, **keywords)
+        return ears.heard
+
+    assert stale(reported_copy) is False
+    assert run() == run(report=True) == []
+    with reported_copy.report_html.open("a") as file:
+        file.write("changed by hand")
+    (remark,) = run(report=True)
+    assert remark == f"see {reported_copy.report_html}"
+    assert run(report=True) == []
+    reported_copy.report_html.unlink()
+    monkeypatch.setattr(report_page, "plant_page", lambda *_: 1 / 0)
+    (remark,) = run(report=True)
+    assert "warning: could not be made (division by zero)" in remark
+
+
+def test_a_page_of_somebody_else_is_never_replaced(reported_copy):
+    reported_copy.report_html.write_text("mine")
+    with pytest.raises(BadInput, match="was not made by it"):
+        make_report(reported_copy)
+    assert reported_copy.report_html.read_text() == "mine"

@@ -90,7 +90,7 @@ def test_a_renamed_option_is_noticed():
         assert refused(command), command
     assert not refused("scale plant_017 --method all --marker-cm 10")
     assert not refused("train --help")
-    assert sum(len(list(commands(block.lines))) for page in PAGES for block in blocks(page)) > 60
+    assert sum(len(list(commands(block.lines))) for page in PAGES for block in blocks(page)) > 50
     assert list(commands(["a && cotton3dg run x || [ $? = 8 ] # cotton3dg no", "x | make y"])) == [
         ["cotton3dg", "run", "x"],
         ["make", "y"],

@@ -24,7 +24,7 @@ COLUMNS = (
     Column("plant_psnr_db", "dB", "psnr_db over the plant region", 2),
     Column("plant_ssim", "1", "ssim over the plant region", 4),
     Column("full_psnr_db", "dB", "plant_psnr_db of the same model at full size, at most 960 px: the same for all", 2),
-    Column("fps", "1/s", "images of the training's size rendered in a second, on all cores", 1),
+    Column("fps", "1/s", "images of the training's size rendered in a second: number of cores over processor time", 1),
     Column("n_gaussians", "1", "Gaussians of the model"),
     Column("n_frames", "1", "images taken from the video"),
     Column("boll_count", "1", "open bolls found"),

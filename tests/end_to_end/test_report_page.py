@@ -96,9 +96,30 @@ def test_the_evidence_for_effects_is_shown(reported, found, good, text):
     assert text in item.text
 
 
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (
+            {"on": False, "rise_pct": -0.001, "needed_from_pct": 0.1, "corner_px": 0.4},
+            "Straight: a distortion explains 0.00 %",
+        ),
+        (
+            {"on": True, "rise_pct": 1.9, "needed_from_pct": 0.1, "corner_px": 15.2},
+            "by 15.2 px in the corners; corrected",
+        ),
+    ],
+)
+def test_what_was_found_about_the_lens_is_shown(reported, found, text):
+    facts = replace(read_facts(reported), effects={"distortion": found})
+    (item,) = [item for item in capture_advice(facts) if item.topic == "Lens"]
+    assert item.good
+    assert text in item.text
+
+
 def test_a_forced_effect_needs_no_evidence(reported):
-    facts = replace(read_facts(reported), effects={"exposure": {"option": "off", "on": False}})
-    assert "Exposure" not in {item.topic for item in capture_advice(facts)}
+    forced = {"exposure": {"option": "off", "on": False}, "distortion": {"option": "on", "on": True}}
+    facts = replace(read_facts(reported), effects=forced)
+    assert {"Exposure", "Lens"}.isdisjoint(item.topic for item in capture_advice(facts))
 
 
 def test_advice_names_what_this_video_lacks(reported):

@@ -32,5 +32,5 @@ def in_shell(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=1500,  # a busy machine must not fail what works
     )

@@ -9,7 +9,7 @@ SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 l
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test browser-test hard-cases sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test browser-test batch-test slurm-test kill-test hard-cases sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -43,6 +43,19 @@ test: setup ## all tests
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
 	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py
+
+batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
+	rm -rf results/fifty && mkdir -p results
+	$(BIN)/python tests/stress/fifty_plants.py results/fifty
+
+kill-test: setup ## a hundred runs killed at random over one plant; 20 CPU-minutes
+	rm -rf results/killed && mkdir -p results
+	$(BIN)/python tests/hard_cases/killed_runs.py kill results/killed --kills 100
+
+slurm-test: setup ## four plants through a real Slurm of one node, installed if it may (Debian, as root)
+	@command -v slurmctld >/dev/null && command -v munged >/dev/null || { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends slurm-wlm munge; }
+	rm -rf results/slurm && mkdir -p results
+	$(BIN)/python tests/stress/slurm_cluster.py results/slurm
 
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py

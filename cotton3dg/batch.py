@@ -308,7 +308,8 @@ def _reason(name: str, code: int, said: str) -> str:
         cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
         return f"ended by signal {-code}{cause}"
     lines = [line.strip() for line in said.splitlines() if line.strip()]
-    return lines[-1].removeprefix(f"{name}: ") if lines else "no reason was given; see its run.log"
+    printed = " ".join(name.split())  # on one line, whatever the folder is called
+    return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
 
 
 def _value(cell: str, column: Column) -> Any:

@@ -62,8 +62,7 @@ def _reported(plant_dir: Path) -> Iterator[None]:
     try:
         yield
     except Cotton3dgError as error:
-        message = " ".join(str(error).split())
-        typer.echo(f"{plant_dir.resolve().name}: {message}", err=True)
+        typer.echo(" ".join(f"{plant_dir.resolve().name}: {error}".split()), err=True)
         raise typer.Exit(error.exit_code) from error
     except KeyboardInterrupt as error:
         typer.echo(f"{plant_dir.resolve().name}: interrupted; the same command continues", err=True)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-OVERNIGHT = "Fifty plants overnight"
-
 CORE, GEOMETRY = range(1, 30), range(30, 39)
 """Numbers that have to be tested, as do 53 and 54; those between may wait for the issue that builds them."""
 
@@ -40,6 +38,7 @@ VIDEO = "tests/unit/test_video.py::"
 IMAGES = "tests/unit/test_images.py::"
 RESUME = "tests/hard_cases/test_resume.py::"
 WORKSPACE = "tests/unit/test_workspace.py::"
+FOLDERS = "tests/hard_cases/test_hostile_folders.py::"
 KILLS = "tests/hard_cases/test_killed_runs.py::"
 CLIPS = "tests/hard_cases/test_damaged_clips.py::"
 SAVES = "tests/hard_cases/test_interrupted_saves.py::"
@@ -252,6 +251,8 @@ CASES = (
     )),
     Case(44, "hostile file names", "only names, never options, patterns or commands", (
         VIDEO + "test_hostile_names_are_only_names",
+        FOLDERS + "test_case_44_hostile_folders_are_only_folders",
+        FOLDERS + "test_case_44_relative_names_that_look_like_options_reach_the_run_as_names",
     )),
     Case(45, "hostile PLY", "sizes checked before memory is taken, values checked", (
         "tests/unit/test_ply.py::test_hostile_files_are_refused",
@@ -292,7 +293,9 @@ CASES = (
     Case(52, "two processes, one folder", "the second leaves with a message; a dead holder holds nothing", (
         WORKSPACE + "test_the_lock_excludes_and_dies_with_its_holder",
         "tests/unit/test_pipeline.py::test_a_second_process_is_turned_away",
-    ), f"a hundred races: {OVERNIGHT}"),
+        FOLDERS + "test_case_52_in_a_hundred_races_whoever_is_in_is_alone",
+        FOLDERS + "test_case_52_of_two_runs_of_one_plant_one_is_turned_away_or_waits",
+    )),
     Case(53, "options at their ends, intervals of zero", "the ends work, what lies beyond is refused by name", (
         "tests/hard_cases/test_option_bounds.py::"
         "test_case_53_the_bound_is_accepted_and_what_lies_beyond_is_refused",

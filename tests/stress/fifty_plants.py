@@ -120,7 +120,7 @@ def check(folder: Path, n_sound: int) -> None:
     for row in table[: len(BROKEN)]:
         assert row["reason"] and BROKEN[row["folder"]] in row["reason"], row
         print(f"  {row['folder']}: exit code {row['exit_code']}: {row['reason']}")
-    assert all(row["boll_count"] and row["plant_height_cm"] for row in table[len(BROKEN) :])
+    assert all(row["boll_count"] for row in table[len(BROKEN) :])
 
 
 def main() -> None:

@@ -132,6 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     root = parser.parse_args().folder.absolute()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))  # so that the daemons are stopped, too
     field = root / "field"
     for name in PLANTS:
         (field / name).mkdir(parents=True)
@@ -143,18 +144,18 @@ def main() -> None:
     with cluster(root / "slurm"):
         done = batch(field, *jobs, "--retry", "1")
         assert done.returncode == 0, done.stderr
-        print(done.stdout.strip())
+        print(done.stdout.strip(), flush=True)
         until(lambda: pid_of_run(field / "p2_killed"), "p2 runs")
         os.kill(pid_of_run(field / "p2_killed") or 0, signal.SIGKILL)
-        print("p2_killed: its run got SIGKILL")
+        print("p2_killed: its run got SIGKILL", flush=True)
         until(lambda: pid_of_run(field / "p3_requeued"), "p3 runs")
         batch(field, "--status")
         job = rows(field)["p3_requeued"]["reason"].split()[1]
         said("scontrol", "requeue", job)
-        print(f"p3_requeued: job {job} was put back into the queue: {rows(field)['p3_requeued']['reason']}")
+        print(f"p3_requeued: job {job} was put back into the queue: {rows(field)['p3_requeued']['reason']}", flush=True)
         until(lambda: not said("squeue", "-h"), "all jobs end")
         done = batch(field, "--status")
-        print(done.stdout.strip())
+        print(done.stdout.strip(), flush=True)
         found = rows(field)
         assert {name: row["state"] for name, row in found.items()} == {
             name: "failed" if name == "p4_broken" else "done" for name in PLANTS

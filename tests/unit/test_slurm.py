@@ -2,10 +2,13 @@
 
 import csv
 import json
+import os
 import pickle
+import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -167,3 +170,21 @@ def test_the_size_of_arrays_is_asked_for(monkeypatch):
 def test_a_slurm_that_does_not_answer_is_told():
     with pytest.raises(EnvironmentUnusable, match=r"false fails .*; start it where"):
         slurm._said_by("false")
+
+
+def test_the_example_of_a_plain_array_runs_each_plant_once(tmp_path):
+    script = Path(__file__).parents[2] / "examples" / "slurm_array.sh"
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    sbatch = 'for n in 0 1 2; do echo "$@" >> sbatch_said; SLURM_ARRAY_TASK_ID=$n bash "$3" "$4"; done'
+    for name, text in (("sbatch", sbatch), ("cotton3dg", 'echo "$@"')):
+        (tools / name).write_text(f"#!/bin/bash\n{text}\n")
+        (tools / name).chmod(0o755)
+    plants = [make_plant(tmp_path / "field", name) for name in ("a", "b c", "$(touch x)")]
+    environment = os.environ | {"PATH": f"{tools}:{os.environ['PATH']}"}
+    environment.pop("SLURM_ARRAY_TASK_ID", None)
+    subprocess.run(["bash", str(script), "field", "--partition=short"], cwd=tmp_path, env=environment, check=True)
+    assert (tmp_path / "sbatch_said").read_text().startswith(f"--array=0-2 --partition=short {script} ")
+    for plant in plants:
+        assert (plant / "slurm.log").read_text() == f"run {plant} --wait\n"
+    assert not (tmp_path / "x").exists()

@@ -29,14 +29,24 @@ ALIKE = 8
 ones."""
 
 
+NEAR_CLAMP = 1.5
+"""Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
+
+
 def measure_bolls(
-    drawn: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, foot: Float64 | None, pixel_su: float = 0.0
+    drawn: Gaussians,
+    bolls: Sequence[BollInstance],
+    scale: Scale | None,
+    foot: Float64 | None,
+    pixel_su: float = 0.0,
+    clamp_cm: float = 0.0,
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
 
     Args:
         drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
         pixel_su: width of a pixel of the training images at the plant.
+        clamp_cm: height of the clamp that holds the plant.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
@@ -54,6 +64,8 @@ def measure_bolls(
         centre = np.full(3, np.nan)
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
+        doubts = [*boll.flags, volume.reason or ""]
+        doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         traits.append(
             BollTraits(
                 boll_id=boll.boll_id,
@@ -64,7 +76,7 @@ def measure_bolls(
                 n_gaussians=len(boll.indices),
                 n_views=len(boll.views),
                 confidence=boll.confidence,
-                flags=(*boll.flags, *((volume.reason,) if volume.reason else ())),
+                flags=tuple(doubt for doubt in doubts if doubt),
                 volume_error_cm3=volume.value * cm**3 * volume_error(diameter.value, len(boll.views), scale, pixel_su),
                 projected_area_cm2=projected_area(body).value * cm**2,
             )

@@ -18,8 +18,6 @@ EXPOSURE_RATIO = 1.6
 """Brightest to darkest frame; two thirds of an aperture stop."""
 WIDE_GAP_DEG = 20.0
 FEW_SECONDS = 15.0
-LOW = 1.5
-"""Height of a boll, in heights of the clamp, below which it may be the clamp."""
 WEAK_EDGE = 0.6
 """Share of a table edge that is found in the photos."""
 
@@ -149,6 +147,7 @@ BOLL_FLAGS = {
     "large": "much larger than the others: perhaps two bolls in one",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
+    "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
     "too_few_points": "too few Gaussians for a body, so it has no volume",
     "coincident_points": "its Gaussians are all in one place, so it has no volume",
     "collinear_points": "its Gaussians lie on a line, so it has no volume",
@@ -171,14 +170,10 @@ def meaning(flag: str) -> Meaning:
     return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
 
 
-def boll_doubts(row: Mapping[str, str], tube_height_cm: float) -> str:
-    """The flags of a boll in words, and whether it is as low as the clamp, whose gleam may pass for lint."""
+def boll_doubts(row: Mapping[str, str]) -> str:
+    """The flags of a boll in words."""
     flags = [flag for flag in row.get("qc_flags", "").split(";") if flag]
-    doubts = [BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags]
-    height_cm = number(row.get("z_cm"))
-    if height_cm is not None and height_cm < LOW * tube_height_cm:
-        doubts.append("as low as the clamp: perhaps no boll")
-    return "; ".join(doubts)
+    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags)
 
 
 def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:

@@ -53,12 +53,6 @@ class Facts:
         return any(item.stage == stage and item.state == "done" for item in self.stages)
 
     @property
-    def tube_height_cm(self) -> float:
-        """Of the clamp that holds the plant, as the traits stage was told."""
-        options = [item.record.get("options", {}) for item in self.stages if item.stage == "traits"]
-        return number(options[0].get("tube_height_cm")) or 0.0 if options else 0.0
-
-    @property
     def flags(self) -> list[str]:
         """Quality flags of all stages that are done, each once."""
         found = [flag for item in self.stages if item.state == "done" for flag in item.record.get("flags", [])]

@@ -131,7 +131,7 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
         return {"kind": "failed", "text": "No result"}
-    doubtful = [row for row in facts.bolls if boll_doubts(row, facts.tube_height_cm)]
+    doubtful = [row for row in facts.bolls if boll_doubts(row)]
     if {"no_masks", "no_bolls"} & set(facts.flags):
         return {"kind": "doubt", "text": "No bolls were found"}
     if "no_scale" in facts.flags:
@@ -163,7 +163,7 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     if not facts.traits:
         return []
     row = facts.traits
-    doubtful = sum(bool(boll_doubts(boll, facts.tube_height_cm)) for boll in facts.bolls)
+    doubtful = sum(bool(boll_doubts(boll)) for boll in facts.bolls)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
         value = number(row.get(column))
@@ -200,7 +200,7 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
     return [
         {
             **row,
-            "doubts": boll_doubts(row, facts.tube_height_cm),
+            "doubts": boll_doubts(row),
             "colour": "rgb({},{},{})".format(*colour_of(int(row["boll_id"]))),
             "cut_outs": cut_outs.get(int(row["boll_id"]), []),
         }

@@ -23,7 +23,7 @@ from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
 from ..plant.surface import as_drawn
 from ..workspace import Workspace
 
-VERSION = 3
+VERSION = 4
 EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
 
 
@@ -64,7 +64,8 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     if "pixel_su" not in metrics:
         raise BadInput("metrics.json does not say how large a pixel was; run `cotton3dg train` again")
     drawn = as_drawn(gaussians, metrics["pixel_su"])
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, metrics["pixel_su"])
+    foot = plant.foot if plant else None
+    boll_traits = measure_bolls(drawn, bolls, scale, foot, metrics["pixel_su"], options.tube_height_cm)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
     traits = summarise_plant(boll_traits, silhouette, scale, metrics["pixel_su"])
     flags += traits.flags

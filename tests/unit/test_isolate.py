@@ -115,6 +115,16 @@ def test_bolls_have_their_volume_place_and_diameter():
         assert boll.n_views == 2
 
 
+def test_bolls_as_low_as_the_clamp_are_flagged():
+    gaussians, labels = plant_scene()
+    foot = POSE.scene(FOOT_CM[None])[0]
+    heights = BOLLS_CM[:, 2] - FOOT_CM[2]
+    clamp_cm = np.sort(heights)[:2].mean() / 1.5
+    traits = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot, clamp_cm=clamp_cm)
+    assert [boll.flags == ("near_clamp",) for boll in traits] == (heights == heights.min()).tolist()
+    assert not any(boll.flags for boll in measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot))
+
+
 def test_without_a_scale_only_counts_are_given():
     gaussians, labels = plant_scene()
     traits = measure_bolls(gaussians, bolls_of(gaussians, labels), None, None)

@@ -17,6 +17,7 @@ NOT_RUN = {
     "--backend sam": "needs weights",
     "--backend grounded-sam": "needs weights",
     "masks-train": "needs ultralytics",
+    "--time-budget": "measures the machine; tests/end_to_end/test_study_run.py does it",
     "simulate": "takes longer than the rest; this plant was made by it",
 }
 PAGES = ["README.md", *(f"docs/{name}.md" for name in (

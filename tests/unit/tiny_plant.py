@@ -13,6 +13,7 @@ count = 32
 [train]
 max_side = 320
 steps = 300
+sh_degree = 1
 max_gaussians = 15000
 [masks]
 views = 16

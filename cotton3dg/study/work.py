@@ -146,9 +146,11 @@ class Study:
             # What a training passed through is not what it ended with, although the options are the same.
             if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
                 continue
-            donor = next((donor for donor in donors if not self._is_due(donor, setting, stage)), None)
-            if donor:
-                donor.share_result(stage, workspace)
+            read = workspace.hashes(*pipeline.stage_module(stage).inputs(workspace))
+            for donor in donors:
+                if not self._is_due(donor, setting, stage) and (donor.read_record(stage) or {})["inputs"] == read:
+                    donor.share_result(stage, workspace)
+                    break
         return workspace
 
     @staticmethod

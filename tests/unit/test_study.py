@@ -114,7 +114,16 @@ def test_what_the_plants_own_run_has_finished_is_not_repeated(plant, stages):
     assert plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES)) == before
 
 
-@pytest.mark.parametrize("after", [0, 3, 9, 12, 14])
+def test_each_setting_gets_what_was_made_from_its_own_images(plant, stages):
+    pipeline.run(plant, pipeline.stage_options(plant))
+    stages.ran.clear()
+    # The cameras of both presets have the same options, but other images.
+    rows, _ = study(plant, ["preset=standard"])
+    assert stages.ran == list(pipeline.STAGES)
+    assert rows["preset", "standard"]["state"] == "done"
+
+
+@pytest.mark.parametrize("after", [0, 9, 14])
 def test_an_interrupted_study_resumes(plant, stages, tmp_path, after):
     stages.interrupt_after = after
     with pytest.raises(KeyboardInterrupt):

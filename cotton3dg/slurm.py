@@ -27,8 +27,8 @@ LOG, OUTCOME = "slurm.log", "records/batch.json"
 """In the plant's folder."""
 
 DEFAULTS: dict[str, Any] = {"time": 120, "cpus_per_task": 2, "mem": "4G"}
-"""As sbatch calls them, time in minutes. Several times what a plant takes at the standard preset; a run that needs longer
-is queued again."""
+"""As sbatch calls them, time in minutes. Several times what a plant takes at the standard preset; what needs longer is
+queued again."""
 MOST_TIMEOUTS = 10
 MAX_ARRAY_SIZE = 1001
 """Slurm's default, where it does not say."""

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import runpy
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from tiny_plant import ROOT, in_shell
 
 from cotton3dg.files.images import read_image
 from cotton3dg.files.tables import TRAITS
-from cotton3dg.options import read_toml, resolve
+from cotton3dg.options import SimulateOptions, read_toml, resolve
 
 EXAMPLES = ROOT / "examples"
 
@@ -100,6 +101,16 @@ def test_picture(tiny_plant, tmp_path):
     assert done.returncode == 0, done.stderr
     height, width, _ = read_image(tmp_path / "picture.jpg").shape
     assert height == pytest.approx(width * 9 / 16, abs=4)
+
+
+def test_filming_pictures():
+    example = runpy.run_path(str(EXAMPLES / "filming_pictures.py"))
+    options = SimulateOptions(seed=11, bolls=2, frames=40, width=96, height=54)
+    name, picture = next(example["pictures"](options))
+    assert name == "good"
+    assert picture.shape == (54, 96, 3)
+    assert picture.std() > 10
+    assert (example["walk"](360) < 100).sum() > (example["walk"](190) < 100).sum()
 
 
 def test_options_file():

@@ -29,7 +29,7 @@ COLOURS = (
     (160, 160, 20),
     (20, 170, 190),
 )
-ROUND_SECONDS = tuple(mantissa * 10**power for power in range(-1, 6) for mantissa in (1, 2, 5))
+ROUND_SECONDS = tuple(mantissa * 10**power for power in range(-1, 6) for mantissa in (1, 2, 3, 4, 5, 7))
 
 
 @dataclass(frozen=True)

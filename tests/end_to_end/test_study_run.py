@@ -24,7 +24,7 @@ def command(*arguments):
 def run(cache, *arguments):
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
     return subprocess.run(
-        command(*arguments), capture_output=True, text=True, check=False, env=environment, timeout=300
+        command(*arguments), capture_output=True, text=True, check=False, env=environment, timeout=900
     )
 
 

@@ -24,6 +24,8 @@ from .errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK = ".cotton3dg"
 """Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
+FULL_BELOW_BYTES = 2**20
+"""No stage can work with less."""
 
 
 class Workspace:
@@ -291,6 +293,11 @@ class Workspace:
                 partial.rename(final)
                 _fsync(final.parent)
                 shutil.rmtree(old, ignore_errors=True)
+        except (RuntimeError, ValueError) as error:
+            # What libraries say on a full disk can be anything.
+            if shutil.disk_usage(self.root).free >= FULL_BELOW_BYTES:
+                raise
+            raise _full(self.root) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
@@ -398,7 +405,7 @@ def explained_disk_errors(root: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise OutOfResources(f"the disk that holds {root} is full; free some space and run again") from error
+            raise _full(root) from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise EnvironmentUnusable(
                 f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
@@ -419,6 +426,10 @@ def _link_file(source: Path | str, target: Path | str) -> None:
         os.link(Path(source).resolve(), target)
     except OSError:
         shutil.copy2(source, target)
+
+
+def _full(root: Path) -> OutOfResources:
+    return OutOfResources(f"the disk that holds {root} is full; free some space and run again")
 
 
 def write_text_atomically(path: Path, text: str) -> None:

@@ -283,7 +283,10 @@ CASES = (
     Case(50, "disk full", "the old file stays; a clear error", (
         WORKSPACE + "test_disk_errors_are_explained",
         SAVES + "test_case_50_a_disk_that_is_full_at_any_boundary_is_told_and_costs_nothing_old",
+        WORKSPACE + "test_whatever_a_library_says_on_a_full_disk_is_explained",
         "tests/unit/test_needs.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start",
+        "tests/hard_cases/test_full_disk.py::"
+        "test_case_50_on_a_full_disk_a_stage_ends_with_a_reason_and_the_old_result_stays",
     )),
     Case(51, "resume differs from a straight run", "the same bits from any step on one machine and build", (
         RESUME + "test_case_51_resume_from_any_step_ends_in_the_same_bits",

@@ -4,6 +4,7 @@ import errno
 import json
 import multiprocessing
 import os
+import shutil
 
 import pytest
 
@@ -144,3 +145,13 @@ def test_a_read_only_folder_is_explained(workspace):
     writer.join(30)
     assert not answers.empty()
     assert "no permission to write" in answers.get()
+
+
+@pytest.mark.parametrize(("free", "error"), [(1000, OutOfResources), (10**9, RuntimeError)])
+def test_whatever_a_library_says_on_a_full_disk_is_explained(workspace, monkeypatch, free, error):
+    """pycolmap: "No registered database factory succeeded"."""
+    usage = shutil.disk_usage(workspace.root)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=free))
+    with pytest.raises(error), workspace.writing("frames"):
+        raise RuntimeError("No registered database factory succeeded.")
+    assert not list(workspace.root.iterdir())

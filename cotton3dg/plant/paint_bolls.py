@@ -14,8 +14,9 @@ CORE = 1.0
 """Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
 SHARP_PX = 3.0
 """Least such distance: chroma subsampling and compression blur edges by two pixels."""
-REACH = 3.0
-"""How far masks may go beyond the silhouettes, in voxels: undersides that burs hide from most views."""
+REACH = 5.0
+"""How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
+views."""
 MARGIN = 4.0
 """Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
 ITERATIONS = 2

@@ -30,7 +30,7 @@ from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.views import View
 from ..workspace import Workspace, explained_disk_errors, json_text, replacing
 
-VERSION = 3
+VERSION = 4
 
 T = TypeVar("T")
 

@@ -230,8 +230,8 @@ def undistort(image_folder: Path, model_folder: Path, target_folder: Path) -> No
     images = target_folder / "images"
     images.mkdir(parents=True)
     if lens.params[3] == 0:
-        size, (focal, cx, cy, _) = (lens.width, lens.height), lens.params
-        pinhole = pycolmap.Camera(model="PINHOLE", width=size[0], height=size[1], params=[focal, focal, cx, cy])
+        focal, cx, cy, _ = lens.params
+        pinhole = pycolmap.Camera(model="PINHOLE", width=lens.width, height=lens.height, params=[focal, focal, cx, cy])
         for image in registered:
             shutil.copyfile(image_folder / image.name, images / image.name)
     else:

@@ -23,9 +23,10 @@ from typing import Any
 
 from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
+from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, Column, csv_text
 from .needs import OUT_OF_MEMORY
-from .workspace import Workspace, write_text_atomically
+from .workspace import Workspace
 
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
 

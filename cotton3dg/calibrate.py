@@ -18,9 +18,10 @@ from . import _native
 from .core.machine import usable_cores
 from .core.scene import Camera, Gaussians
 from .cost import Machine
+from .files.saving import json_text, write_text_atomically
 from .splat.ops import train_step
 from .splat.state import AdamState, DensityStatistics, LearningRates
-from .workspace import json_text, user_cache, write_text_atomically
+from .workspace import user_cache
 
 VERSION = 1
 """Raised when what is measured changes."""

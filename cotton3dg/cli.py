@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-import inspect
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import fields
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from . import __version__
-from .errors import SOME_FAILED, BadUsage, Cotton3dgError
+from .errors import SOME_FAILED, BadUsage
+from .flags import (
+    Force,
+    ModelDir,
+    NewFile,
+    NewFolder,
+    NoReport,
+    PlantDir,
+    Preset,
+    Set,
+    TimeBudget,
+    given,
+    parsed_overrides,
+    reported,
+    with_flags,
+)
 from .options import (
-    PRESETS,
     STAGE_OPTIONS,
     MarkersOptions,
     MasksTrainOptions,
     RenderOptions,
     SimulateOptions,
-    help_text,
 )
 
 if TYPE_CHECKING:
@@ -37,47 +47,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
-ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
-NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
-NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
-Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
-Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
-NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
-]
-
-TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
-
 
 def main() -> None:
     """Entry point of the console script."""
     app()
-
-
-@contextmanager
-def _reported(plant_dir: Path) -> Iterator[None]:
-    """Print an error as one line that starts with the plant's name, and end with its exit code."""
-    try:
-        yield
-    except Cotton3dgError as error:
-        typer.echo(" ".join(f"{plant_dir.resolve().name}: {error}".split()), err=True)
-        raise typer.Exit(error.exit_code) from error
-    except KeyboardInterrupt as error:
-        typer.echo(f"{plant_dir.resolve().name}: interrupted; the same command continues", err=True)
-        raise typer.Exit(130) from error
-
-
-def _parsed_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
-    overrides: dict[str, dict[str, Any]] = {}
-    for assignment in assignments or []:
-        key, equals, value = assignment.partition("=")
-        stage, dot, name = key.partition(".")
-        if not (equals and dot and stage in STAGE_OPTIONS):
-            raise BadUsage(f"--set {assignment}: write STAGE.OPTION=VALUE, e.g. train.steps=3000")
-        overrides.setdefault(stage, {})[name] = value
-    return overrides
 
 
 @app.callback(invoke_without_command=True)
@@ -105,9 +78,9 @@ def run(
     from . import display, pipeline
     from .workspace import Workspace
 
-    with _reported(plant_dir):
+    with reported(plant_dir):
         workspace = Workspace(plant_dir)
-        overrides, stages = _parsed_overrides(set_), pipeline.selected(from_, until)
+        overrides, stages = parsed_overrides(set_), pipeline.selected(from_, until)
         budget = None
         if time_budget:
             if preset != "standard" or stages != pipeline.STAGES:
@@ -155,9 +128,9 @@ def batch(
     from . import display, pipeline, slurm
     from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, saved_results
 
-    with _reported(folder):
+    with reported(folder):
         plants = find_plants(folder)
-        pipeline.stage_options(None, preset, _parsed_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
+        pipeline.stage_options(None, preset, parsed_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
         arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
         arguments += ["--no-report"] if no_report else []
         tell = partial(typer.echo, err=True)
@@ -193,9 +166,9 @@ def status(
     from . import display, pipeline
     from .workspace import Workspace
 
-    with _reported(plant_dir):
+    with reported(plant_dir):
         workspace = Workspace(plant_dir)
-        entries = pipeline.status(workspace, pipeline.stage_options(workspace, preset, _parsed_overrides(set_)))
+        entries = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parsed_overrides(set_)))
         if as_json:
             typer.echo(json.dumps(entries, indent=1))
         else:
@@ -219,7 +192,7 @@ def doctor(
         from .calibrate import calibrate as measure
         from .calibrate import described
 
-        with _reported(folder):
+        with reported(folder):
             typer.echo(described(measure()), err=as_json)
     findings = examine(folder)
     if as_json:
@@ -236,7 +209,7 @@ def clean(plant_dir: PlantDir) -> None:
     from .clean import clean as drop
     from .workspace import Workspace
 
-    with _reported(plant_dir):
+    with reported(plant_dir):
         dropped = drop(Workspace(plant_dir))
         rest = "" if dropped.finished else "; the plant is not finished, so its images stay"
         typer.echo(f"{dropped.n_files} files dropped, {dropped.n_bytes / 2**20:.1f} MiB free{rest}")
@@ -248,7 +221,7 @@ def report(plant_dir: PlantDir) -> None:
     from .report.page import make_report
     from .workspace import Workspace
 
-    with _reported(plant_dir):
+    with reported(plant_dir):
         workspace = Workspace(plant_dir)
         with workspace.locked():
             typer.echo(f"saved as {make_report(workspace)}")
@@ -271,7 +244,7 @@ def evaluate(
     from .evaluate_tables import evaluate_tables, evaluation_text, write_evaluation
     from .workspace import Workspace
 
-    with _reported(measured):
+    with reported(measured):
         if measured.is_file():
             if truth is None:
                 raise BadUsage("the table of the truth is not given; add --truth TRUTH.csv")
@@ -310,13 +283,13 @@ def study(
     from .study.work import Study, film_standard_plant
     from .workspace import Workspace
 
-    with _reported(plant_dir), display.ProgressDisplay() as watcher:
+    with reported(plant_dir), display.ProgressDisplay() as watcher:
         sweeps, budget_s = sweeps_of(sweep), seconds_of(time_budget or "1000h")
         if standard:
             film_standard_plant(plant_dir, watcher.watched("simulate"))
         plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
         work = Study(
-            plant, preset, _parsed_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
+            plant, preset, parsed_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
         )
         typer.echo(f"{summary(work.run(sweeps))}\nsaved in {plant.study_csv.parent}")
 
@@ -328,13 +301,13 @@ def _stage_command(stage: str) -> Callable[..., None]:
         from . import display, pipeline
         from .workspace import Workspace
 
-        with _reported(plant_dir):
+        with reported(plant_dir):
             workspace = Workspace(plant_dir)
-            options = pipeline.stage_options(workspace, preset, {stage: _given(flags)})
+            options = pipeline.stage_options(workspace, preset, {stage: given(flags)})
             with display.ProgressDisplay() as watcher:
                 pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
 
-    return _with_flags(
+    return with_flags(
         command, STAGE_OPTIONS[stage], plant_dir=PlantDir, preset=(Preset, "standard"), force=(Force, False)
     )
 
@@ -343,8 +316,8 @@ def _simulate(folder: Path, **flags: Any) -> None:
     from . import display, options
     from .stages.simulate import simulate
 
-    with _reported(folder), display.ProgressDisplay() as watcher:
-        simulate(folder, options.resolve("simulate", _given(flags)), watcher.watched("simulate"))
+    with reported(folder), display.ProgressDisplay() as watcher:
+        simulate(folder, options.resolve("simulate", given(flags)), watcher.watched("simulate"))
 
 
 def _render(plant_dir: Path, **flags: Any) -> None:
@@ -352,8 +325,8 @@ def _render(plant_dir: Path, **flags: Any) -> None:
     from .stages.render import render
     from .workspace import Workspace
 
-    with _reported(plant_dir):
-        workspace, chosen = Workspace(plant_dir), options.resolve("render", _given(flags))
+    with reported(plant_dir):
+        workspace, chosen = Workspace(plant_dir), options.resolve("render", given(flags))
         with display.ProgressDisplay() as watcher:
             record = render(workspace, chosen, watcher.watched("render"))
         display.print_render(record, workspace.root)
@@ -363,8 +336,8 @@ def _masks_train(folder: Path, **flags: Any) -> None:
     from . import display, options
     from .stages.masks_train import train
 
-    with _reported(folder):
-        chosen = options.resolve("masks-train", _given(flags))
+    with reported(folder):
+        chosen = options.resolve("masks-train", given(flags))
         with display.ProgressDisplay() as watcher:
             typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
 
@@ -376,7 +349,7 @@ def masks_export(plant_dir: PlantDir) -> None:
     from .stages.masks_export import export
     from .workspace import Workspace
 
-    with _reported(plant_dir):
+    with reported(plant_dir):
         typer.echo(f"saved as {export(Workspace(plant_dir))}")
 
 
@@ -384,39 +357,16 @@ def _markers(file: Path, **flags: Any) -> None:
     from . import options
     from .stages.markers import print_markers
 
-    with _reported(file):
-        typer.echo(print_markers(file, options.resolve("markers", _given(flags))))
-
-
-def _given(flags: dict[str, Any]) -> dict[str, Any]:
-    """The flags that the user gave; the others are None so that TOML and presets can speak."""
-    return {name: value for name, value in flags.items() if value is not None}
-
-
-def _with_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
-    """`command` as typer sees it: `arguments` (annotation, or annotation and default), then a flag for each option."""
-    position = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    parameters = []
-    for name, annotation in arguments.items():
-        kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
-        parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
-    kinds = get_type_hints(options)
-    for item in fields(options):
-        flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
-        annotation = Annotated[kinds[item.name] | None, flag]
-        parameters.append(inspect.Parameter(item.name, position, annotation=annotation, default=None))
-    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    command.__doc__ = options.__doc__
-    return command
+    with reported(file):
+        typer.echo(print_markers(file, options.resolve("markers", given(flags))))
 
 
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
-app.command("render", rich_help_panel="Everything")(_with_flags(_render, RenderOptions, plant_dir=PlantDir))
-app.command("masks-train", rich_help_panel="Own masks")(_with_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
-app.command("markers", rich_help_panel="Trying it out")(_with_flags(_markers, MarkersOptions, file=NewFile))
-app.command("simulate", rich_help_panel="Trying it out")(_with_flags(_simulate, SimulateOptions, folder=NewFolder))
+app.command("render", rich_help_panel="Everything")(with_flags(_render, RenderOptions, plant_dir=PlantDir))
+app.command("masks-train", rich_help_panel="Own masks")(with_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
+app.command("markers", rich_help_panel="Trying it out")(with_flags(_markers, MarkersOptions, file=NewFile))
+app.command("simulate", rich_help_panel="Trying it out")(with_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 
 if __name__ == "__main__":

@@ -56,6 +56,8 @@ class BollMatches:
     median_distance_cm: float
     median_volume_error_pct: float
     """Median over matched bolls of the absolute volume error."""
+    volume_errors_pct: tuple[float, ...] = ()
+    """Of each matched boll, with its sign; those without a volume are left out."""
 
     @property
     def recall(self) -> float:
@@ -120,7 +122,7 @@ def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray,
         measured_cm3: (M,), true_cm3: (T,) volumes.
     """
     best: tuple[int, float] = (0, math.nan)
-    volume_error_pct = math.nan
+    volume_errors_pct = np.zeros(0)
     for turn in ((1, 1, 1), (-1, -1, 1)):
         centres = measured_cm * turn
         pairs = match_bolls(centres, true_cm, MATCH_DISTANCE_CM)
@@ -129,8 +131,11 @@ def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray,
         mine, theirs = pairs.T
         best = (len(pairs), float(np.median(np.linalg.norm(centres[mine] - true_cm[theirs], axis=1))))
         relative = measured_cm3[mine] / true_cm3[theirs] - 1.0
-        volume_error_pct = float(100.0 * np.nanmedian(np.abs(relative))) if np.isfinite(relative).any() else math.nan
-    return BollMatches(len(true_cm), len(measured_cm), best[0], best[1], volume_error_pct)
+        volume_errors_pct = 100.0 * relative[np.isfinite(relative)]
+    median_pct = float(np.median(np.abs(volume_errors_pct))) if len(volume_errors_pct) else math.nan
+    return BollMatches(
+        len(true_cm), len(measured_cm), *best, median_pct, tuple(float(error) for error in volume_errors_pct)
+    )
 
 
 def _read_truth(path: Path) -> dict[str, Any]:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadInput, MissingInput
+from .files.saving import explained_disk_errors
 from .files.scatter import write_scatter
 from .files.tables import Column, csv_text
-from .workspace import explained_disk_errors
 
 ID = "plant_id"
 WEIGHT = "boll_weight_g"

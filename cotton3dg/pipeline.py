@@ -70,12 +70,14 @@ def stage_options(
 ) -> dict[str, Any]:
     """Options of every stage.
 
-    Default < preset < `chosen` by a program < TOML `defaults` < the plant's TOML < `overrides` (command line).
+    Default < preset < `chosen` by a program < TOML `defaults` < the plant's TOML < `overrides` (command line). The
+    plant's name is the folder's by default, so that a renamed folder makes the tables stale.
     """
     if preset not in PRESETS:
         raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
     files = [file for file in (defaults, workspace and workspace.options_file) if file]
-    layers = [PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files), overrides or {}]
+    named = {"traits": {"plant_id": workspace.plant_id}} if workspace else {}
+    layers = [named, PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files), overrides or {}]
     return {stage: resolve(stage, *(layer.get(stage, {}) for layer in layers)) for stage in STAGES}
 
 

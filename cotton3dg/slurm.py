@@ -19,7 +19,7 @@ from typing import Any
 
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .errors import BadUsage, EnvironmentUnusable
-from .workspace import explained_disk_errors, json_text, write_text_atomically
+from .files.saving import explained_disk_errors, json_text, write_text_atomically
 
 JOBS_FOLDER = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import hashlib
 import json
-import math
 import os
 import shutil
 from collections.abc import Iterator
@@ -19,13 +17,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from .errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
+from .errors import BadInput, EnvironmentUnusable, MissingInput
+from .files.saving import (
+    FULL_BELOW_BYTES,
+    explained_disk_errors,
+    file_sha256,
+    fsync,
+    full_disk,
+    json_text,
+    link,
+    write_text_atomically,
+)
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK = ".cotton3dg"
 """Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
-FULL_BELOW_BYTES = 2**20
-"""No stage can work with less."""
 
 
 class Workspace:
@@ -248,12 +254,12 @@ class Workspace:
         for source in (self.capture(), self.masks_input, self.scale_points):
             target = other.root / source.name
             if source.exists() and not target.exists():
-                _link(source, target)
+                link(source, target)
 
     def share_result(self, stage: str, other: Workspace) -> None:
         """Give `other` a finished stage without taking up space again; files are replaced, never changed in place."""
         with other.writing(stage) as folder:
-            _link(self.folder(stage), folder)
+            link(self.folder(stage), folder)
         record = self.read_record(stage)
         if record:
             other.write_record(stage, record)
@@ -284,20 +290,20 @@ class Workspace:
                 (partial / OWNER_MARK).touch()
                 for path in sorted(partial.rglob("*")):
                     if path.is_file():
-                        _fsync(path)
+                        fsync(path)
                 self.record_file(stage).unlink(missing_ok=True)
                 old = final.with_name(f".{final.name}.old")
                 shutil.rmtree(old, ignore_errors=True)
                 if final.exists():
                     final.rename(old)
                 partial.rename(final)
-                _fsync(final.parent)
+                fsync(final.parent)
                 shutil.rmtree(old, ignore_errors=True)
         except (RuntimeError, ValueError) as error:
             # What libraries say on a full disk can be anything.
             if shutil.disk_usage(self.root).free >= FULL_BELOW_BYTES:
                 raise
-            raise _full(self.root) from error
+            raise full_disk(self.root) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
@@ -396,87 +402,3 @@ def user_cache(name: str) -> Path:
     with explained_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder / name
-
-
-@contextmanager
-def explained_disk_errors(root: Path) -> Iterator[None]:
-    """Turn the operating system's errors about full or read-only disks into ours, with a remedy."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _full(root) from error
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            raise EnvironmentUnusable(
-                f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
-            ) from error
-        raise
-
-
-def _link(source: Path, target: Path) -> None:
-    """Make `target` the same as a file or folder by hard links, or by copies where there are none."""
-    if source.is_dir():
-        shutil.copytree(source, target, copy_function=_link_file, dirs_exist_ok=True)
-    else:
-        _link_file(source, target)
-
-
-def _link_file(source: Path | str, target: Path | str) -> None:
-    try:
-        os.link(Path(source).resolve(), target)
-    except OSError:
-        shutil.copy2(source, target)
-
-
-def _full(root: Path) -> OutOfResources:
-    return OutOfResources(f"the disk that holds {root} is full; free some space and run again")
-
-
-def write_text_atomically(path: Path, text: str) -> None:
-    """Replace `path` so that a reader or a crash sees the old text or the new one, never a part."""
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to that becomes `path`, all at once, when the block ends without an error."""
-    partial = path.with_name(f".{path.name}.partial")
-    path.parent.mkdir(exist_ok=True)
-    try:
-        yield partial
-        _fsync(partial)
-        partial.replace(path)
-        _fsync(path.parent)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def json_text(value: Any) -> str:
-    """JSON as this tool writes it: sorted, indented, without NaN (null instead)."""
-    return json.dumps(_finite(value), indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _finite(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def file_sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _fsync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

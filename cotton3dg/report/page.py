@@ -17,7 +17,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import BadInput, Cotton3dgError
-from ..workspace import Workspace, explained_disk_errors, file_sha256, write_text_atomically
+from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
+from ..workspace import Workspace
 from .advice import boll_doubts, capture_advice, meaning
 from .facts import STAGES, Facts, number, read_facts
 from .pictures import Pictures

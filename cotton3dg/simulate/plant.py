@@ -72,15 +72,16 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     """The plant of a seed.
 
     Args:
-        options: `seed`, `bolls` (0 = 8 to 20, drawn) and `clustered`, the share of the bolls that touch others near
-            the top.
+        options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
+            the top, and `stem_cm` (0 = 56 to 80, drawn).
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
     count = options.bolls or int(rng.integers(8, 21))
     diameters = np.clip(rng.normal(0.047, 0.007, count), 0.034, 0.062)
     base = np.append(rng.uniform(-0.04, 0.04, 2), 0.0)
-    stem = _stem(rng, base, rng.uniform(0.56, 0.80))
+    drawn = rng.uniform(0.56, 0.80)
+    stem = _stem(rng, base, options.stem_cm / 100 or drawn)
     branches = _branches(rng, stem, count, round(options.clustered * count))
 
     obstacles = np.concatenate([stem, *(branch.curve for branch in branches)])

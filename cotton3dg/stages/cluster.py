@@ -12,11 +12,12 @@ from ..errors import BadInput
 from ..files.bolls import boll_facts, boll_labels, read_lifted
 from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
+from ..files.saving import json_text
 from ..options import ClusterOptions
 from ..plant.dbscan import cluster_objects
 from ..plant.merge import merge_views
 from ..splat.appearance import boll_colours
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 VERSION = 1
 

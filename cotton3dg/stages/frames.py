@@ -14,9 +14,10 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import BadInput, CaptureFailed
 from ..files import images, video
+from ..files.saving import json_text, write_text_atomically
 from ..options import FramesOptions
 from ..plant import capture
-from ..workspace import Workspace, json_text, write_text_atomically
+from ..workspace import Workspace
 
 VERSION = 2
 Picture = NDArray[np.uint8]

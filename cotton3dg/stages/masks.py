@@ -23,10 +23,11 @@ from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_ids
 from ..files.prompt_table import read_prompts
+from ..files.saving import file_sha256, json_text
 from ..options import MasksOptions, as_dict
 from ..plant.detect_lint import detect_lint
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
-from ..workspace import Workspace, file_sha256, json_text
+from ..workspace import Workspace
 
 VERSION = 4
 

@@ -16,7 +16,8 @@ from ..errors import MissingInput
 from ..files.coco import coco_document
 from ..files.colmap import read_cameras
 from ..files.images import read_ids
-from ..workspace import Workspace, json_text
+from ..files.saving import json_text
+from ..workspace import Workspace
 
 
 def export(workspace: Workspace) -> Path:

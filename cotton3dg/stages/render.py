@@ -28,6 +28,7 @@ from ..files.colmap import read_cameras
 from ..files.encode import video_encoder
 from ..files.images import fitted_size, write_image
 from ..files.ply import read_gaussians
+from ..files.saving import json_text
 from ..files.scale import read_scale
 from ..options import RenderOptions, TrainOptions, as_dict
 from ..plant.camera_paths import framed, turntable, walk
@@ -35,7 +36,7 @@ from ..plant.views import azimuths, fit_orbit
 from ..splat import ops
 from ..splat.appearance import depth_colours, with_bolls
 from ..splat.metrics import to_uint8
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 QUALITY = 18
 """x264's constant rate factor; hardly to be told from the images themselves."""

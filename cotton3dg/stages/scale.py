@@ -17,6 +17,7 @@ from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_image
 from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
+from ..files.saving import json_text
 from ..files.scale import scale_facts
 from ..options import ScaleOptions, board_squares
 from ..plant.distance import scale_from_distance
@@ -26,7 +27,7 @@ from ..plant.references import NoReference, Reconciled, Reference, find_ground, 
 from ..plant.sections import scale_from_sections
 from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_table
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 VERSION = 4
 VIEWS = 40

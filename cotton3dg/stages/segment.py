@@ -19,6 +19,7 @@ from ..files.bolls import write_lifted
 from ..files.colmap import read_cameras
 from ..files.images import fitted_size, read_ids, write_image
 from ..files.ply import read_gaussians
+from ..files.saving import json_text
 from ..options import SegmentOptions
 from ..plant.affinity import neighbour_means, sample_rays, train_features
 from ..plant.lift import (
@@ -37,7 +38,7 @@ from ..plant.prompts import PromptView, prompted
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..splat.metrics import focus, to_uint8
 from ..splat.ops import accumulate_weights, render_values
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 VERSION = 3
 SHOWN_VIEWS = 4

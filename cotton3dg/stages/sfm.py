@@ -22,9 +22,10 @@ from ..files.reconstruction import (
     straightened,
     undistort,
 )
+from ..files.saving import json_text
 from ..options import SfmOptions
 from ..plant.orbit import image_pairs, orbit, out_of_view
-from ..workspace import Workspace, json_text
+from ..workspace import Workspace
 
 VERSION = 5
 

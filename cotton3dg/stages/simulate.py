@@ -18,6 +18,7 @@ from ..core.progress import Progress, silent
 from ..errors import BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
+from ..files.saving import explained_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions
 from ..simulate.camera import orbit
 from ..simulate.film import exposure_ev, filmed
@@ -25,7 +26,6 @@ from ..simulate.plant import grow_plant
 from ..simulate.render import instance_ids, lit_scene
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
-from ..workspace import explained_disk_errors, json_text, write_text_atomically
 
 FRAMES_PER_SECOND = 30
 QUALITY = 12

@@ -22,13 +22,14 @@ from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points, read_tracks
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
+from ..files.saving import explained_disk_errors, json_text, replacing
 from ..options import TrainOptions, as_dict
 from ..splat.exposure import VISIBLE, corrected, exposure
 from ..splat.fit import Fit, Training, fit
 from ..splat.initialise import starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.views import View
-from ..workspace import Workspace, explained_disk_errors, json_text, replacing
+from ..workspace import Workspace
 
 VERSION = 4
 

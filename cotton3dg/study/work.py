@@ -21,11 +21,12 @@ from ..cost import costs, footage
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluate import evaluate
 from ..files.encode import crop_video
+from ..files.saving import explained_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
 from ..options import as_dict, resolve
 from ..pipeline import STAGES, Step, Watcher
 from ..stages.simulate import simulate
-from ..workspace import Workspace, explained_disk_errors, replacing, write_text_atomically
+from ..workspace import Workspace
 from .plot import write_plot
 from .rows import empty_row, finished_row, read_json
 from .settings import PARTIAL_SHARE, Setting, settings_of

@@ -1,43 +1,49 @@
 """From masks to bolls: methods x number of views x quality of the masks, on plants whose bolls are known.
 
-    python tests/accuracy/segmentation_sweep.py PLANT ... [--methods lift] [--views 12 24 36] [--masks exact degraded]
+    python tests/accuracy/segmentation_sweep.py FOLDER PLANT ... [--methods lift] [--masks exact lint] [--minutes 25]
 
 A PLANT is a folder where `cotton3dg run` is through, with `truth.json`, `cameras.json` and `instances/` in it or in the
 folder given after a colon (RUN:TRUTH). Masks of the plant's images are made exact, degraded from these (15 % missed,
 30 % of the pairs that touch in the image merged, 5 % split, edges 1 px off; the same in every run), or taken as the
-`lint` back end made them. Every trial runs in a process of its own; nothing in the plants' folders changes.
-Prints a row a trial and their means, and keeps the rows as --csv.
+`lint` back end made them. The default method is tried with every number of views, then those of the papers with 36 and
+with four. Nothing in the plants' folders changes.
 
-A boll counts as found when its centre is within 3 cm of a true one's; model and truth are laid over each other by their
-cameras, so that neither table nor scale has a say.
+Each trial is kept in FOLDER/PLANT.csv as it ends, and not repeated while the plant's model is the same: the command
+continues after an interruption, and after --minutes of the processor, when it starts no more trials. At the end all are
+gathered in FOLDER/segmentation.csv, and their means in .md.
+
+A boll counts as found when its centre is within 3 cm of a true one's; model and truth are laid over each other by the
+points of structure from motion, so that neither table nor scale has a say. Seconds are the processor's, of segment and
+cluster; memory is the peak of the process.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import multiprocessing
 import re
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from tables import markdown
+from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_plant
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from orbit_scene import degraded_masks
 
 from cotton3dg.evaluate import MATCH_DISTANCE_CM
-from cotton3dg.files.annotations import undistorted_ids
 from cotton3dg.files.bolls import read_bolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import read_ids, write_ids
+from cotton3dg.files.saving import file_sha256, write_text_atomically
 from cotton3dg.options import ClusterOptions, SegmentOptions
 from cotton3dg.plant.match import match_bolls
 from cotton3dg.plant.views import azimuths, evenly_spaced, fit_orbit
@@ -46,35 +52,33 @@ from cotton3dg.workspace import Workspace
 
 METHODS = {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}
 """Method of segment -> of cluster."""
-MASKS = ("exact", "degraded", "lint")
+MASKS = ("lint", "exact", "degraded")
+VIEWS = (4, 8, 12, 24, 36, 48)
+PAPER_VIEWS = (36, 4)
+"""For the methods of the papers, which take up to a hundred times as long."""
+TRIAL = ["masks", "views", "method"]
 
 
-def masks_of(plant: Workspace, truth: Path, kind: str, n_views: int) -> dict[str, np.ndarray]:
-    """Image name -> ids at the size of the undistorted image, of at most n_views views around the plant."""
+@lru_cache(maxsize=len(MASKS))
+def masks_of(plant: TruePlant, kind: str) -> dict[str, np.ndarray]:
+    """Image name -> ids at the size of the undistorted image, of all views that have masks."""
+    cameras = read_cameras(plant.run.undistorted / "sparse")
     if kind == "lint":
-        files = {path.with_suffix(".jpg").name: path for path in sorted(plant.folder("masks").glob("*.png"))}
-    else:
-        indices = _source_indices(plant)
-        files = {name: truth / "instances" / f"frame_{index:04d}.png" for name, index in indices.items()}
-    cameras = [camera for camera in read_cameras(plant.undistorted / "sparse") if _has(files, camera.name)]
-    chosen = [cameras[k] for k in evenly_spaced(azimuths(cameras, fit_orbit(cameras)), n_views)]
-    ids = {camera.name: read_ids(files[camera.name]) for camera in chosen}
-    if kind != "lint":
-        ids = {c.name: undistorted_ids(Path(c.name).stem, ids[c.name], c, plant.sfm_model) for c in chosen}
-    if kind == "degraded":
-        pairs = tuple(combinations(range(1, max(int(image.max()) for image in ids.values()) + 1), 2))
-        rng = np.random.default_rng(0)
-        ids = {name: degraded_masks(pairs, image, rng) for name, image in sorted(ids.items())}
-    return ids
+        files = {camera.name: plant.run.mask_png(camera.name) for camera in cameras}
+        return {name: read_ids(path) for name, path in files.items() if path.is_file()}
+    if kind == "exact":
+        return true_masks(plant, cameras)
+    exact = masks_of(plant, "exact")
+    pairs = tuple(combinations(range(1, max(int(ids.max()) for ids in exact.values()) + 1), 2))
+    rng = np.random.default_rng(0)
+    return {name: degraded_masks(pairs, ids, rng) for name, ids in sorted(exact.items())}
 
 
-def _has(files: dict[str, Path], name: str) -> bool:
-    return name in files and files[name].is_file()
-
-
-def _source_indices(plant: Workspace) -> dict[str, int]:
-    images = json.loads(plant.frames_json.read_text(encoding="utf-8"))["images"]
-    return {image["name"]: image["source_index"] for image in images}
+def spread(plant: Workspace, masks: dict[str, np.ndarray], n_views: int) -> dict[str, np.ndarray]:
+    """The masks of at most n_views views, evenly around the plant."""
+    cameras = [camera for camera in read_cameras(plant.undistorted / "sparse") if camera.name in masks]
+    chosen = evenly_spaced(azimuths(cameras, fit_orbit(cameras)), n_views)
+    return {cameras[k].name: masks[cameras[k].name] for k in chosen}
 
 
 def with_masks(plant: Workspace, masks: dict[str, np.ndarray], folder: str) -> Workspace:
@@ -88,44 +92,24 @@ def with_masks(plant: Workspace, masks: dict[str, np.ndarray], folder: str) -> W
     return scratch
 
 
-def trial(folder: str, options: SegmentOptions) -> tuple[float, float]:
-    """Processor time, s, and peak memory, MB, of segment and cluster in this process."""
+def trial(scratch: Workspace, options: SegmentOptions) -> dict[str, float]:
+    """Processor time and peak memory of segment and cluster."""
+    Path("/proc/self/clear_refs").write_text("5")
     begin_s = time.process_time()
-    segment.run(Workspace(folder), options)
-    cluster.run(Workspace(folder), ClusterOptions(method=METHODS[options.method]))
-    # Linux hands getrusage's maximum on to child processes, but not this one.
+    segment.run(scratch, options)
+    cluster.run(scratch, ClusterOptions(method=METHODS[options.method]))
+    seconds = time.process_time() - begin_s
+    # Linux hands getrusage's maximum on to child processes and never lowers it, but this one.
     peak = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
-    return time.process_time() - begin_s, int(peak[1]) / 1024 if peak else math.nan
+    return {"cpu_s": seconds, "peak_mb": int(peak[1]) / 1024 if peak else math.nan}
 
 
-def cm_from_scene(plant: Workspace, truth: Path) -> np.ndarray:
-    """(3, 4) similarity that lays the cameras over the true ones (Umeyama 1991)."""
-    true_poses = {
-        frame["frame"]: np.array(frame["camera_to_world"])[:3, 3]
-        for frame in json.loads((truth / "cameras.json").read_text(encoding="utf-8"))["frames"]
-    }
-    indices = _source_indices(plant)
-    cameras = [camera for camera in read_cameras(plant.undistorted / "sparse") if indices[camera.name] in true_poses]
-    here = np.array([camera.centre for camera in cameras])
-    there = 100 * np.array([true_poses[indices[camera.name]] for camera in cameras])
-    a, b = here - here.mean(axis=0), there - there.mean(axis=0)
-    u, _, v = np.linalg.svd(b.T @ a)
-    rotation = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
-    scale = (b * (a @ rotation.T)).sum() / (a * a).sum()
-    return np.column_stack([scale * rotation, there.mean(axis=0) - scale * rotation @ here.mean(axis=0)])
-
-
-def true_centres_cm(truth: Path) -> np.ndarray:
-    bolls = json.loads((truth / "truth.json").read_text(encoding="utf-8"))["bolls"]
-    return 100 * np.array([boll["centre_xyz_m"] for boll in bolls])
-
-
-def scores(plant: Workspace, truth: Path, scratch: Workspace) -> dict[str, float]:
+def scores(plant: TruePlant, scratch: Workspace) -> dict[str, float]:
     """Count error, %, precision, recall and F1 of the bolls in a scratch folder."""
-    affine = cm_from_scene(plant, truth)
+    affine = cm_from_scene(plant)
     bolls, _ = read_bolls(scratch.bolls_json, scratch.labels_npy)
     found = np.array([boll.centre for boll in bolls]).reshape(-1, 3) @ affine[:, :3].T + affine[:, 3]
-    true = true_centres_cm(truth)
+    true = true_bolls_cm(plant)
     hits = len(match_bolls(found, true, MATCH_DISTANCE_CM))
     return {
         "true": len(true),
@@ -137,47 +121,81 @@ def scores(plant: Workspace, truth: Path, scratch: Workspace) -> dict[str, float
     }
 
 
-def rows_of(plant: Workspace, truth: Path, wanted: argparse.Namespace) -> list[dict[str, float | str]]:
-    """All trials of one plant, printed as they end."""
-    rows: list[dict[str, float | str]] = []
-    for kind in wanted.masks:
-        for n_views in wanted.views:
-            masks = masks_of(plant, truth, kind, n_views)
-            if rows and (rows[-1]["masks"], rows[-1]["views"]) == (kind, len(masks)):
-                continue  # the plant has no more views with masks
-            with tempfile.TemporaryDirectory() as folder:
-                scratch = with_masks(plant, masks, folder)
-                for method in wanted.methods:
-                    options = SegmentOptions(method=method, steps=wanted.steps)
-                    context = multiprocessing.get_context("spawn")
-                    with ProcessPoolExecutor(1, mp_context=context) as process:
-                        cpu_s, peak_mb = process.submit(trial, folder, options).result()
-                    trial_of = {"plant": plant.plant_id, "masks": kind, "views": len(masks), "method": method}
-                    rows.append({**trial_of, **scores(plant, truth, scratch), "cpu_s": cpu_s, "peak_mb": peak_mb})
-                    print(*(f"{v:.2f}" if isinstance(v, float) else v for v in rows[-1].values()), flush=True)
-    return rows
+class Results:
+    """The trials of one plant, kept in a file; those of another model are forgotten."""
+
+    def __init__(self, plant: TruePlant, folder: Path):
+        self.plant, self.csv = plant, folder / f"{plant.run.plant_id}.csv"
+        self.model = file_sha256(plant.run.gaussians_ply)[:12]
+        table = pd.read_csv(self.csv).to_dict("records") if self.csv.is_file() else []
+        self.rows = [row for row in table if row["model"] == self.model]
+
+    def has(self, *trial: object) -> bool:
+        return any(tuple(row[key] for key in TRIAL) == trial for row in self.rows)
+
+    def add(self, **row: object) -> None:
+        self.rows.append({"plant": self.plant.run.plant_id, "model": self.model, **row})
+        write_text_atomically(self.csv, pd.DataFrame(self.rows).to_csv(index=False))
+        print(*(f"{v:.2f}" if isinstance(v, float) else v for v in self.rows[-1].values()), flush=True)
+
+
+def sweep(
+    results: Results, kind: str, views: Sequence[int], methods: Sequence[str], steps: int, until_s: float
+) -> None:
+    """The trials of one plant with one kind of masks that are not there yet, while there is time."""
+    masks = masks_of(results.plant, kind) if time.process_time() < until_s else {}
+    for n_views in sorted({min(n, len(masks)) for n in views if masks}):
+        missing = [method for method in methods if not results.has(kind, n_views, method)]
+        if not missing or time.process_time() > until_s:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            scratch = with_masks(results.plant.run, spread(results.plant.run, masks, n_views), folder)
+            for method in missing:
+                cost = trial(scratch, SegmentOptions(method=method, steps=steps))
+                found = scores(results.plant, scratch)
+                results.add(masks=kind, views=n_views, method=method, **found, **cost)
+
+
+def means(table: pd.DataFrame) -> pd.DataFrame:
+    """Means over plants of each kind of trial; count errors without sign."""
+    ordered = {"masks": pd.Categorical(table["masks"], MASKS), "method": pd.Categorical(table["method"], METHODS)}
+    table = table.assign(**ordered, count_mape_pct=table["count_pct"].abs())
+    trials = table.groupby(["masks", "method", "views"], observed=True)
+    columns = ["count_mape_pct", "precision", "recall", "f1", "cpu_s", "peak_mb"]
+    return pd.concat([trials.size().rename("plants"), trials[columns].mean()], axis=1).reset_index()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("plants", nargs="+", metavar="PLANT")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("plants", nargs="+", type=true_plant, metavar="PLANT")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--masks", nargs="+", choices=MASKS, default=list(MASKS))
-    parser.add_argument("--views", nargs="+", type=int, default=[12, 24, 36])
+    parser.add_argument("--views", nargs="+", type=int, default=list(VIEWS))
+    parser.add_argument("--paper-views", nargs="+", type=int, default=list(PAPER_VIEWS))
+    parser.add_argument("--minutes", type=float, default=math.inf, help="of the processor; default: until all is done")
     parser.add_argument("--steps", type=int, default=SegmentOptions.steps, help="of the method probability")
-    parser.add_argument("--csv", type=Path)
     wanted = parser.parse_args()
-    rows = []
-    for plant in wanted.plants:
-        run, _, truth = plant.partition(":")
-        rows += rows_of(Workspace(run), Path(truth or run), wanted)
-    table = pd.DataFrame(rows)
-    if wanted.csv:
-        table.to_csv(wanted.csv, index=False)
-    table["count_pct"] = table["count_pct"].abs()
-    means = table.drop(columns=["plant", "true", "found"]).groupby(["masks", "views", "method"]).mean()
-    print("\nMeans, count error without sign:\n")
-    print(means.to_string(float_format="{:.3f}".format))
+    wanted.folder.mkdir(parents=True, exist_ok=True)
+    until_s = 60 * wanted.minutes
+    plants = [Results(plant, wanted.folder) for plant in wanted.plants]
+    papers = [method for method in wanted.methods if method != "lift"]
+    # What matters most comes first, so that a sweep that ends early has it of all plants.
+    for results in plants if "lift" in wanted.methods else []:
+        for kind in wanted.masks:
+            sweep(results, kind, wanted.views, ["lift"], wanted.steps, until_s)
+    for n_views in wanted.paper_views if papers else []:
+        for kind in wanted.masks:
+            for results in plants:
+                sweep(results, kind, [n_views], papers, wanted.steps, until_s)
+    table = pd.DataFrame([row for results in plants for row in results.rows])
+    text = f"Means over all plants:\n\n{markdown(means(table))}"
+    clustered = table[table["plant"].str.startswith("clustered")]
+    if len(clustered):
+        text += f"\nMeans over those with clustered tops:\n\n{markdown(means(clustered))}"
+    write_text_atomically(wanted.folder / "segmentation.csv", table.to_csv(index=False))
+    write_text_atomically(wanted.folder / "segmentation.md", text)
+    print(f"\n{text}")
 
 
 if __name__ == "__main__":

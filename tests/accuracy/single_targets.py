@@ -11,31 +11,29 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from segmentation_sweep import MASKS, masks_of, with_masks
+from segmentation_sweep import MASKS, masks_of, spread, with_masks
+from true_scene import true_plant
 
 from cotton3dg.options import SegmentOptions
 from cotton3dg.stages import segment
-from cotton3dg.workspace import Workspace
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("plant", metavar="PLANT")
+    parser.add_argument("plant", type=true_plant, metavar="PLANT")
     parser.add_argument("--targets", nargs="+", type=int, help="mask ids; default: all")
     parser.add_argument("--masks", choices=MASKS, default="lint")
     parser.add_argument("--views", type=int, default=36)
     parser.add_argument("--steps", type=int, default=SegmentOptions.steps)
     wanted = parser.parse_args()
-    run, _, truth = wanted.plant.partition(":")
-    masks = masks_of(Workspace(run), Path(truth or run), wanted.masks, wanted.views)
+    masks = spread(wanted.plant.run, masks_of(wanted.plant, wanted.masks), wanted.views)
     targets = wanted.targets or np.unique(np.concatenate([np.unique(ids[ids > 0]) for ids in masks.values()])).tolist()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        scratch = with_masks(Workspace(run), masks, folder)
+        scratch = with_masks(wanted.plant.run, masks, folder)
         for target in targets:
             segment.run(scratch, SegmentOptions(method="probability", target=target, steps=wanted.steps))
             last = json.loads(scratch.segment_json.read_text(encoding="utf-8"))["by_steps"][-1]

@@ -147,8 +147,8 @@ def checkpoint_pct() -> float:
     from splat_scenes import scene
 
     from cotton3dg.files.checkpoint import write_training
+    from cotton3dg.files.saving import replacing
     from cotton3dg.splat.fit import SAVED_EVERY_S, Training
-    from cotton3dg.workspace import replacing
 
     training = Training.of(scene(150_000, seed=0, coefficients=4))
     with tempfile.TemporaryDirectory(dir=ROOT) as folder:

@@ -17,6 +17,7 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import list_images, read_image
 from cotton3dg.files.ply import read_gaussians, write_gaussians
+from cotton3dg.files.saving import json_text
 from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.video import probe, read_frames
 from cotton3dg.options import RenderOptions, TraitsOptions
@@ -26,7 +27,7 @@ from cotton3dg.splat.appearance import boll_colours
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.stages import traits
 from cotton3dg.stages.render import render
-from cotton3dg.workspace import Workspace, json_text
+from cotton3dg.workspace import Workspace
 
 SMALL = RenderOptions(frames=6, width=160, height=120)
 N_VIEWS = 20

@@ -11,11 +11,12 @@ from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
 from cotton3dg.core.measurements import Scale
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.ply import read_gaussians, write_gaussians
+from cotton3dg.files.saving import json_text
 from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.tables import BOLLS, TRAITS
 from cotton3dg.options import TraitsOptions
 from cotton3dg.stages import traits
-from cotton3dg.workspace import Workspace, json_text
+from cotton3dg.workspace import Workspace
 
 BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3
 

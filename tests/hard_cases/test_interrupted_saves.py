@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from cotton3dg.errors import OutOfResources
-from cotton3dg.workspace import Workspace, explained_disk_errors, replacing
+from cotton3dg.files.saving import explained_disk_errors, replacing
+from cotton3dg.workspace import Workspace
 
 GROWING = [(os, "fsync"), (Path, "rename"), (Path, "replace"), (Path, "mkdir"), (Path, "touch"), (Path, "write_text")]
 """What can find the disk full."""

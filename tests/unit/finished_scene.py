@@ -11,12 +11,13 @@ from table_scene import POSE, orbit, plant_scene
 from cotton3dg.core.measurements import Scale
 from cotton3dg.files.images import write_ids, write_image
 from cotton3dg.files.ply import write_gaussians
+from cotton3dg.files.saving import json_text
 from cotton3dg.files.scale import scale_facts
 from cotton3dg.options import STAGE_OPTIONS, as_dict, resolve
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.ops import render, render_values
 from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
-from cotton3dg.workspace import Workspace, json_text
+from cotton3dg.workspace import Workspace
 
 MODULES: dict[str, ModuleType] = {
     "frames": frames, "sfm": sfm, "train": train, "masks": masks,

@@ -20,6 +20,7 @@ def test_bolls_match_in_either_direction_of_x(turn):
     assert (found.n_matched, found.n_true, found.n_measured) == (3, 4, 3)
     assert found.median_distance_cm == pytest.approx(1.0)
     assert found.median_volume_error_pct == pytest.approx(10.0)
+    assert found.volume_errors_pct == pytest.approx((10.0, 10.0, 10.0))
     assert found.recall == 0.75
     assert found.precision == 1.0
 

@@ -92,6 +92,15 @@ def test_damage_is_noticed_and_repaired(workspace, stages, damage, reason):
     assert run(workspace).ran == ["sfm"]
 
 
+def test_a_renamed_plant_gets_its_new_name_into_the_tables(workspace, stages):
+    run(workspace)
+    renamed = Workspace(workspace.root.rename(workspace.root.with_name("plant_008")))
+    again = run(renamed)
+    assert again.ran == ["traits"]
+    assert renamed.read_record("traits")["options"]["plant_id"] == "plant_008"
+    assert run(renamed, overrides={"traits": {"plant_id": "A-17"}}).ran == ["traits"]
+
+
 def test_a_new_version_of_a_stage_runs_it(workspace, stages):
     run(workspace)
     stages["train"].VERSION = 2

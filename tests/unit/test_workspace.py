@@ -9,7 +9,8 @@ import shutil
 import pytest
 
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
-from cotton3dg.workspace import Workspace, explained_disk_errors, json_text
+from cotton3dg.files.saving import explained_disk_errors, json_text
+from cotton3dg.workspace import Workspace
 
 
 @pytest.fixture

@@ -1,0 +1,75 @@
+"""What the commands share: their arguments and flags, and how they tell errors."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from .errors import BadUsage, Cotton3dgError
+from .options import PRESETS, STAGE_OPTIONS, help_text
+
+PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
+ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
+NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
+NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
+Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
+Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
+]
+
+TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
+
+
+@contextmanager
+def reported(plant_dir: Path) -> Iterator[None]:
+    """Print an error as one line that starts with the plant's name, and end with its exit code."""
+    try:
+        yield
+    except Cotton3dgError as error:
+        typer.echo(" ".join(f"{plant_dir.resolve().name}: {error}".split()), err=True)
+        raise typer.Exit(error.exit_code) from error
+    except KeyboardInterrupt as error:
+        typer.echo(f"{plant_dir.resolve().name}: interrupted; the same command continues", err=True)
+        raise typer.Exit(130) from error
+
+
+def parsed_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
+    overrides: dict[str, dict[str, Any]] = {}
+    for assignment in assignments or []:
+        key, equals, value = assignment.partition("=")
+        stage, dot, name = key.partition(".")
+        if not (equals and dot and stage in STAGE_OPTIONS):
+            raise BadUsage(f"--set {assignment}: write STAGE.OPTION=VALUE, e.g. train.steps=3000")
+        overrides.setdefault(stage, {})[name] = value
+    return overrides
+
+
+def given(flags: dict[str, Any]) -> dict[str, Any]:
+    """The flags that the user gave; the others are None so that TOML and presets can speak."""
+    return {name: value for name, value in flags.items() if value is not None}
+
+
+def with_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
+    """`command` as typer sees it: `arguments` (annotation, or annotation and default), then a flag for each option."""
+    position = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    parameters = []
+    for name, annotation in arguments.items():
+        kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
+        parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
+    kinds = get_type_hints(options)
+    for item in fields(options):
+        flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
+        annotation = Annotated[kinds[item.name] | None, flag]
+        parameters.append(inspect.Parameter(item.name, position, annotation=annotation, default=None))
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__doc__ = options.__doc__
+    return command

@@ -224,6 +224,9 @@ class SimulateOptions:
     hidden: float = option(0.0, "share of the table that a box hides at one end", at_least=0.0, at_most=0.5)
     second_table: bool = option(False, "another table, of another shape, beside the plant's")
     blur: float = option(0.0, "motion blur: open time of the shutter, share of a frame", at_least=0.0, at_most=1.0)
+    rolling_shutter: float = option(
+        0.0, "read-out time of the sensor, first row to last, share of a frame", at_least=0.0, at_most=1.0
+    )
     exposure: float = option(0.0, "drift of the exposure, up and down", unit="EV", at_least=0.0, at_most=2.0)
     distortion: float = option(0.0, "radial distortion k1 of the lens (OpenCV)", at_least=-0.2, at_most=0.2)
     noise: float = option(0.0, "sensor noise, sigma in grey levels of 255", at_least=0.0, at_most=30.0)

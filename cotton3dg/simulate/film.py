@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Camera
 from ..options import SimulateOptions
 from .camera import Orbit
-from .render import RenderScene, developed, render
+from .render import Float32, RenderScene, developed, instance_ids, render
 
 SUBFRAMES = 8
+BAND_ROWS = 4
+"""Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
 
 def filmed(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of one frame."""
-    k1 = options.distortion
     if options.blur:
         # Each sub-frame sees the pixel at another place (Roberts' R2 sequence), so that one ray each suffices.
         places = (np.arange(1, SUBFRAMES + 1)[:, None] * (0.7548776662466927, 0.5698402909980532) + 0.5) % 1 - 0.5
         times = frame + options.blur * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
         light = np.mean(
             [
-                render(scene, path.at(time), supersampling=1, k1=k1, shift=(float(x), float(y)), footprint_px=0.5)
+                _read_out(scene, path, time, options, supersampling=1, shift=(float(x), float(y)), footprint_px=0.5)
                 for time, (x, y) in zip(times, places, strict=True)
             ],
             axis=0,
         )
     else:
-        light = render(scene, path.at(frame), supersampling=options.supersampling, k1=k1)
+        light = _read_out(scene, path, frame, options, supersampling=options.supersampling)
     rng = np.random.default_rng([options.seed, 4, frame]) if options.noise else None
     return developed(light, exposure_ev=exposure_ev(frame, options), noise=options.noise, rng=rng)
+
+
+def filmed_ids(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint16]:
+    """(H, W) true boll ids of one frame, bent by lens and rolling shutter as the frame is."""
+    bands = _bands(path, frame, options)
+    return np.concatenate([instance_ids(scene, camera, k1=options.distortion) for camera in bands])
 
 
 def exposure_ev(frame: int, options: SimulateOptions) -> float:
@@ -38,3 +49,21 @@ def exposure_ev(frame: int, options: SimulateOptions) -> float:
         return 0.0
     start = np.random.default_rng([options.seed, 5]).uniform(0, 2 * np.pi)
     return float(options.exposure * np.sin(start + 2 * np.pi * 1.3 * frame / options.frames))
+
+
+def _read_out(scene: RenderScene, path: Orbit, time: float, options: SimulateOptions, **how: Any) -> Float32:
+    """(H, W, 3) linear light at a time (frames) that is the one of the middle row."""
+    bands = [render(scene, camera, k1=options.distortion, **how) for camera in _bands(path, time, options)]
+    return np.concatenate(bands)
+
+
+def _bands(path: Orbit, time: float, options: SimulateOptions) -> list[Camera]:
+    """The cameras that see the image, each its rows, from top to bottom; a global shutter is one camera."""
+    if not options.rolling_shutter:
+        return [path.at(time)]
+    bands = []
+    for top in range(0, options.height, BAND_ROWS):
+        rows = min(BAND_ROWS, options.height - top)
+        camera = path.at(time + options.rolling_shutter * ((top + rows / 2) / options.height - 0.5))
+        bands.append(replace(camera, height=rows, cy=camera.cy - top))
+    return bands

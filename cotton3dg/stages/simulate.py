@@ -21,9 +21,9 @@ from ..files.images import write_ids
 from ..files.saving import explained_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions
 from ..simulate.camera import orbit
-from ..simulate.film import exposure_ev, filmed
+from ..simulate.film import exposure_ev, filmed, filmed_ids
 from ..simulate.plant import grow_plant
-from ..simulate.render import instance_ids, lit_scene
+from ..simulate.render import lit_scene
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 
@@ -56,7 +56,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
             for frame in range(options.frames):
                 append(filmed(scene, path, frame, options))
                 if frame % options.mask_interval == 0:
-                    masks[frame] = instance_ids(scene, path.at(frame), k1=options.distortion)
+                    masks[frame] = filmed_ids(scene, path, frame, options)
                     write_ids(instances / f"frame_{frame:04d}.png", masks[frame])
                 progress(frame + 1, options.frames, "filming")
         frames = {f"frame_{frame:04d}.png": frame for frame in masks}

@@ -16,7 +16,7 @@ from cotton3dg.files.images import read_ids
 from cotton3dg.options import SimulateOptions
 from cotton3dg.simulate.atlas import packed
 from cotton3dg.simulate.camera import Orbit, orbit
-from cotton3dg.simulate.film import exposure_ev, filmed
+from cotton3dg.simulate.film import exposure_ev, filmed, filmed_ids
 from cotton3dg.simulate.mesh import Mesh, icosphere, sheet, smooth_curve, tube
 from cotton3dg.simulate.plant import PlantMeshes, grow_plant
 from cotton3dg.simulate.render import RenderScene, developed, instance_ids, lit_scene, render
@@ -204,7 +204,8 @@ def test_effects_that_are_off_change_no_pixel():
     _, scene, path = small()
     plain = developed(render(scene, path.at(3), supersampling=SMALL.supersampling))
     assert np.array_equal(filmed(scene, path, 3, SMALL), plain)
-    for effect in ({"blur": 0.5}, {"exposure": 0.5}, {"distortion": -0.05}, {"noise": 3.0}):
+    assert np.array_equal(filmed_ids(scene, path, 3, SMALL), instance_ids(scene, path.at(3)))
+    for effect in ({"blur": 0.5}, {"exposure": 0.5}, {"distortion": -0.05}, {"noise": 3.0}, {"rolling_shutter": 0.5}):
         assert not np.array_equal(filmed(scene, path, 3, replace(SMALL, **effect)), plain)
 
 
@@ -244,6 +245,21 @@ def test_blur_is_the_mean_of_the_light_while_the_shutter_is_open():
     errors = [np.sqrt(((blurred - image) ** 2).mean()) for image in (exact, sharp)]
     assert errors[0] < 6
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_rolling_shutter_reads_each_row_at_its_own_time():
+    _, scene, path = small()
+    options = replace(SMALL, rolling_shutter=0.5)
+    rolled, ids = filmed(scene, path, 8, options).astype(float), filmed_ids(scene, path, 8, options)
+    still = filmed(scene, path, 8, SMALL)
+    for row in (0, 52, 104):
+        camera = path.at(8 + 0.5 * ((row + 2) / 108 - 0.5))
+        rows = slice(row, row + 4)
+        error = np.abs(rolled[rows] - developed(render(scene, camera))[rows]).mean()
+        assert error < 0.5
+        assert row == 52 or error < 0.1 * np.abs(rolled[rows] - still[rows]).mean()
+        assert np.array_equal(ids[rows], instance_ids(scene, camera)[rows])
+    assert not np.array_equal(ids, instance_ids(scene, path.at(8)))
 
 
 def test_atlas_filters_and_keeps_textures_apart():

@@ -5,14 +5,15 @@ BIN := $(VENV)/bin
 DEMO ?= demo
 PRESET ?= draft
 BASE ?= HEAD~1
+PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test browser-test batch-test slurm-test kill-test hard-cases sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test browser-test batch-test slurm-test kill-test hard-cases study-set segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
 
 setup: $(VENV)/.installed ## make .venv with everything in it; builds the C++ core again when it changed
 
@@ -59,6 +60,15 @@ slurm-test: setup ## four plants through a real Slurm of one node, installed if 
 
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py
+
+study-set: setup ## twelve simulated plants, run with PRESET and compared with their truth; goes on where it ended
+	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset $(PRESET) $(STUDY)
+
+segmentation-sweep: setup ## methods x views x quality of masks on the plants of study-set; goes on where it ended
+	OMP_NUM_THREADS=1 $(BIN)/python tests/accuracy/segmentation_sweep.py results/segmentation $(PLANTS) $(SWEEP)
+
+error-budget: setup ## what cameras, masks and scale each add to the errors of the plants of study-set
+	$(BIN)/python tests/accuracy/error_budget.py results/error_budget $(PLANTS)
 
 sanitize: setup ## tests of the C++ core under the address, undefined-behaviour and thread sanitizers
 	$(BIN)/python tests/native/sanitize.py

@@ -14,12 +14,13 @@ gathered in FOLDER/segmentation.csv, and their means in .md.
 
 A boll counts as found when its centre is within 3 cm of a true one's; model and truth are laid over each other by the
 points of structure from motion, so that neither table nor scale has a say. Seconds are the processor's, of segment and
-cluster; memory is the peak of the process.
+cluster; memory is what they took at most beyond what the process held before.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import math
 import re
 import sys
@@ -93,15 +94,20 @@ def with_masks(plant: Workspace, masks: dict[str, np.ndarray], folder: str) -> W
 
 
 def trial(scratch: Workspace, options: SegmentOptions) -> dict[str, float]:
-    """Processor time and peak memory of segment and cluster."""
-    Path("/proc/self/clear_refs").write_text("5")
+    """Processor time of segment and cluster, and how much memory they took at most."""
+    ctypes.CDLL(None).malloc_trim(0)
+    Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
+    before_mb = memory_mb("VmRSS")
     begin_s = time.process_time()
     segment.run(scratch, options)
     cluster.run(scratch, ClusterOptions(method=METHODS[options.method]))
-    seconds = time.process_time() - begin_s
-    # Linux hands getrusage's maximum on to child processes and never lowers it, but this one.
-    peak = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
-    return {"cpu_s": seconds, "peak_mb": int(peak[1]) / 1024 if peak else math.nan}
+    return {"cpu_s": time.process_time() - begin_s, "peak_mb": memory_mb("VmHWM") - before_mb}
+
+
+def memory_mb(kind: str) -> float:
+    """What Linux says of this process: VmRSS, the memory it holds, or VmHWM, the most it held."""
+    found = re.search(rf"{kind}:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+    return int(found[1]) / 1024 if found else math.nan
 
 
 def scores(plant: TruePlant, scratch: Workspace) -> dict[str, float]:

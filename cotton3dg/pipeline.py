@@ -61,6 +61,13 @@ def stage_module(stage: str) -> ModuleType:
     return importlib.import_module(f"cotton3dg.stages.{stage}")
 
 
+def stage_inputs(workspace: Workspace, stage: str, options: Any) -> list[Path]:
+    """What a stage reads: of the plant's folder, and the files anywhere that its options name."""
+    module = stage_module(stage)
+    named = module.named_files(workspace, options) if hasattr(module, "named_files") else []
+    return [*module.inputs(workspace), *named]
+
+
 def stage_options(
     workspace: Workspace | None,
     preset: str = "standard",
@@ -112,7 +119,10 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
     for key in now:
         if before.get(key, object()) != now[key]:
             return f"option {key} {before.get(key)} -> {now[key]}"
-    for kind, paths in (("input", module.inputs(workspace)), ("output", [workspace.folder(stage)])):
+    for kind, paths in (
+        ("input", stage_inputs(workspace, stage, options)),
+        ("output", [workspace.folder(stage)]),
+    ):
         recorded, found = record.get(f"{kind}s", {}), workspace.hashes(*paths)
         for name in sorted(recorded.keys() | found.keys()):
             if recorded.get(name) != found.get(name):
@@ -229,7 +239,7 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str
     try:
         check_memory()
         check_disk(workspace, step.stage, step.options)
-        record["inputs"] = workspace.hashes(*module.inputs(workspace))
+        record["inputs"] = workspace.hashes(*stage_inputs(workspace, step.stage, step.options))
         outcome: StageOutcome = module.run(workspace, step.options, progress)
         record |= {
             "status": "ok",

@@ -337,7 +337,7 @@ class Workspace:
             write_text_atomically(self.record_file(stage), json_text(record))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
-        """SHA-256 of files, and of all files below folders, by path relative to the plant's folder.
+        """SHA-256 of files, and of all files below folders, by path: from the plant's folder, or absolute if outside.
 
         What `clean` dropped counts as if it were still there.
         """
@@ -347,9 +347,12 @@ class Workspace:
                 files += [p for p in path.rglob("*") if p.is_file() and p.name != OWNER_MARK]
             elif path.exists():
                 files.append(path)
-        found = {path.relative_to(self.root).as_posix(): file_sha256(path) for path in sorted(files)}
+        found = {self._name(path): file_sha256(path) for path in sorted(files)}
         dropped = self.dropped()
         return found | {name: dropped[name] for name in dropped if self._is_below(name, paths)}
+
+    def _name(self, path: Path) -> str:
+        return (path.relative_to(self.root) if path.is_relative_to(self.root) else path.resolve()).as_posix()
 
     def dropped(self, *paths: Path) -> dict[str, str]:
         """Hashes of the files, below `paths` if given, that `clean` dropped and nothing has made again since."""

@@ -58,6 +58,12 @@ def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted, workspace.masks_input]
 
 
+def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
+    """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks."""
+    texts = (options.weights, options.detector, options.prompts, options.source)
+    return [_found_file(workspace, text) for text in texts if text]
+
+
 def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
     """Writes masks/<image>.png with 16-bit ids at the size of the undistorted image, and masks.json."""
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))

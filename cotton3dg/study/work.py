@@ -147,7 +147,7 @@ class Study:
             # What a training passed through is not what it ended with, although the options are the same.
             if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
                 continue
-            read = workspace.hashes(*pipeline.stage_module(stage).inputs(workspace))
+            read = workspace.hashes(*pipeline.stage_inputs(workspace, stage, setting.options[stage]))
             for donor in donors:
                 if not self._is_due(donor, setting, stage) and (donor.read_record(stage) or {})["inputs"] == read:
                     donor.share_result(stage, workspace)
@@ -181,7 +181,7 @@ class Study:
                 "cotton3dg_version": __version__,
                 "options": as_dict(options),
                 "reason": f"after {steps} of {options.steps} steps",
-                "inputs": workspace.hashes(*module.inputs(workspace)),
+                "inputs": workspace.hashes(*pipeline.stage_inputs(workspace, "train", options)),
                 "outputs": workspace.hashes(workspace.folder("train")),
                 "status": "ok",
                 "summary": outcome.summary,

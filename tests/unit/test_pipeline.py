@@ -7,6 +7,7 @@ import pytest
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.errors import BadUsage, CaptureFailed, EnvironmentUnusable, OutOfResources, StageFailed
+from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
 
@@ -99,6 +100,18 @@ def test_a_renamed_plant_gets_its_new_name_into_the_tables(workspace, stages):
     assert again.ran == ["traits"]
     assert renamed.read_record("traits")["options"]["plant_id"] == "plant_008"
     assert run(renamed, overrides={"traits": {"plant_id": "A-17"}}).ran == ["traits"]
+
+
+def test_a_network_trained_anew_under_its_old_name_runs_the_masks(workspace, stages, tmp_path):
+    weights, overrides = tmp_path / "best.onnx", {"masks": {"weights": str(tmp_path / "best.onnx")}}
+    stages["masks"].named_files = masks.named_files
+    weights.write_text("trained on ten images")
+    run(workspace, overrides=overrides)
+    assert run(workspace, overrides=overrides).ran == []
+    weights.write_text("trained on a hundred images")
+    reason = pipeline.stale_reason(workspace, "masks", pipeline.stage_options(workspace, overrides=overrides)["masks"])
+    assert reason == f"input {weights} changed"
+    assert run(workspace, overrides=overrides).ran == ["masks"]
 
 
 def test_a_new_version_of_a_stage_runs_it(workspace, stages):

@@ -63,7 +63,7 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
     def measure(grey: Picture) -> tuple[float, float, float]:
         nonlocal n_scanned, before
         n_scanned += 1
-        progress(min(n_scanned, n_expected), n_expected + options.count, "looking for sharp frames")
+        progress(n_scanned, 2 * max(n_expected, n_scanned), "looking for sharp frames")
         measures = capture.sharpness(grey), capture.contrast(grey), capture.change(before, grey)
         before = grey
         return measures
@@ -86,7 +86,13 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
     if len(indices) < options.count:
         flags += ("few_frames",)
         warnings += (f"{len(indices)} frames instead of {options.count}; film longer for more",)
-    entries, motions = _written(video.read_frames(path, facts, indices, options.max_side), indices, folder, progress)
+
+    def saved(done: int, total: int, remark: str) -> None:
+        # Saving decodes the video once more.
+        n = max(n_expected, n_scanned)
+        progress(n + round(n * done / total), 2 * n, remark)
+
+    entries, motions = _written(video.read_frames(path, facts, indices, options.max_side), indices, folder, saved)
     for entry in entries:
         entry["timestamp_s"] = round(float(scan.timestamps_s[entry["source_index"]]), 6)
     description = {

@@ -11,6 +11,8 @@ from cotton3dg import pipeline
 from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
 from cotton3dg.files import video
 from cotton3dg.files.images import read_image
+from cotton3dg.options import FramesOptions
+from cotton3dg.stages import frames
 from cotton3dg.workspace import Workspace
 
 WIDTH, HEIGHT = 192, 108
@@ -43,8 +45,8 @@ def run_frames(root, **values):
 
 def test_the_sharp_frames_of_a_clip_are_taken(tmp_path):
     """Of every four frames three are blurred."""
-    frames = [f if n % 4 == 2 else cv2.blur(f, (9, 9)) for n, f in enumerate(pan(100))]
-    film(tmp_path / "video.mp4", frames)
+    pictures = [f if n % 4 == 2 else cv2.blur(f, (9, 9)) for n, f in enumerate(pan(100))]
+    film(tmp_path / "video.mp4", pictures)
     workspace, told, record = run_frames(tmp_path, count=25)
     taken = [entry["source_index"] for entry in told["images"]]
     assert len(taken) == 25 == len(workspace.frame_images())
@@ -52,9 +54,18 @@ def test_the_sharp_frames_of_a_clip_are_taken(tmp_path):
     for entry in told["images"]:
         assert entry["timestamp_s"] == pytest.approx(entry["source_index"] / 25, abs=1e-3)
     saved = read_image(workspace.frame_images()[3]).astype(int)
-    assert np.abs(saved - frames[taken[3]]).mean() < 6
+    assert np.abs(saved - pictures[taken[3]]).mean() < 6
     assert (told["video"]["n_decoded"], told["video"]["n_intact"]) == (100, 100)
     assert record["flags"] == []
+
+
+def test_progress_goes_evenly_through_both_readings_of_the_video(tmp_path):
+    film(tmp_path / "video.mp4", pan(60))
+    told = []
+    frames.run(Workspace(tmp_path), FramesOptions(count=20), lambda *what: told.append(what))
+    shares = [done / total for done, total, _ in told]
+    assert shares == sorted(shares) and shares[-1] == 1
+    assert shares[59] == pytest.approx(0.5) and {remark for *_, remark in told[60:]} == {"saving frames"}
 
 
 def test_a_second_run_has_nothing_to_do_and_the_same_bytes(tmp_path):

@@ -5,9 +5,13 @@
 #include <sched.h>
 #endif
 
+#include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
+#include <new>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -29,26 +33,44 @@ class Pool {
             for (int64_t i = 0; i < count; ++i) task(body, i);
             return;
         }
-        while (int(workers_.size()) < threads - 1)
-            workers_.emplace_back([this, id = int(workers_.size())] { work(id); });
+        grow(threads - 1);
         {
             std::lock_guard<std::mutex> lock(mutex_);
             task_ = task;
             body_ = body;
             count_ = count;
             next_ = 0;
-            helpers_ = busy_ = threads - 1;
+            failure_ = nullptr;
+            helpers_ = busy_ = std::min(threads - 1, int(workers_.size()));
             ++generation_;
         }
         wake_.notify_all();
         take();
         std::unique_lock<std::mutex> lock(mutex_);
         done_.wait(lock, [this] { return busy_ == 0; });
+        if (failure_) std::rethrow_exception(failure_);
     }
 
   private:
+    // Fewer than wanted where the system lets a process have no more, or has no memory for their stacks.
+    void grow(int helpers) {
+        try {
+            while (int(workers_.size()) < helpers)
+                workers_.emplace_back([this, id = int(workers_.size())] { work(id); });
+        } catch (const std::system_error&) {
+        } catch (const std::bad_alloc&) {
+        }
+    }
+
+    // A task that fails, most likely for want of memory, ends the job; the caller gets its exception once all are done.
     void take() {
-        for (int64_t i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(body_, i);
+        try {
+            for (int64_t i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(body_, i);
+        } catch (...) {
+            next_ = count_;
+            std::lock_guard<std::mutex> lock(mutex_);
+            if (!failure_) failure_ = std::current_exception();
+        }
     }
 
     void work(int id) {
@@ -75,6 +97,7 @@ class Pool {
     const void* body_ = nullptr;
     int64_t count_ = 0;
     int helpers_ = 0, busy_ = 0;
+    std::exception_ptr failure_;
     uint64_t generation_ = 0;
 };
 

@@ -8,7 +8,8 @@ namespace cotton {
 
 using Task = void (*)(const void* body, int64_t index);
 
-// Runs task(body, 0 .. count - 1) on up to `threads` threads (0: all cores), the caller's included.
+// Runs task(body, 0 .. count - 1) on up to `threads` threads (0: all cores), the caller's included. Of the exceptions
+// that tasks throw the first is thrown here, once none runs any more; tasks not yet begun are left out.
 void run_tasks(int64_t count, int threads, Task task, const void* body);
 
 // The number of threads that `threads` stands for.

@@ -156,6 +156,18 @@ def read_points(
         MissingInput: the file is not there.
         BadInput: it is damaged.
     """
+    return _points(model_dir)[1:]
+
+
+def read_positions(model_dir: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Ids (P,), ascending, of the points that `read_points` returns, and their xyz (P, 3) su; raises as that does."""
+    ids, xyz, *_ = _points(model_dir)
+    return ids.astype(np.int64), xyz
+
+
+def _points(
+    model_dir: Path,
+) -> tuple[NDArray[np.uint64], NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.int64]]:
     reader = _Reader(model_dir / "points3D.bin")
     n = reader.count(51)
     ids, xyz = np.empty(n, np.uint64), np.empty((n, 3))
@@ -167,4 +179,4 @@ def read_points(
         reader.skip(8 * int(lengths[row]))
     order = np.argsort(ids, kind="stable")
     order = order[(np.abs(xyz[order]) < MAX_COORDINATE).all(axis=1)]
-    return xyz[order], rgb[order], np.where(np.isfinite(errors[order]), errors[order], -1.0), lengths[order]
+    return ids[order], xyz[order], rgb[order], np.where(np.isfinite(errors[order]), errors[order], -1.0), lengths[order]

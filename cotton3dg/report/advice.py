@@ -184,6 +184,7 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
     """
     found = [*_walk(facts.sfm), *_images(facts.frames), *_length(facts.frames), *_table(facts.scale)]
     found += _exposure(facts.effects.get("exposure", {})) + _lens(facts.effects.get("distortion", {}))
+    found += _blur(facts.effects.get("motion_blur", {})) + _shutter(facts.effects.get("rolling_shutter", {}))
     if len(bolls_px):
         width = float(np.median(bolls_px))
         good = width >= 2 * SMALL_BOLL_PX
@@ -258,6 +259,34 @@ def _lens(found: dict[str, Any]) -> list[Advice]:
         ]
     needed = f"explains {max(found['rise_pct'], 0):.2f} % of the error, needed from {found['needed_from_pct']:.1f} %"
     return [Advice(True, "Lens", f"Straight: a distortion {needed}. The images were used as they are.")]
+
+
+def _blur(found: dict[str, Any]) -> list[Advice]:
+    """By how much the walk blurred the images; the model does not allow for it."""
+    if number(found.get("median_px")) is None:
+        return []
+    remedy = "; walk more slowly or switch on more light" if found["found"] else ""
+    text = (
+        f"Motion blurs the middle image by {found['median_px']:.1f} px and nine of ten by less than"
+        f" {found['strong_px']:.1f} px, where {found['visible_from_px']:.0f} px begin to matter{remedy}."
+    )
+    return [Advice(not found["found"], "Motion blur", text)]
+
+
+def _shutter(found: dict[str, Any]) -> list[Advice]:
+    """Whether rows were read out one after another while the camera moved; the model does not allow for it."""
+    if number(found.get("error_frames")) is None:
+        return []
+    if not found["found"]:
+        text = f"None to be seen: {found['shift_px']:.2f} px, where {found['visible_from_px']:.1f} px begin to matter."
+        return [Advice(True, "Rolling shutter", text)]
+    good = found["left_px"] < found["visible_from_px"]
+    remedy = "" if good else "; walk more slowly and evenly"
+    text = (
+        f"It moves pixels by {found['shift_px']:.1f} px; the cameras' positions take up all but"
+        f" {found['left_px']:.2f} px{remedy}."
+    )
+    return [Advice(good, "Rolling shutter", text)]
 
 
 def _length(frames: dict[str, Any]) -> list[Advice]:

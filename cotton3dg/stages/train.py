@@ -19,15 +19,18 @@ from ..core.progress import Progress, silent
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput
 from ..files.checkpoint import read_training, write_training
-from ..files.colmap import read_cameras, read_points, read_tracks
+from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
 from ..files.saving import explained_disk_errors, json_text, replacing
 from ..options import TrainOptions, as_dict
+from ..splat import motion_blur as blurring
+from ..splat import rolling_shutter as rolling
 from ..splat.exposure import VISIBLE, corrected, exposure
 from ..splat.fit import Fit, Training, fit
 from ..splat.initialise import starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
+from ..splat.motion import longest_tracks
 from ..splat.views import View
 from ..workspace import Workspace
 
@@ -40,6 +43,8 @@ LOW_PSNR_DB = 22.0
 
 COMPARISONS = 4
 """Held-out views saved beside their renders."""
+MOTION_POINTS = 2000
+"""The points seen in the most images suffice for what the camera's motion did to the images."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -189,11 +194,54 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
             "n_observations": found.n_observations,
             "gains": {view.camera.name: gain.tolist() for view, gain in zip(views, found.gains, strict=True)},
         }
+    effects |= _motion(workspace, views)
     usable = [corrected(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
     training, _ = hold_out(usable, options.holdout)
     _, held_out = hold_out(views, options.holdout)
     _, held_out_gains = hold_out(list(gains), options.holdout)
     return Capture(views, training, held_out, held_out_gains, effects)
+
+
+def _motion(workspace: Workspace, views: list[View]) -> dict[str, Any]:
+    """What the camera's motion did to the images of a video: told, never modelled (docs/training.md says why)."""
+    times = _times(workspace, [view.camera.name for view in views])
+    if times is None:
+        return {}
+    sparse = workspace.undistorted / "sparse"
+    tracks = longest_tracks(read_cameras(sparse), times, read_tracks(sparse), read_positions(sparse), MOTION_POINTS)
+    blur, shutter = blurring.motion_blur(views, tracks), rolling.rolling_shutter(tracks)
+    return {
+        "motion_blur": {
+            "on": False,
+            "found": blur.found,
+            "median_px": blur.median_px,
+            "error_px": blur.error_px,
+            "strong_px": blur.strong_px,
+            "visible_from_px": blurring.VISIBLE_PX,
+            "flow_px": blur.flow_px,
+            "lengths_px": {view.camera.name: length for view, length in zip(views, blur.lengths_px, strict=True)},
+        },
+        "rolling_shutter": {
+            "on": False,
+            "found": shutter.found,
+            "read_out_frames": shutter.read_out,
+            "error_frames": shutter.error,
+            "shift_px": shutter.shift_px,
+            "left_px": shutter.left_px,
+            "visible_from_px": rolling.VISIBLE_PX,
+        },
+    }
+
+
+def _times(workspace: Workspace, names: list[str]) -> Float64 | None:
+    """When the images were taken, in frames of the video; None of photos and of cameras that come from elsewhere."""
+    try:
+        described = json.loads(workspace.frames_json.read_text(encoding="utf-8"))
+        taken_s = {image["name"]: image["timestamp_s"] for image in described["images"]}
+        times = float(described["video"]["fps"]) * np.array([taken_s[name] for name in names], float)
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return times if len(times) > 2 and (np.diff(times) > 0).all() else None
 
 
 def load_views(workspace: Workspace, max_side: int) -> list[View]:

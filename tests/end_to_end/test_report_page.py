@@ -116,6 +116,38 @@ def test_what_was_found_about_the_lens_is_shown(reported, found, text):
     assert text in item.text
 
 
+BLUR = {"on": False, "found": False, "median_px": 0.8, "strong_px": 1.4, "error_px": 0.1, "visible_from_px": 2.0}
+SHUTTER = {"on": False, "found": False, "error_frames": 0.01, "shift_px": 0.04, "left_px": 0.01, "visible_from_px": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("effect", "found", "good", "text"),
+    [
+        ("motion_blur", BLUR, True, "middle image by 0.8 px and nine of ten by less than 1.4 px, where 2 px"),
+        ("motion_blur", BLUR | {"found": True, "median_px": 5.0}, False, "; walk more slowly or switch on more light."),
+        ("rolling_shutter", SHUTTER, True, "None to be seen: 0.04 px"),
+        (
+            "rolling_shutter",
+            SHUTTER | {"found": True, "shift_px": 1.2, "left_px": 0.1},
+            True,
+            "by 1.2 px; the cameras' positions take up all but 0.10 px.",
+        ),
+        ("rolling_shutter", SHUTTER | {"found": True, "shift_px": 9.0, "left_px": 0.7}, False, "evenly"),
+    ],
+)
+def test_what_motion_did_to_the_images_is_shown(reported, effect, found, good, text):
+    facts = replace(read_facts(reported), effects={effect: found})
+    (item,) = [item for item in capture_advice(facts) if item.topic == effect.replace("_", " ").capitalize()]
+    assert item.good is good
+    assert text in item.text
+
+
+def test_motion_that_could_not_be_judged_is_not_told(reported):
+    unknown = {"motion_blur": BLUR | {"median_px": None}, "rolling_shutter": SHUTTER | {"error_frames": None}}
+    facts = replace(read_facts(reported), effects=unknown)
+    assert {"Motion blur", "Rolling shutter"}.isdisjoint(item.topic for item in capture_advice(facts))
+
+
 def test_a_forced_effect_needs_no_evidence(reported):
     forced = {"exposure": {"option": "off", "on": False}, "distortion": {"option": "on", "on": True}}
     facts = replace(read_facts(reported), effects=forced)

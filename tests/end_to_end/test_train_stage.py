@@ -146,6 +146,24 @@ def test_a_steady_exposure_changes_no_bit(workspace: Workspace) -> None:
     assert workspace.gaussians_ply.read_bytes() == model
 
 
+def test_motion_is_judged_where_times_are_known_and_changes_no_bit(workspace: Workspace) -> None:
+    train.run(workspace, OPTIONS)
+    model = workspace.gaussians_ply.read_bytes()
+    assert "motion_blur" not in json.loads(workspace.effects_json.read_text())
+    images = [{"name": camera(i).name, "timestamp_s": 0.1 * i} for i in range(N_VIEWS)]
+    workspace.folder("frames").mkdir()
+    workspace.frames_json.write_text(json.dumps({"video": {"fps": 30.0}, "images": images}))
+    outcome = train.run(workspace, OPTIONS)
+    assert outcome.summary["effects"] == "none"
+    effects = json.loads(workspace.effects_json.read_text())
+    assert not effects["motion_blur"]["on"]
+    assert not effects["rolling_shutter"]["on"]
+    # A turn in 51 frames of a camera 4 su away: balls at the sides pass by at up to 2 px a frame.
+    assert 0.5 < effects["motion_blur"]["flow_px"] < 4
+    assert effects["rolling_shutter"]["shift_px"] < 0.5
+    assert workspace.gaussians_ply.read_bytes() == model
+
+
 def test_a_drifting_exposure_is_noticed_and_corrected(workspace: Workspace) -> None:
     for i in range(N_VIEWS):
         path = workspace.undistorted_image(camera(i).name)

@@ -9,7 +9,7 @@ import pytest
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files import exports
-from cotton3dg.files.colmap import read_cameras, read_points
+from cotton3dg.files.colmap import read_cameras, read_points, read_positions
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,9 @@ def test_points_are_those_of_colmap(model, folder):
     np.testing.assert_array_equal(rgb, [point.color for point in expected])
     np.testing.assert_array_equal(lengths, [point.track.length() for point in expected])
     assert errors.shape == (80,) and np.isfinite(errors).all()
+    ids, places = read_positions(folder)
+    assert ids.tolist() == sorted(model.point3D_ids())
+    np.testing.assert_array_equal(places, xyz)
 
 
 def camera_file(*cameras):

@@ -27,7 +27,10 @@ LARGEST_HEAP = 1000
 SMALLEST, LARGEST = 0.35, 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
 THINNEST = 0.25
-"""Least ratio of a boll's shortest to its longest extent; paper, table edges and bright stems are thinner."""
+"""Least ratio of a boll's shortest to its longest extent; paper, table edges and bright stems are thinner ..."""
+CAP_THICKNESS, CAP_ROUNDNESS = 1 / 3, 0.6
+"""... but of a boll that its bur hides from below only a flat cap is seen: at least so thick, relative to the extent of
+a typical boll, and its second extent at least so long, relative to its longest."""
 
 
 def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
@@ -142,6 +145,7 @@ def _boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32
 
     volumes = np.bincount(labels.ravel())
     sizes = np.cbrt(6 / np.pi * volumes) / diameter
+    typical_extent = diameter / np.sqrt(20)  # of a ball, as standard deviation
     kept = (sizes >= SMALLEST) & (sizes <= LARGEST)
     kept[0] = False
     # Each in its own box: a scene that is no plant may have thousands.
@@ -149,5 +153,6 @@ def _boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32
     for label in np.flatnonzero(kept):
         voxels = np.argwhere(labels[boxes[label - 1]] == label)
         extents = np.sqrt(np.linalg.eigvalsh(np.cov(voxels.T) + np.eye(3) / 12))
-        kept[label] = extents[0] >= THINNEST * extents[2]
+        cap = extents[0] >= CAP_THICKNESS * typical_extent and extents[1] >= CAP_ROUNDNESS * extents[2]
+        kept[label] = cap or extents[0] >= THINNEST * extents[2]
     return np.where(kept, np.cumsum(kept), 0).astype(np.int32)[labels]

@@ -190,6 +190,13 @@ def test_sheets_rods_and_specks_are_dropped() -> None:
     assert split_touching(volume, 0.6).max() == 2
 
 
+def test_a_flat_cap_of_lint_on_a_bur_is_a_boll() -> None:
+    volume = balls((15, 20, 20), (30, 20, 20))
+    cap = balls((48, 20, 20), radius=7)
+    cap[..., :19] = cap[..., 22:] = 0
+    assert split_touching(np.maximum(volume, cap), 0.6).max() == 3
+
+
 def test_weak_contrast_is_no_boll() -> None:
     assert split_touching(0.5 * balls((15, 20, 20)), 0.6).max() == 0
 

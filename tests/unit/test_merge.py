@@ -200,6 +200,52 @@ def test_only_touching_balls_are_parted():
     assert labels is not None and labels.max() == 2
 
 
+HEAPS = {
+    "a row": [[0, 0, 0], [2, 0, 0], [4, 0, 0]],
+    "a heap of four": [[0, 0, 0], [1.9, 0, 0], [0.95, 1.65, 0], [0.95, 0.55, 1.55]],
+    "a bent row of five": [[0, 0, 0], [1.9, 0, 0], [3.2, 1.4, 0], [3.2, 3.3, 0.3], [1.5, 4.2, 0]],
+    "a heap of six": [[1.4, 0, 0], [-1.4, 0, 0], [0, 1.4, 0], [0, -1.4, 0], [0, 0, 1.4], [0, 0, -1.4]],
+}
+"""Centres of touching balls of radius 1 or a little less."""
+
+
+@pytest.mark.parametrize("centres", HEAPS.values(), ids=HEAPS.keys())
+@pytest.mark.parametrize("seed", range(3))
+def test_heaps_fall_into_as_many_pieces_as_they_have_balls(centres, seed):
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(0.85, 1.0, len(centres))
+    balls = [sphere(rng, 120, radius, centre) for radius, centre in zip(radii, centres, strict=True)]
+    owners = np.repeat(np.arange(len(centres)), 120)
+    points = np.concatenate(balls) + rng.normal(0, 0.03, (len(owners), 3))
+    # What lies inside of another ball does not show.
+    inside = np.linalg.norm(points[:, None] - centres, axis=2) < 0.93 * radii
+    inside[np.arange(len(owners)), owners] = False
+    points, owners = points[~inside.any(axis=1)], owners[~inside.any(axis=1)]
+    labels = pieces(points, 1.9)
+    assert labels is not None
+    shares = np.zeros((len(centres), labels.max() + 1))
+    np.add.at(shares, (owners, labels), 1)
+    assert shares.shape[0] == shares.shape[1]
+    assert sorted(shares.argmax(axis=1)) == list(range(len(centres)))
+    assert (shares.max(axis=1) > 0.85 * shares.sum(axis=1)).all()
+
+
+@pytest.mark.parametrize("widths", [(1.3, 1, 1), (1.6, 1.6, 1), (1.9, 1.9, 1.9)])
+def test_a_large_ball_is_no_heap(widths):
+    rng = np.random.default_rng(3)
+    assert pieces(sphere(rng, 400, 1.0) * widths + rng.normal(0, 0.03, (400, 3)), 2.0) is None
+
+
+def test_a_crowd_that_every_view_merges_is_parted():
+    crowd = [(a, b) for a in range(1, 6) for b in range(a + 1, 6)]
+    scene, visible, masks = lifted(2, missed=0, merged=0, split=0, always_merged=tuple(crowd))
+    bolls = merge_views(masks, scene.means, UP)
+    labels = labels_of(bolls, len(scene.means))
+    owners = [np.bincount(labels[(scene.bolls == boll) & visible]).argmax() for boll in range(1, 6)]
+    assert 0 not in owners and len(set(owners)) == 5
+    assert len(bolls) == 24
+
+
 def test_bolls_are_matched_one_to_one():
     a = np.array([[0, 0, 0], [1, 0, 0], [50, 0, 0]])
     b = np.array([[0.9, 0, 0], [2.1, 0, 0], [np.nan, 0, 0]])

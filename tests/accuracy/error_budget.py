@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from markdown_tables import markdown
 from segmentation_sweep import spread
 from study_set import AIMS_PCT, judged, means
-from tables import markdown
 from true_scene import TruePlant, cm_from_scene, true_cameras, true_masks, true_plant, true_points, true_scale
 
 from cotton3dg.files.colmap import read_cameras

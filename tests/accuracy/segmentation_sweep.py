@@ -33,7 +33,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tables import markdown
+from markdown_tables import markdown
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_plant
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))

@@ -25,7 +25,7 @@ from queue import SimpleQueue
 
 import numpy as np
 import pandas as pd
-from tables import markdown
+from markdown_tables import markdown
 from true_scene import TruePlant, true_plant, true_scale
 
 from cotton3dg.core.machine import usable_cores

@@ -1,0 +1,69 @@
+"""The tools that judge many plants, on the tiny one."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from error_budget import put_true_cameras, share
+from tiny_plant import ROOT
+from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
+
+from cotton3dg.files.colmap import read_cameras
+from cotton3dg.files.scale import read_scale
+from cotton3dg.workspace import Workspace
+
+TOOLS = ROOT / "tests" / "accuracy"
+
+
+@pytest.fixture
+def plant(first_run, filmed) -> TruePlant:
+    return TruePlant(first_run[0], filmed)
+
+
+def test_the_true_scale_is_near_the_measured_one(plant):
+    measured, true = read_scale(plant.run.scale_json), true_scale(plant)
+    assert measured.cm_per_su == pytest.approx(true.cm_per_su, rel=0.02)
+    assert true.up @ measured.up > 0.999
+    similarity = cm_from_scene(plant)
+    corners_cm = true.corners @ similarity[:, :3].T + similarity[:, 3]
+    assert np.abs(corners_cm) == pytest.approx(np.tile([60.0, 30.0, 0.0], (4, 1)), abs=1e-6)
+
+
+def test_true_cameras_see_true_bolls_where_true_masks_are(plant, tmp_path):
+    scratch = Workspace(tmp_path)
+    share(plant, scratch, "frames")
+    put_true_cameras(plant, scratch)
+    cameras = read_cameras(scratch.undistorted / "sparse")
+    masks = true_masks(TruePlant(scratch, plant.truth), cameras)
+    similarity = cm_from_scene(plant)
+    bolls_su = (true_bolls_cm(plant) - similarity[:, 3]) @ np.linalg.inv(similarity[:, :3]).T
+    gaps = []
+    for camera in (camera for camera in cameras if camera.name in masks):
+        for boll, place in enumerate(camera.project(bolls_su)[0], 1):
+            y, x = np.nonzero(masks[camera.name] == boll)
+            if len(x) > 40:
+                gaps.append(np.hypot(place[0] - x.mean() - 0.5, place[1] - y.mean() - 0.5))
+    assert len(gaps) > 5
+    assert np.median(gaps) < 1.5
+
+
+def test_trials_and_truths_are_kept_and_not_repeated(plant, tmp_path):
+    argument = f"{plant.run.root}:{plant.truth}"
+    commands = {
+        "segmentation_sweep": ["--methods", "lift", "--masks", "exact", "--views", "4"],
+        "error_budget": ["--truths", "scale"],
+    }
+    for tool, options in commands.items():
+        command = [sys.executable, TOOLS / f"{tool}.py", tmp_path / tool, argument, *options]
+        first, second = (
+            subprocess.run(command, check=True, capture_output=True, text=True).stdout.split("\nMean") for _ in range(2)
+        )
+        assert first[0].strip()
+        assert not second[0].strip()
+        assert first[1:] == second[1:]
+    rows = json.loads((tmp_path / "error_budget" / f"{plant.run.plant_id}.json").read_text(encoding="utf-8"))
+    assert [row["truth"] for row in rows] == ["none", "scale"]
+    assert rows[1]["scale"] == pytest.approx(0, abs=1e-6)
+    assert rows[1]["count"] == rows[0]["count"]

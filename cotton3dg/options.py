@@ -66,7 +66,7 @@ class TrainOptions:
     max_side: int = option(960, "longer side of the training images", unit="px", paper="960", at_least=64)
     steps: int = option(3000, "optimisation steps, one image each", paper="30000", at_least=1)
     max_gaussians: int = option(150_000, "hard budget of Gaussians", at_least=100, at_most=20_000_000)
-    sh_degree: int = option(1, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
+    sh_degree: int = option(3, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
     dssim: float = option(0.2, "weight λ of D-SSIM in the loss", paper="0.2", at_least=0.0, at_most=1.0)
     exposure: str = option(
         "auto", "bring images of varying exposure and white balance to a common one", choices=("auto", "on", "off")
@@ -283,7 +283,7 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     "standard": {},
     "paper": {
         "frames": {"count": 150},
-        "train": {"steps": 30_000, "sh_degree": 3, "max_gaussians": 1_000_000},
+        "train": {"steps": 30_000, "max_gaussians": 1_000_000},
     },
 }
 

@@ -31,7 +31,6 @@ class Rung:
     images: int
     max_side: int
     max_gaussians: int
-    sh_degree: int
     least: int
     most: int
     """Steps of the training."""
@@ -40,20 +39,19 @@ class Rung:
         train = {
             "max_side": self.max_side,
             "max_gaussians": self.max_gaussians,
-            "sh_degree": self.sh_degree,
             "steps": steps,
         }
         return {"frames": {"count": self.images}, "train": train}
 
 
 LADDER = (
-    Rung(150, 960, 1_000_000, 3, 15_000, 30_000),
-    Rung(150, 960, 300_000, 2, 7000, 30_000),
-    Rung(100, 960, 150_000, 1, 2500, 10_000),
-    Rung(80, 720, 100_000, 1, 1500, 3500),
-    Rung(60, 480, 60_000, 1, 1200, 3000),
-    Rung(50, 480, 40_000, 1, 800, 1500),
-    Rung(40, 320, 30_000, 0, 500, 1200),
+    Rung(150, 960, 1_000_000, 15_000, 30_000),
+    Rung(150, 960, 300_000, 7000, 30_000),
+    Rung(100, 960, 150_000, 2500, 10_000),
+    Rung(80, 720, 100_000, 1500, 3500),
+    Rung(60, 480, 60_000, 1200, 3000),
+    Rung(50, 480, 40_000, 800, 1500),
+    Rung(40, 320, 30_000, 500, 1200),
 )
 """Fine to coarse: around the presets paper, standard and draft, and between and below them."""
 

@@ -34,7 +34,7 @@ from ..splat.motion import longest_tracks
 from ..splat.views import View
 from ..workspace import Workspace
 
-VERSION = 4
+VERSION = 5
 
 T = TypeVar("T")
 
@@ -43,7 +43,7 @@ LOW_PSNR_DB = 22.0
 
 COMPARISONS = 4
 """Held-out views saved beside their renders."""
-MOTION_POINTS = 2000
+MOTION_POINTS = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""
 
 

@@ -19,7 +19,7 @@ from ..plant.merge import merge_views
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
 
-VERSION = 1
+VERSION = 2
 
 
 def inputs(workspace: Workspace) -> list[Path]:

@@ -18,8 +18,10 @@ from cotton3dg.workspace import Workspace
 
 CM_PER_M = 100.0
 LEAST_VIEWS = 3
+LEAST_POINTS = 50
 FAR_CM = 100.0
-"""Farther than this from the middle of the table points say little about the scale at the plant."""
+"""Farther from the middle of the table points say little about the scale at the plant; `LEAST_POINTS` are taken anyway,
+for in a small image a table may show fewer."""
 
 
 class TruePlant(NamedTuple):
@@ -121,7 +123,8 @@ def cm_from_scene(plant: TruePlant) -> np.ndarray:
     by 2 % of their distance in some plants, and hardly changes the scale at the plant.
     """
     _, scene, true = true_points(plant)
-    near = np.linalg.norm(true, axis=1) < FAR_CM
+    distances = np.linalg.norm(true, axis=1)
+    near = distances <= max(FAR_CM, np.sort(distances)[:LEAST_POINTS][-1])
     scene, true = scene[near], true[near]
     kept = np.ones(len(true), bool)
     for _ in range(5):

@@ -24,7 +24,7 @@ def plant(first_run, filmed) -> TruePlant:
 
 def test_the_true_scale_is_near_the_measured_one(plant):
     measured, true = read_scale(plant.run.scale_json), true_scale(plant)
-    assert measured.cm_per_su == pytest.approx(true.cm_per_su, rel=0.02)
+    assert measured.cm_per_su == pytest.approx(true.cm_per_su, rel=0.03)
     assert true.up @ measured.up > 0.999
     similarity = cm_from_scene(plant)
     corners_cm = true.corners @ similarity[:, :3].T + similarity[:, 3]

@@ -28,9 +28,10 @@ SMALLEST, LARGEST = 0.35, 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
 THINNEST = 0.25
 """Least ratio of a boll's shortest to its longest extent; paper, table edges and bright stems are thinner ..."""
-CAP_THICKNESS, CAP_ROUNDNESS = 1 / 3, 0.6
+CAP_THICKNESS, CAP_ROUNDNESS, CAP_APART = 1 / 3, 0.6, 1.0
 """... but of a boll that its bur hides from below only a flat cap is seen: at least so thick, relative to the extent of
-a typical boll, and its second extent at least so long, relative to its longest."""
+a typical boll, its second extent at least so long, relative to its longest, and so many diameters from other bolls, for
+else it is a lock of one of them."""
 
 
 def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
@@ -56,7 +57,7 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
             bolls = _divided(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
             labels[box] += np.where(bolls > 0, bolls + count, 0)
             count += int(bolls.max())
-    return _boll_shaped(labels, diameter)
+    return boll_shaped(labels, diameter)
 
 
 def _divided(lint: Float32, least: float, diameter: float) -> NDArray[np.int32]:
@@ -139,7 +140,7 @@ def _steps(shape: tuple[int, ...]) -> list[int]:
     return [step for step in steps if step > 0]
 
 
-def _boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32]:
+def boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32]:
     """Labels renumbered 1 ... B without those that are too small, too large or too thin to be bolls."""
     from scipy import ndimage
 
@@ -150,9 +151,16 @@ def _boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32
     kept[0] = False
     # Each in its own box: a scene that is no plant may have thousands.
     boxes = ndimage.find_objects(labels)
+    centres, caps = np.zeros((len(kept), 3)), []
     for label in np.flatnonzero(kept):
-        voxels = np.argwhere(labels[boxes[label - 1]] == label)
+        box = boxes[label - 1]
+        voxels = np.argwhere(labels[box] == label)
+        centres[label] = voxels.mean(axis=0) + [side.start for side in box]
         extents = np.sqrt(np.linalg.eigvalsh(np.cov(voxels.T) + np.eye(3) / 12))
-        cap = extents[0] >= CAP_THICKNESS * typical_extent and extents[1] >= CAP_ROUNDNESS * extents[2]
-        kept[label] = cap or extents[0] >= THINNEST * extents[2]
+        kept[label] = extents[0] >= THINNEST * extents[2]
+        if extents[0] >= CAP_THICKNESS * typical_extent and extents[1] >= CAP_ROUNDNESS * extents[2]:
+            caps.append(label)
+    for cap in sorted(caps, key=lambda label: (-volumes[label], label)):
+        distances = np.linalg.norm(centres[kept] - centres[cap], axis=1)
+        kept[cap] |= bool((distances > CAP_APART * diameter).all())
     return np.where(kept, np.cumsum(kept), 0).astype(np.int32)[labels]

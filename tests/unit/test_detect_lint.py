@@ -9,7 +9,7 @@ from cotton3dg.core.scene import Camera
 from cotton3dg.plant.detect_lint import detect_lint, draw_overlay, lint_score
 from cotton3dg.plant.lint_volume import find_bolls, refine_bolls
 from cotton3dg.plant.paint_bolls import divided, lint_pixels, without_specks
-from cotton3dg.plant.split_touching import split_touching, typical_diameter
+from cotton3dg.plant.split_touching import boll_shaped, split_touching, typical_diameter
 from cotton3dg.plant.views import fit_orbit
 
 
@@ -195,6 +195,15 @@ def test_a_flat_cap_of_lint_on_a_bur_is_a_boll() -> None:
     cap = balls((48, 20, 20), radius=7)
     cap[..., :19] = cap[..., 22:] = 0
     assert split_touching(np.maximum(volume, cap), 0.6).max() == 3
+
+
+@pytest.mark.parametrize(("apart", "bolls"), [(7, 1), (14, 2)])
+def test_a_flat_lock_beside_the_rest_of_its_boll_is_no_boll_of_its_own(apart: int, bolls: int) -> None:
+    labels = 2 * balls((40, 20, 20), radius=4).astype(np.int32)
+    flat = balls((40 - apart, 20, 20), radius=7) > 0
+    flat[..., :19] = flat[..., 22:] = False
+    labels[flat & (labels == 0)] = 1
+    assert boll_shaped(labels, 10).max() == bolls
 
 
 def test_weak_contrast_is_no_boll() -> None:

@@ -141,8 +141,8 @@ def _training(options: TrainOptions, width: int, height: int) -> float:
     full_mp = _megapixels(width, height, options.max_side)
     ends = levels(longer, options.steps)
     start = (START_SHARE + FILL_SHARE) * options.max_gaussians
-    # Half of a Gaussian's time goes into its colour and the optimiser of it, which grow with its coefficients.
-    per_million = 0.34 + 0.02 * (options.sh_degree + 1) ** 2
+    # A fifth of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
+    per_million = 0.4 + 0.006 * (options.sh_degree + 1) ** 2
     total = 0.0
     for i in range(SLICES):
         share = (i + 0.5) / SLICES

@@ -116,16 +116,16 @@ def test_a_time_that_is_too_short_is_told():
 
 
 def test_time_that_cameras_took_is_taken_from_the_steps():
-    first = choose(300, resolve, VIDEO, MACHINE)
-    slow = choose(300, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 110.0}, ladder=(first.rung,))
-    quick = choose(300, resolve, VIDEO, MACHINE, {"frames": 3.0, "sfm": 40.0}, ladder=(first.rung,))
+    first = choose(250, resolve, VIDEO, MACHINE)
+    slow = choose(250, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 110.0}, ladder=(first.rung,))
+    quick = choose(250, resolve, VIDEO, MACHINE, {"frames": 3.0, "sfm": 40.0}, ladder=(first.rung,))
     assert slow.options["train"].steps <= first.options["train"].steps < quick.options["train"].steps
-    assert quick.expected_s <= 300
+    assert quick.expected_s <= 250
 
 
 def test_cameras_that_took_all_the_time_leave_the_least_steps():
-    first = choose(300, resolve, VIDEO, MACHINE)
-    late = choose(300, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 500.0}, ladder=(first.rung,))
+    first = choose(250, resolve, VIDEO, MACHINE)
+    late = choose(250, resolve, VIDEO, MACHINE, {"frames": 10.0, "sfm": 500.0}, ladder=(first.rung,))
     assert late.options["train"].steps == first.rung.least
 
 

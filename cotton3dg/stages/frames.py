@@ -87,7 +87,7 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
         flags += ("few_frames",)
         warnings += (f"{len(indices)} frames instead of {options.count}; film longer for more",)
 
-    def saved(done: int, total: int, remark: str) -> None:
+    def saved(done: int, total: int, remark: str = "") -> None:
         # Saving decodes the video once more.
         n = max(n_expected, n_scanned)
         progress(n + round(n * done / total), 2 * n, remark)

@@ -141,7 +141,7 @@ def kill_at_random(folder: Path, n_kills: int, seed: int, undisturbed: Path) -> 
     Args:
         undisturbed: a finished plant with the same video.
     """
-    folder.mkdir()
+    folder.mkdir(parents=True)
     shutil.copyfile(undisturbed / "video.mp4", folder / "video.mp4")
     workspace, chance = Workspace(folder), random.Random(seed)
     records = [Workspace(undisturbed).read_record(stage) or {} for stage in pipeline.STAGES]
@@ -181,5 +181,7 @@ if __name__ == "__main__":
     if wanted.how == "look":
         look_everywhere(wanted.folder)
     else:
-        look_everywhere(wanted.folder / "undisturbed")
-        kill_at_random(wanted.folder / "killed", wanted.kills, wanted.seed, wanted.folder / "undisturbed")
+        # Of one name, for that is in the tables.
+        undisturbed, killed = (wanted.folder / how / "plant" for how in ("undisturbed", "killed"))
+        look_everywhere(undisturbed)
+        kill_at_random(killed, wanted.kills, wanted.seed, undisturbed)

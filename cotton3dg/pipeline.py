@@ -191,6 +191,7 @@ def run(
         failure = ""
         try:
             workspace.capture()
+            workspace.drop_unfinished(STAGES)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
                 step = Step(stage, options[stage], reason)

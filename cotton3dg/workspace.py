@@ -12,7 +12,7 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -306,6 +306,12 @@ class Workspace:
             raise full_disk(self.root) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+
+    def drop_unfinished(self, stages: Iterable[str]) -> None:
+        """Remove what runs left that were killed while they saved; for whoever holds the lock."""
+        for stage in stages:
+            for left in ("partial", "old"):
+                shutil.rmtree(self.root / f".{stage}.{left}", ignore_errors=True)
 
     def _check_ours(self, final: Path) -> None:
         if final.parent.exists() and not final.parent.is_dir():

@@ -129,6 +129,14 @@ def test_plan_names_the_first_reason_and_its_consequences(workspace, stages):
     assert reasons["masks"] == "after train"
 
 
+def test_what_killed_runs_left_goes_with_the_next_run_even_if_that_does_nothing(workspace, stages):
+    run(workspace)
+    for name in (".sfm.partial", ".train.old"):
+        (workspace.root / name / "images").mkdir(parents=True)
+    assert run(workspace).ran == []
+    assert not list(workspace.root.glob(".*.*"))
+
+
 def test_from_until_and_force(workspace, stages):
     run(workspace)
     assert run(workspace, pipeline.selected("train", "segment"), force=True).ran == ["train", "masks", "segment"]

@@ -24,7 +24,6 @@ NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to loo
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
 ]
-
 TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
 
 

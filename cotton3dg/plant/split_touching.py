@@ -141,7 +141,12 @@ def _steps(shape: tuple[int, ...]) -> list[int]:
 
 
 def boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32]:
-    """Labels renumbered 1 ... B without those that are too small, too large or too thin to be bolls."""
+    """Labels renumbered 1 ... B without those that are too small, too large or too thin to be bolls.
+
+    Args:
+        labels: (X, Y, Z), 0 = no lint.
+        diameter: of a typical boll, voxels.
+    """
     from scipy import ndimage
 
     volumes = np.bincount(labels.ravel())

@@ -10,7 +10,7 @@ SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 l
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test browser-test batch-test slurm-test kill-test hard-cases study-set segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test browser-test yolo-test bare-test batch-test slurm-test kill-test hard-cases study-set segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -44,6 +44,14 @@ test: setup ## all tests
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
 	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py
+
+yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultralytics brings an OpenCV with a screen
+	$(MAKE) --no-print-directory setup VENV=$(VENV)-yolo
+	PATH="$(CURDIR)/$(BIN)-yolo:$$PATH"; $(VENV)-yolo/bin/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,yolo]'
+	$(VENV)-yolo/bin/python -m pytest tests/unit/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
+
+bare-test: ## install.md and the demo in a Debian with nothing in it, made by debootstrap (as root); 10 minutes
+	$(PYTHON) tests/stress/bare_machine.py results/bare $(if $(LEND),--lend $(LEND))
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
 	rm -rf results/fifty && mkdir -p results
@@ -93,4 +101,4 @@ bench-compare: setup ## speed of the core against that of the commit BASE (defau
 	$(BIN)/python tests/benchmarks/bench_compare.py $(BASE)
 
 clean: ## remove the environment, builds and the demo
-	rm -rf $(VENV) build dist $(DEMO) results
+	rm -rf $(VENV) $(VENV)-yolo build dist $(DEMO) results

@@ -1,13 +1,15 @@
 """The tools that judge many plants, on the tiny one."""
 
+import csv
 import json
+import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 from error_budget import put_true_cameras, share
-from tiny_plant import ROOT
+from tiny_plant import OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.files.colmap import read_cameras
@@ -67,3 +69,23 @@ def test_trials_and_truths_are_kept_and_not_repeated(plant, tmp_path):
     assert [row["truth"] for row in rows] == ["none", "scale"]
     assert rows[1]["scale"] == pytest.approx(0, abs=1e-6)
     assert rows[1]["count"] == rows[0]["count"]
+
+
+def test_the_study_set_runs_and_judges_its_plants(filmed, tmp_path):
+    shutil.copytree(filmed, tmp_path / "plain-1")  # a film that is there is not made again
+    (tmp_path / "plain-1" / "cotton3dg.toml").write_text(OPTIONS)
+    command = [sys.executable, TOOLS / "study_set.py", tmp_path, "--only", "plain-1"]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert (tmp_path / "study_draft.md").read_text(encoding="utf-8").strip() == said.strip()
+    (row,) = csv.DictReader((tmp_path / "study_draft.csv").read_text(encoding="utf-8").splitlines())
+    assert row["plant"] == "plain-1"
+    assert int(row["bolls"]) == json.loads((filmed / "truth.json").read_text(encoding="utf-8"))["boll_count"]
+    assert int(row["found"]) >= 3
+    assert abs(float(row["height"])) < 5
+
+
+def test_effect_decisions_are_counted(filmed, tmp_path):
+    shutil.copytree(filmed, tmp_path / "none-1")
+    command = [sys.executable, TOOLS / "effect_decisions.py", tmp_path, "--only", "none-1"]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert "100% of 4 decisions are right" in said

@@ -1,50 +1,79 @@
 """The commands of README and docs, run as written in a folder that holds what they name, on one tiny plant."""
 
+import re
+import shlex
 import shutil
 
 import doc_commands
 import numpy as np
 import pytest
-from doc_commands import blocks, commands
-from tiny_plant import ROOT
+from doc_commands import blocks
+from onnx_scene import SIDE, write_bright_cells
+from tiny_plant import FILM, OPTIONS, ROOT, in_shell
 from typer.testing import CliRunner
 
 from cotton3dg.cli import app
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.workspace import Workspace
 
-NOT_RUN = {
-    "--backend yolo": "needs weights; test_mask_backends.py makes small ones",
-    "--backend sam": "needs weights; test_mask_backends.py makes small ones",
-    "--backend grounded-sam": "needs weights; test_mask_backends.py makes small ones",
-    "masks-train": "needs ultralytics",
-    "--time-budget": "measures the machine; test_study_run.py does it",
-    " study ": "trains many times; test_study_run.py does it",
-    "--engine slurm": "needs a cluster; make slurm-test starts one",
-    "$plant": "a loop; test_examples.py runs one",
-    "simulate": "takes longer than the rest; this plant was made by it",
+PAGES = {str(page.relative_to(ROOT)): page for page in doc_commands.PAGES}
+
+# Part of a command -> what is added to it here, to be done in seconds.
+SHORTER = {
+    "study": "--time-budget 10s",
+    "simulate": " ".join(f"--{name} {value}" for name, value in FILM.items()),
+    "best.onnx": f"--image-size {SIDE} --tile 96",
+    "best.pt": "--image-size 160",
+    "masks-train": "--image-size 160 --epochs 1 --batch 4",
 }
-PAGES = [str(page.relative_to(ROOT)) for page in doc_commands.PAGES]
+# Part of a line -> what else runs it.
+ELSEWHERE = {
+    "--engine slurm": "make slurm-test",
+    "examples/slurm_array.sh": "make slurm-test",
+    "pip install 'cotton3dg[slurm]'": "make setup, by way of [dev]",
+    "pip install -e '.[sam]'": "make setup, by way of [dev]",
+    "pip install -e '.[yolo]'": "make yolo-test",
+    "sudo apt-get": "make bare-test",
+    "git clone": "make bare-test",
+    "export PIP": "make bare-test",
+    "source .venv": "make bare-test",
+    "make setup": "make bare-test",
+    "make demo": "make bare-test",
+    "make test": ".ci/run",
+    "make clean": "test_make_clean_leaves_the_sources",
+    "make study-set": "test_accuracy_tools.py",
+    "make segmentation-sweep": "test_accuracy_tools.py",
+    "make error-budget": "test_accuracy_tools.py",
+    "effect_decisions.py": "test_accuracy_tools.py",
+    "mkdir plant_017": "examples/one_plant.sh in test_examples.py",
+}
+YOLO = ("best.pt", "masks-train")
 
 
-def runnable():
-    """(page, command) of all pages in order, each command once."""
-    first_on: dict[tuple[str, ...], str] = {}
-    for page in PAGES:
-        for block in blocks(ROOT / page):
-            for words in commands(block.lines, ("cotton3dg",)) if block.language != "python" else ():
-                first_on.setdefault(tuple(words), page)
-    return [
-        (page, command) for command, page in first_on.items() if not any(why in " ".join(command) for why in NOT_RUN)
-    ]
+def lines(page):
+    """Lines of shell in a page, without comments."""
+    shown = [block.lines for block in blocks(page) if block.language not in ("python", "text")]
+    bare = [re.sub(r"(^|\s)#.*", "", line).strip() for block in shown for line in block]
+    return [line for line in bare if line]
+
+
+def is_elsewhere(line):
+    return any(part in line for part in ELSEWHERE)
+
+
+def runnable(page):
+    """Lines of a page to run here that no page before it has."""
+    before = [line for other in PAGES.values() if other < page for line in lines(other)]
+    return [line for line in dict.fromkeys(lines(page)) if line not in before and not is_elsewhere(line)]
 
 
 @pytest.fixture(scope="module")
 def desk(first_run, tmp_path_factory):
     """The folder that the pages speak of."""
     folder = tmp_path_factory.mktemp("desk")
-    for name in ("plant_017", "demo_plant", "field_2026/plant_001", "field_2026/plant_017"):
+    for name in ("plant_017", "plain-2", "plain-a", "some_folder", "field_2026/plant_001", "field_2026/plant_017"):
         shutil.copytree(first_run[0].root, folder / name)
+    (folder / "cotton3dg.toml").write_text(OPTIONS)
     plant = Workspace(folder / "plant_017")
     shutil.copytree(plant.folder("masks"), folder / "drawn")
     (folder / "drawn" / "masks.json").unlink()
@@ -52,6 +81,9 @@ def desk(first_run, tmp_path_factory):
     images = sorted(path.name for path in plant.frame_images())[:3]
     picks = [row for image in images for row in (f"a,{image},100,120", f"b,{image},220,120")]
     plant.scale_points.write_text("\n".join(["point,image,x_px,y_px", *picks, ""]))
+    clicks = [f"{image.partition('.')[0]},160,60" for image in images]
+    (folder / "clicks.csv").write_text("\n".join(["image,x,y", *clicks, ""]))
+    write_bright_cells(folder / "best.onnx")
     means = read_gaussians(plant.gaussians_ply).means
     header = ["ply", "format ascii 1.0", f"element vertex {len(means)}"]
     header += [*(f"property float {axis}" for axis in "xyz"), "end_header"]
@@ -59,14 +91,72 @@ def desk(first_run, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_the_commands_of_a_page_work(page, desk, monkeypatch, tmp_path):
+def run(line, folder):
+    """Run a line, in this process where it is one command of the tool."""
+    if not line.startswith("cotton3dg "):
+        done = in_shell("bash", "-c", line, cwd=folder)
+        assert done.returncode == 0, f"{line}\n{done.stderr}"
+        return
+    words = [*shlex.split(line)[1:], *(word for part, more in SHORTER.items() if part in line for word in more.split())]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, f"{line}\n{result.output}\n{result.exception!r}"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
     monkeypatch.chdir(desk)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    for command in [command for where, command in runnable() if where == page]:
-        result = CliRunner().invoke(app, list(command[1:]))
-        assert result.exit_code == 0, f"{' '.join(command)}\n{result.output}\n{result.exception!r}"
+    here = runnable(PAGES[name])
+    if any("--backend" in line and "sam" in line for line in here):
+        pytest.importorskip("transformers")
+        from transformer_scene import save
+
+        for folder, kind in (("sam-vit-base", "sam"), ("sam2.1-hiera-small", "sam2")):
+            save(desk / folder, kind)
+        save(desk / "grounding-dino-tiny", "grounding-dino")
+    for line in here:
+        if not any(part in line for part in YOLO):
+            run(line, desk)
 
 
-def test_most_commands_are_run():
-    assert len(runnable()) > 35
+def test_yolo_models_are_trained_and_used(desk, monkeypatch):
+    """In an environment with ultralytics: make yolo-test."""
+    pytest.importorskip("ultralytics")
+    from ultralytics import YOLO as UltralyticsYolo
+
+    monkeypatch.chdir(desk)
+    run("cotton3dg masks plant_017", desk)
+    run("cotton3dg masks-export plant_017", desk)
+    for name in ("best.pt", "yolo11x-seg.pt"):
+        UltralyticsYolo("yolo11n-seg.yaml").save(desk / name)
+    ours = [line for page in PAGES.values() for line in lines(page) if any(part in line for part in YOLO)]
+    assert len(ours) == 2
+    for line in ours:
+        run(line, desk)
+    assert (desk / "model" / "best.onnx").is_file()
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_python_of_a_page_works(name, desk, monkeypatch):
+    monkeypatch.chdir(desk)
+    names: dict[str, object] = {}
+    for block in blocks(PAGES[name]):
+        if block.language == "python":
+            exec("\n".join(block.lines), names)
+
+
+def test_every_line_is_run_by_something():
+    every = [line for page in PAGES.values() for line in lines(page)]
+    assert sum(not is_elsewhere(line) for line in every) > 50
+    assert {part for part in ELSEWHERE if not any(part in line for line in every)} == set()
+    targets = (ROOT / "Makefile").read_text()
+    for where in ELSEWHERE.values():
+        assert not where.startswith("make ") or f"\n{where.split()[1].rstrip(',')}:" in targets, where
+
+
+def test_make_clean_leaves_the_sources(tmp_path):
+    for name in (".venv/bin", "build/native", "demo", "results", "cotton3dg", "native"):
+        (tmp_path / name).mkdir(parents=True)
+    shutil.copyfile(ROOT / "Makefile", tmp_path / "Makefile")
+    assert in_shell("make", "clean", cwd=tmp_path).returncode == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"Makefile", "cotton3dg", "native"}

@@ -136,7 +136,8 @@ def look_everywhere(folder: Path) -> None:
 
 
 def kill_at_random(folder: Path, n_kills: int, seed: int, undisturbed: Path) -> None:
-    """Kill runs over one folder; after each the records are right, at the end the results are those of `undisturbed`.
+    """Kill runs over one folder, in a stage drawn for each, for their times are very unlike; after each the records are
+    right, at the end the results are those of `undisturbed`.
 
     Args:
         undisturbed: a finished plant with the same video.
@@ -144,27 +145,32 @@ def kill_at_random(folder: Path, n_kills: int, seed: int, undisturbed: Path) -> 
     folder.mkdir(parents=True)
     shutil.copyfile(undisturbed / "video.mp4", folder / "video.mp4")
     workspace, chance = Workspace(folder), random.Random(seed)
-    records = [Workspace(undisturbed).read_record(stage) or {} for stage in pipeline.STAGES]
-    work_s = sum(record["seconds"] for record in records)
-    n, died_in, arguments = 0, Counter[str](), list[str]()
+    seconds = {stage: (Workspace(undisturbed).read_record(stage) or {})["seconds"] for stage in pipeline.STAGES}
+    n, died_in = 0, Counter[str]()
     while n < n_kills:
+        victim = chance.choice(pipeline.STAGES)
+        plan = pipeline.plan(workspace, small_options(workspace), pipeline.STAGES)
+        ahead = [step.stage for step in plan if step.reason]
+        # What is up to date would not start.
+        arguments = [] if victim in ahead else ["--force", "--from", victim]
         process = subprocess.Popen(
             run_command(folder, *arguments), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         assert process.stderr is not None
-        said = [process.stderr.readline()]  # the libraries are loaded: from here it works
-        time.sleep(chance.uniform(0, work_s / 2))
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if line.startswith(f"{victim}: starts"):
+                break
+        time.sleep(chance.uniform(0, 1.2 * seconds[victim]))
         process.kill()
         said += process.stderr.readlines()
         process.stderr.close()
         assert process.wait() in (0, -9), said
         assert_whole(workspace)
-        started = [line.split(":")[0] for line in said if ": starts" in line]
-        if process.returncode == 0:  # done before it could be killed: some of it is to be done again
-            arguments = ["--force", "--from", chance.choice(pipeline.STAGES)]
-            continue
-        n, arguments = n + 1, []
-        died_in[started[-1] if started else "start"] += 1
+        if process.returncode == -9:  # and not done before it could be killed
+            n += 1
+            died_in[[line.split(":")[0] for line in said if ": starts" in line][-1]] += 1
     subprocess.run(run_command(folder), capture_output=True, check=True)
     assert results(workspace) == results(Workspace(undisturbed))
     assert not [path for path in folder.rglob(".*") if path.name.endswith((".partial", ".old"))]

@@ -1,0 +1,92 @@
+"""What docs/install.md and the README ask of a new user, in a Debian with nothing in it: `make bare-test` (as root).
+
+    python tests/stress/bare_machine.py /tmp/bare [--lend /opt/wheels ...]
+
+Makes the smallest Debian of this system's release in the folder with debootstrap, clones this repository's last commit
+into it by the commands of install.md as they stand, runs `make demo`, and prints the row and the time. pip's
+environment variables and configuration and the certificates of this machine hold there, too; folders that they name are
+to be lent. The folder is kept, and its Debian used again; remove it by hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = ("/etc/apt", "/etc/ssl/certs", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts")
+BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd /root\nrm -rf cotton3dg\n'
+
+
+def commands() -> str:
+    """The block of install.md for Debian and Ubuntu, then the README's first command."""
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    block = re.search(r"^## Debian.*?\n((?:    .*\n)+)", page, re.M | re.S)
+    assert block is not None
+    lines = block[1].replace("URL_OF_THIS_REPOSITORY", "/source").splitlines()
+    return BEGIN + "\n".join([*(line.strip() for line in lines), "make demo", "cat demo/traits/traits.csv", ""])
+
+
+def release() -> tuple[str, str]:
+    """Code name and mirror of this system's packages."""
+    name = re.search(r"^VERSION_CODENAME=(\w+)", Path("/etc/os-release").read_text(), re.M)
+    said = "".join(
+        path.read_text() for path in sorted(Path("/etc/apt").rglob("*.*")) if path.suffix in (".list", ".sources")
+    )
+    mirror = re.search(r"^(?:URIs:|deb)[^#\n]*?(https?://\S+)", said, re.M)
+    if name is None or mirror is None:
+        sys.exit("this needs a Debian or Ubuntu with its package sources in /etc/apt")
+    return name[1], mirror[1]
+
+
+@contextmanager
+def lent(system: Path, folders: list[Path]) -> Iterator[None]:
+    """Mount folders of this machine in the other, at the same place."""
+    mounted: list[Path] = []
+    try:
+        for source, inside in [(ROOT, "source"), *((folder, str(folder)[1:]) for folder in folders)]:
+            target = system / inside
+            target.mkdir(parents=True, exist_ok=True)
+            subprocess.run(["mount", "--bind", "-o", "ro", source, target], check=True)
+            mounted.append(target)
+        yield
+    finally:
+        for target in reversed(mounted):
+            subprocess.run(["umount", target], check=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--lend", type=Path, nargs="*", default=[], help="folders that pip's configuration names")
+    wanted = parser.parse_args()
+    system: Path = wanted.folder.resolve()
+    if not (system / "usr" / "bin" / "apt-get").exists():
+        system.mkdir(parents=True, exist_ok=True)
+        subprocess.run(["debootstrap", "--variant=minbase", release()[0], system, release()[1]], check=True)
+    for file in (*map(Path, SETTINGS), Path.home() / ".config" / "pip"):
+        if file.exists():
+            copy = system / "root" / ".config" / "pip" if file.is_relative_to(Path.home()) else system / str(file)[1:]
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            subprocess.run(["cp", "-aLT", file, copy], check=True)
+    (system / "etc" / "apt" / "apt.conf.d" / "90yes").write_text('APT::Get::Assume-Yes "true";\n')
+    (system / "root" / "commands.sh").write_text(commands())
+    kept = [f"{key}={value}" for key, value in os.environ.items() if re.match("PIP_|SSL_|(https?|no)_proxy", key, re.I)]
+    began = time.monotonic()
+    with lent(system, [Path("/proc"), *wanted.lend]):
+        command = ["chroot", system, "env", "-i", "HOME=/root", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", *kept]
+        done = subprocess.run([*command, "bash", "/root/commands.sh"], check=False)
+    print(f"{shlex.join(map(str, command[:2]))}: exit {done.returncode} after {time.monotonic() - began:.0f} s")
+    sys.exit(done.returncode)
+
+
+if __name__ == "__main__":
+    main()

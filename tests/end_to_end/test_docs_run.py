@@ -121,14 +121,13 @@ def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
 
 def test_yolo_models_are_trained_and_used(desk, monkeypatch):
     """In an environment with ultralytics: make yolo-test."""
-    pytest.importorskip("ultralytics")
-    from ultralytics import YOLO as UltralyticsYolo
+    ultralytics = pytest.importorskip("ultralytics")
 
     monkeypatch.chdir(desk)
     run("cotton3dg masks plant_017", desk)
     run("cotton3dg masks-export plant_017", desk)
     for name in ("best.pt", "yolo11x-seg.pt"):
-        UltralyticsYolo("yolo11n-seg.yaml").save(desk / name)
+        ultralytics.YOLO("yolo11n-seg.yaml").save(desk / name)
     ours = [line for page in PAGES.values() for line in lines(page) if any(part in line for part in YOLO)]
     assert len(ours) == 2
     for line in ours:

@@ -3,7 +3,8 @@
 Colour says in each image what may be lint: bright for its light and hardly coloured. Posters, labels and walls may be
 that too, and touching bolls look like one; so the images vote on where in space lint is (`lint_volume`), that lint
 is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels (`paint_bolls`). First
-small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size.
+small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size. A
+trained model of the plant tells the painter what is near which boll (`nearness`).
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
-from ..core.scene import Camera, Float32, Float64
+from ..core.scene import Camera, Float32, Float64, Gaussians
 from .lint_volume import find_bolls, refine_bolls
-from .paint_bolls import paint_bolls
+from .nearness import Nearness
+from .paint_bolls import REACH, paint_bolls
 from .table import level_planes
 from .views import Orbit
 
@@ -44,6 +46,7 @@ def detect_lint(
     painted: Collection[str],
     progress: Progress = silent,
     voters: Collection[str] | None = None,
+    gaussians: Gaussians | None = None,
 ) -> MaskSet:
     """Masks of the open bolls in images from around one plant.
 
@@ -54,6 +57,7 @@ def detect_lint(
         points: (P, 3) su, of surfaces in the scene; they tell where the table is.
         painted: names of the cameras that get masks.
         voters: names of those that vote on where lint is; None = all.
+        gaussians: trained model of the plant; without one, what has the colour of lint may pass for it around a boll.
     Returns:
         By camera name; a boll has the same id in all images.
     """
@@ -71,14 +75,16 @@ def detect_lint(
         scores.append(lint_score(small[-1]))
     progress(len(voting), total, "comparing the views")
     volume = find_bolls(scores, small_cameras, orbit, plant_floor(points, orbit))
+    nearness = Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
     for done, view in enumerate(zip(small, scores, small_cameras, strict=True)):
         progress(len(voting) + done, total, "outlining the bolls")
-        rough.append(paint_bolls(*view, volume)[0])
+        rough.append(paint_bolls(*view, volume, nearness)[0])
     volume = refine_bolls(volume, rough, small_cameras)
+    nearness = Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
     masks = MaskSet({}, {})
     for image, camera in zip(images, cameras, strict=True):
         if camera.name in painted:
-            painting = paint_bolls(image, lint_score(image), camera, volume)
+            painting = paint_bolls(image, lint_score(image), camera, volume, nearness)
             masks.ids[camera.name], masks.scores[camera.name] = painting
             progress(2 * len(voting) + len(masks.ids), total, camera.name)
     return masks

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32
 from .lint_volume import LintVolume, pixels_of
+from .nearness import Nearness
 
 SURELY, LIKELY = 0.5, 0.25
 """Scores of a pixel that is lint where its place says so too, and of one to begin with as lint."""
@@ -14,9 +15,13 @@ CORE = 1.0
 """Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
 SHARP_PX = 3.0
 """Least such distance: chroma subsampling and compression blur edges by two pixels."""
-REACH = 5.0
+REACH, BLIND_REACH = 8.0, 5.0
 """How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
-views."""
+views. Where nothing tells a wall behind from lint, that half must do."""
+NEAR = 0.5
+"""Least share of what is near in the light of a pixel of lint."""
+NO_LINT = 0.05
+"""Score below which what is near is no lint but bur, branch or leaf."""
 MARGIN = 4.0
 """Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
 ITERATIONS = 2
@@ -30,21 +35,29 @@ SPECK = 9
 
 
 def paint_bolls(
-    image: NDArray[np.uint8], score: Float32, camera: Camera, volume: LintVolume
+    image: NDArray[np.uint8], score: Float32, camera: Camera, volume: LintVolume, nearness: Nearness | None = None
 ) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Masks of the bolls of a volume in one image.
 
     Args:
         image: (H, W, 3) RGB.
         score: (H, W) 0..1, how much each pixel looks like lint.
+        nearness: to the volume; None = unknown.
     Returns:
         ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
     """
     expected, pitch_px = silhouettes(camera, volume)
     if not expected.any():
         return expected, {}
-    lint = lint_pixels(image, score, expected, pitch_px)
-    ids = without_specks(divided(image, lint, expected, pitch_px))
+    if nearness is None:
+        lint = lint_pixels(image, score, expected, pitch_px)
+        owners = np.where(lint, nearest_silhouettes(expected), 0)
+    else:
+        shares, places = nearness.seen(camera)
+        lint = lint_pixels(image, score, expected, pitch_px, shares >= NEAR)
+        owners = np.zeros_like(expected)
+        owners[lint] = nearness.bolls(places[lint])
+    ids = without_specks(divided(image, owners, pitch_px))
     return ids, {int(boll): volume.confidence(boll) for boll in np.unique(ids[ids > 0])}
 
 
@@ -67,26 +80,38 @@ def silhouettes(camera: Camera, volume: LintVolume) -> tuple[NDArray[np.uint16],
 
 
 def lint_pixels(
-    image: NDArray[np.uint8], score: Float32, expected: NDArray[np.uint16], pitch_px: float
+    image: NDArray[np.uint8],
+    score: Float32,
+    expected: NDArray[np.uint16],
+    pitch_px: float,
+    near: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Which pixels (H, W) on and around the silhouettes are lint: GrabCut (Rother et al. 2004).
 
     A minimum cut between colour models of lint and of what surrounds it follows the edges of the image, so lint goes on
     into its own shade and a wall of nearly its colour ends it. Bolls that are close share a model and a cut: what
     surrounds one must not be another.
+
+    Args:
+        near: (H, W) which pixels show what is near the bolls. The others are no lint, and their colours tell nothing
+            about it: left to burs and branches, the model of what surrounds lint is so unlike it that shade, too, is
+            on the right side. None = unknown.
     """
     import cv2
 
+    reach = (BLIND_REACH if near is None else REACH) * pitch_px
     outside = cv2.distanceTransform((expected == 0).astype(np.uint8), cv2.DIST_L2, 5)
     inside = cv2.distanceTransform((expected > 0).astype(np.uint8), cv2.DIST_L2, 5)
     trimap = np.full(expected.shape, cv2.GC_PR_BGD, np.uint8)
     trimap[(outside <= pitch_px) & (score > LIKELY)] = cv2.GC_PR_FGD
     sure = (score > SURELY) & (inside > max(CORE * pitch_px, SHARP_PX))
+    if near is not None:
+        sure &= near
     # Of a boll that shows so little of itself that nothing is deep inside, all that is likely must do.
     small = np.bincount(expected[sure], minlength=int(expected.max()) + 1) < FEWEST
     trimap[sure | ((score > SURELY) & (inside > 0) & small[expected])] = cv2.GC_FGD
-    within = outside <= REACH * pitch_px
-    trimap[~within] = cv2.GC_BGD
+    within = outside <= reach
+    trimap[~within if near is None else ~within | ~near] = cv2.GC_BGD
     lint = np.zeros(expected.shape, bool)
     _, groups, boxes, _ = cv2.connectedComponentsWithStats(within.astype(np.uint8))
     margin = int(np.ceil(MARGIN * pitch_px))
@@ -96,19 +121,24 @@ def lint_pixels(
         begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
         if min(begun.sum(), (~begun).sum()) >= FEWEST:
             cv2.setRNGSeed(0)  # GrabCut begins its models with a random k-means
+            shown = image[window] if near is None else surrounded(image[window], score[window], near[window])
             models = np.zeros((1, 65)), np.zeros((1, 65))
-            cv2.grabCut(np.ascontiguousarray(image[window]), cut, None, *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
+            cv2.grabCut(np.ascontiguousarray(shown), cut, None, *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
             begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
         lint[window] |= begun & (groups[window] == group)
     return lint
 
 
-def divided(
-    image: NDArray[np.uint8], lint: NDArray[np.bool_], expected: NDArray[np.uint16], pitch_px: float
-) -> NDArray[np.uint16]:
-    """The lint (H, W) divided among the bolls: each pixel is of the nearest silhouette's boll, but along the border of
-    two silhouettes a watershed lets the crease in the image decide.
-    """
+def surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The image (H, W, 3) with all that is not near in the colour of what is near and no lint, if there is any."""
+    bare = near & (score < NO_LINT)
+    if bare.sum() < FEWEST:
+        return image
+    return np.where(near[..., None], image, np.median(image[bare], axis=0).astype(np.uint8)).astype(np.uint8)
+
+
+def nearest_silhouettes(expected: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The boll (H, W) whose silhouette is nearest to each pixel."""
     import cv2
 
     _, places = cv2.distanceTransformWithLabels(
@@ -116,18 +146,26 @@ def divided(
     )
     boll_of_place = np.zeros(places.max() + 1, np.uint16)
     boll_of_place[places[expected > 0]] = expected[expected > 0]
-    nearest = np.where(lint, boll_of_place[places], 0).astype(np.uint16)
+    return boll_of_place[places]
 
+
+def divided(image: NDArray[np.uint8], owners: NDArray[np.uint16], pitch_px: float) -> NDArray[np.uint16]:
+    """The lint divided among its owners (H, W), 0 = no lint: along their borders a watershed lets the crease in the
+    image decide.
+    """
+    import cv2
+
+    lint = owners > 0
     radius = max(round(UNDECIDED * pitch_px), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    largest = cv2.dilate(expected, disc)
-    smallest = cv2.erode(np.where(expected > 0, expected, np.iinfo(np.uint16).max).astype(np.uint16), disc)
+    largest = cv2.dilate(owners, disc)
+    smallest = cv2.erode(np.where(lint, owners, np.iinfo(np.uint16).max).astype(np.uint16), disc)
     # Marker 1 is all that is no lint, so that flooding stays within it.
     markers = np.where(lint, 0, 1).astype(np.int32)
-    clear = lint & (expected > 0) & (largest == smallest)
-    markers[clear] = expected[clear].astype(np.int32) + 1
+    clear = lint & (largest == smallest)
+    markers[clear] = owners[clear].astype(np.int32) + 1
     cv2.watershed(image, markers)
-    return np.where(lint & (markers > 1), markers - 1, nearest).astype(np.uint16)
+    return np.where(lint & (markers > 1), markers - 1, owners).astype(np.uint16)
 
 
 def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:

@@ -22,6 +22,7 @@ from ..errors import BadInput, BadUsage
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_ids
+from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256, json_text
 from ..options import MasksOptions, as_dict
@@ -29,7 +30,7 @@ from ..plant.detect_lint import detect_lint
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace
 
-VERSION = 6
+VERSION = 7
 
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
@@ -59,9 +60,12 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks."""
+    """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks; and
+    the model, where `lint` looks at it."""
     texts = (options.weights, options.detector, options.prompts, options.source)
-    return [_found_file(workspace, text) for text in texts if text]
+    named = [_found_file(workspace, text) for text in texts if text]
+    by_colour = options.backend == "lint" or (options.backend == "sam" and not options.prompts)
+    return [*named, workspace.gaussians_ply] if by_colour else named
 
 
 def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
@@ -97,7 +101,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
 
 
 def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
-    """Masks by colour and shape, on views evenly spaced around the plant."""
+    """Masks by colour and shape, on views evenly spaced around the plant; by distance, too, once there is a model."""
     orbit = fit_orbit(_several(cameras))
     angles = azimuths(cameras, orbit)
     many = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
@@ -107,7 +111,8 @@ def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in seen]
     points = read_points(workspace.undistorted / "sparse")[0]
     names, voters = ({cameras[i].name for i in chosen} for chosen in (painted, voting))
-    return Found(detect_lint(images, seen, orbit, points, names, progress, voters))
+    gaussians = read_gaussians(workspace.gaussians_ply) if workspace.gaussians_ply.is_file() else None
+    return Found(detect_lint(images, seen, orbit, points, names, progress, voters, gaussians))
 
 
 def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:

@@ -7,6 +7,7 @@ import shutil
 import doc_commands
 import numpy as np
 import pytest
+import torchvision_stand_in
 from doc_commands import blocks
 from onnx_scene import SIDE, write_bright_cells
 from tiny_plant import FILM, OPTIONS, ROOT, in_shell
@@ -122,16 +123,16 @@ def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
 def test_yolo_models_are_trained_and_used(desk, monkeypatch):
     """In an environment with ultralytics: make yolo-test."""
     ultralytics = pytest.importorskip("ultralytics")
-
+    torchvision_stand_in.provide()
     monkeypatch.chdir(desk)
     run("cotton3dg masks plant_017", desk)
     run("cotton3dg masks-export plant_017", desk)
-    for name in ("best.pt", "yolo11x-seg.pt"):
-        ultralytics.YOLO("yolo11n-seg.yaml").save(desk / name)
+    ultralytics.YOLO("yolo11n-seg.yaml").save(desk / "yolo11x-seg.pt")
     ours = [line for page in PAGES.values() for line in lines(page) if any(part in line for part in YOLO)]
-    assert len(ours) == 2
-    for line in ours:
-        run(line, desk)
+    training, use = sorted(ours, key=lambda line: "masks-train" not in line)
+    run(training, desk)
+    shutil.copyfile(desk / "model" / "best.pt", desk / "best.pt")
+    run(use, desk)
     assert (desk / "model" / "best.onnx").is_file()
 
 

@@ -14,6 +14,7 @@ import argparse
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -22,14 +23,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = ("/etc/apt", "/etc/ssl/certs", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts")
+SETTINGS = ("/etc/apt", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts")
+CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
 BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd /root\nrm -rf cotton3dg\n'
 
 
 def commands() -> str:
     """The block of install.md for Debian and Ubuntu, then the README's first command."""
     page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    block = re.search(r"^## Debian.*?\n((?:    .*\n)+)", page, re.M | re.S)
+    block = re.search(r"^## Debian[^#]*?\n((?:    .*\n)+)", page, re.M)
     assert block is not None
     lines = block[1].replace("URL_OF_THIS_REPOSITORY", "/source").splitlines()
     return BEGIN + "\n".join([*(line.strip() for line in lines), "make demo", "cat demo/traits/traits.csv", ""])
@@ -77,9 +79,12 @@ def main() -> None:
             copy = system / "root" / ".config" / "pip" if file.is_relative_to(Path.home()) else system / str(file)[1:]
             copy.parent.mkdir(parents=True, exist_ok=True)
             subprocess.run(["cp", "-aLT", file, copy], check=True)
+    # Not in the place of the system's own, which installing ca-certificates would make anew.
+    shutil.copyfile(CERTIFICATES, system / "etc" / "lent.crt")
     (system / "etc" / "apt" / "apt.conf.d" / "90yes").write_text('APT::Get::Assume-Yes "true";\n')
     (system / "root" / "commands.sh").write_text(commands())
-    kept = [f"{key}={value}" for key, value in os.environ.items() if re.match("PIP_|SSL_|(https?|no)_proxy", key, re.I)]
+    kept = [f"{key}={value}" for key, value in os.environ.items() if re.match("PIP_|(https?|no)_proxy", key, re.I)]
+    kept += [f"{name}=/etc/lent.crt" for name in ("PIP_CERT", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE")]
     began = time.monotonic()
     with lent(system, [Path("/proc"), *wanted.lend]):
         command = ["chroot", system, "env", "-i", "HOME=/root", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", *kept]

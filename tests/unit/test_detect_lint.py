@@ -248,6 +248,22 @@ def test_lint_goes_on_into_its_own_shade() -> None:
     assert (lint & ball).sum() > 0.95 * (lint | ball).sum()
 
 
+def test_what_is_far_away_does_not_pass_for_lint_nor_lint_for_it() -> None:
+    image, ball = shaded_ball(0.2)
+    wall = ~ball & (np.arange(120) > 60)  # of the ball's colour in each line
+    image[wall] = image[:, 60:61].repeat(120, axis=1)[wall]
+    lit = np.flatnonzero(ball.any(axis=1))[:24]
+    expected = np.zeros(ball.shape, np.uint16)
+    expected[lit] = ball[lit]
+    near = ndimage.binary_dilation(ball | (np.abs(np.arange(120)[:, None] - 80) < 2))  # with a branch below
+    overlaps = []
+    for known in (None, near):
+        lint = lint_pixels(image, lint_score(image), expected, 5.0, known)
+        overlaps.append((lint & ball).sum() / (lint | ball).sum())
+    assert overlaps[0] < 0.85
+    assert overlaps[1] > 0.93
+
+
 def test_what_shows_little_of_itself_is_kept() -> None:
     image, ball = shaded_ball(0.9)
     strip = ball & (np.abs(np.arange(120) - 60) < 3)  # behind two branches
@@ -256,13 +272,13 @@ def test_what_shows_little_of_itself_is_kept() -> None:
     assert (lint & strip).sum() > 0.8 * (lint | strip).sum()
 
 
-def test_the_crease_divides_two_bolls_not_the_silhouettes() -> None:
+def test_the_crease_divides_two_bolls_not_the_first_guess() -> None:
     y, x = np.mgrid[:80, :120]
     lint = (np.hypot(x - 40, y - 40) < 18) | (np.hypot(x - 74, y - 40) < 18)
     image = np.where(lint[..., None], 230, 40).astype(np.uint8).repeat(3, 2)
     image[:, 57:58] = np.minimum(image[:, 57:58], 150)
-    expected = np.where(lint, np.where(x < 60, 1, 2), 0).astype(np.uint16)  # three pixels too far to the right
-    ids = divided(image, lint, expected, 4.0)
+    owners = np.where(lint, np.where(x < 60, 1, 2), 0).astype(np.uint16)  # three pixels too far to the right
+    ids = divided(image, owners, 4.0)
     assert (ids[lint] > 0).all() and not ids[~lint].any()
     wrong = lint & (ids != np.where(x < 57, 1, 2)) & (abs(x - 57) > 1)
     assert wrong.sum() < 0.2 * (lint & (x > 57) & (x < 60)).sum()

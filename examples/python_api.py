@@ -30,11 +30,12 @@ for name, model in ("50 steps", quick), ("saved model", gaussians):
     image = np.rint(255 * np.clip(c3d.render(model, views[0].camera).image, 0, 1)).astype(np.uint8)
     print(f"{name}: {c3d.psnr_db(image, views[0].image):.1f} dB")
 
-# masks: bolls in 36 views around the plant, by colour, texture and shape.
+# masks: bolls in 36 views around the plant, by colour, shape and distance.
 orbit = c3d.fit_orbit(cameras)
 chosen = [int(i) for i in c3d.evenly_spaced(c3d.azimuths(cameras, orbit), 36)]
 seen = [cameras[i] for i in chosen]
-masks = c3d.detect_lint([photos[i] for i in chosen], seen, orbit, points, [camera.name for camera in seen])
+names = [camera.name for camera in seen]
+masks = c3d.detect_lint([photos[i] for i in chosen], seen, orbit, points, names, gaussians=gaussians)
 
 # segment: which Gaussians each mask holds.
 ids = [masks.ids[camera.name] for camera in seen]

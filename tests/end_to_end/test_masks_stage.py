@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lint_scene import BOLLS
+from lint_scene import BOLLS, room_model
 from lint_workspace import make_workspace
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.images import read_ids, write_ids
+from cotton3dg.files.ply import write_gaussians
 from cotton3dg.options import MasksOptions
+from cotton3dg.pipeline import stage_inputs
 from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
@@ -38,6 +40,25 @@ def test_lint_masks_of_evenly_spaced_views(plant) -> None:
         union += ((ids > 0) | (truth > 0)).sum()
     assert covered / union > 0.75
     assert outcome.summary["masks"] == sum(image["instances"] for image in document["images"])
+
+
+def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> None:
+    workspace, truths = make_workspace(tmp_path, BOLLS)
+    made = {}
+    for way in ("colours", "model"):
+        masks.run(workspace, MasksOptions(views=6))
+        made[way] = {path.name: read_ids(path) for path in workspace.folder("masks").glob("*.png")}
+        with workspace.writing("train") as folder:
+            write_gaussians(folder / workspace.gaussians_ply.name, room_model())
+    assert any((made["colours"][name] != made["model"][name]).any() for name in made["model"])
+    for name in truths.keys() & {f"{Path(png).stem}.jpg" for png in made["model"]}:
+        found, truth = made["model"][f"{Path(name).stem}.png"] > 0, truths[name] > 0
+        assert (found & truth).sum() > 0.75 * (found | truth).sum()
+    model = workspace.gaussians_ply
+    assert model in stage_inputs(workspace, "masks", MasksOptions())
+    assert model in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights="."))
+    assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights=".", prompts="."))
+    assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="import"))
 
 
 def test_a_plant_without_open_bolls_is_told_not_failed(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cotton3dg.core.scene import Camera
+from cotton3dg.core.scene import Camera, Gaussians
 
 BOLLS = np.array(
     [
@@ -21,6 +21,7 @@ RADIUS = 0.028
 PAPER = np.array([[0.15, 0.3], [0.08, 0.18]])
 """x and y range of a sheet on the table."""
 WIDTH, HEIGHT, FOCAL = 480, 270, 400.0
+WALL_M = 3.0
 
 
 def orbit_cameras(n: int, *, radius: float = 1.3, turn: float = 2 * np.pi) -> list[Camera]:
@@ -76,7 +77,7 @@ def _room(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Colours of a round wall, a quarter of it nearly white, the rest brick red with white posters."""
     flat = rays[..., :2]
     half, square = flat @ origin[:2], (flat**2).sum(-1)
-    distance = (-half + np.sqrt(half**2 + square * (3.0**2 - origin[:2] @ origin[:2]))) / square
+    distance = (-half + np.sqrt(half**2 + square * (WALL_M**2 - origin[:2] @ origin[:2]))) / square
     hit = origin + distance[..., None] * rays
     angle = np.mod(np.arctan2(hit[..., 1], hit[..., 0]), 2 * np.pi)
     colour = np.tile(np.array([0.35, 0.12, 0.08]), (*angle.shape, 1))
@@ -92,3 +93,25 @@ def table_points(n: int = 4000) -> np.ndarray:
     """(n, 3) points on the table top."""
     rng = np.random.default_rng(0)
     return np.column_stack([rng.uniform(-0.6, 0.6, n), rng.uniform(-0.3, 0.3, n), rng.normal(0, 0.001, n)])
+
+
+def room_model() -> Gaussians:
+    """Bolls, stem, table and wall, densely covered by opaque Gaussians."""
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(len(BOLLS), 600, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    stem = np.column_stack([rng.normal(0, 0.004, (1500, 2)), rng.uniform(0, 0.6, 1500)])
+    angles, heights = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(-1.5, 2.5, 6000)
+    wall = np.column_stack([WALL_M * np.cos(angles), WALL_M * np.sin(angles), heights])
+    parts = [((BOLLS[:, None] + 0.9 * RADIUS * directions).reshape(-1, 3), 0.002), (stem, 0.003)]
+    parts += [(table_points(), 0.012), (wall, 0.08)]
+    means = np.concatenate([points for points, _ in parts]).astype(np.float32)
+    sizes = np.concatenate([np.full(len(points), size) for points, size in parts])
+    n = len(means)
+    return Gaussians(
+        means,
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.log(sizes)[:, None].repeat(3, 1).astype(np.float32),
+        np.full(n, 4.0, np.float32),
+        np.zeros((n, 1, 3), np.float32),
+    )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lint_scene import BOLLS, RADIUS, orbit_cameras, photo, table_points
+from lint_scene import BOLLS, RADIUS, orbit_cameras, photo, room_model, table_points
 from scipy import ndimage
 
 from cotton3dg.core.scene import Gaussians
@@ -11,30 +11,6 @@ from cotton3dg.plant.detect_lint import detect_lint
 from cotton3dg.plant.lint_volume import LintVolume
 from cotton3dg.plant.nearness import Nearness
 from cotton3dg.plant.views import fit_orbit
-
-WALL_M = 3.0
-
-
-def room_model() -> Gaussians:
-    """Bolls, stem, table and wall, densely covered by opaque Gaussians."""
-    rng = np.random.default_rng(0)
-    directions = rng.normal(size=(len(BOLLS), 600, 3))
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    stem = np.column_stack([rng.normal(0, 0.004, (1500, 2)), rng.uniform(0, 0.6, 1500)])
-    angles, heights = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(-1.5, 2.5, 6000)
-    wall = np.column_stack([WALL_M * np.cos(angles), WALL_M * np.sin(angles), heights])
-    parts = [((BOLLS[:, None] + 0.9 * RADIUS * directions).reshape(-1, 3), 0.002), (stem, 0.003)]
-    parts += [(table_points(), 0.012), (wall, 0.08)]
-    means = np.concatenate([points for points, _ in parts]).astype(np.float32)
-    sizes = np.concatenate([np.full(len(points), size) for points, size in parts])
-    n = len(means)
-    return Gaussians(
-        means,
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.log(sizes)[:, None].repeat(3, 1).astype(np.float32),
-        np.full(n, 4.0, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
 
 
 def volume() -> LintVolume:

@@ -34,7 +34,9 @@ MOST_ROUNDS = 8
 ALONG = 0.3
 """Quantile along an edge by which its contrast is judged: a sheet of paper beside it is brighter, but shorter."""
 STRONG = 0.75
-"""Contrast of an edge relative to the strongest line beside it."""
+"""Contrast of an edge relative to the strongest line beside it ..."""
+WEAK = 0.3
+"""... and where a line beside it is known to be stronger."""
 MIN_VIEWS = 3
 
 
@@ -105,7 +107,7 @@ class RimFit:
     residual_px: tuple[float, ...]
     """Median distance of each edge from what the photos show, in the order of `Rectangle.sides`."""
     support: tuple[float, ...]
-    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px."""
+    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px, narrow 1."""
     views: tuple[int, ...]
     """Photos that show each edge as a silhouette."""
 
@@ -115,6 +117,8 @@ def fit_rim(
     cameras: Sequence[Camera],
     images: Sequence[NDArray[np.uint8]],
     plane_error: float = PLANE_PRIOR,
+    *,
+    narrow: bool = False,
 ) -> RimFit | None:
     """Measure the edges of a table in photos.
 
@@ -126,6 +130,7 @@ def fit_rim(
         first: the rectangle as points give it.
         images: (H, W, 3) of the cameras.
         plane_error: standard error of the plane of `first`, in widths of the table.
+        narrow: a line beside an edge misleads: seek edges only a quarter as far from `first`, and take weaker ones.
     Returns:
         None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
@@ -133,30 +138,32 @@ def fit_rim(
 
     smooth = [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
     views = list(zip(cameras, smooth, strict=True))
-    rectangle = _roughly(first, views, SEARCH * first.width, TURN)
-    rectangle = rectangle and _roughly(rectangle, views, SEARCH / 4 * first.width, TURN / 4)
+    search, rounds, least = (SEARCH / 4, ROUNDS[1:], WEAK) if narrow else (SEARCH, ROUNDS, STRONG)
+    rectangle = _roughly(first, views, search * first.width, TURN, least)
+    rectangle = rectangle and _roughly(rectangle, views, search / 4 * first.width, TURN / 4, least)
     if rectangle is None:
         return None
     anchor = rectangle
-    for reach_px, settled in ROUNDS:
+    for reach_px, settled in rounds:
         for _ in range(MOST_ROUNDS):
             before = rectangle.corners
-            seen = [_maxima(rectangle, edge, views, reach_px) for edge in EDGES]
+            seen = [_maxima(rectangle, edge, views, reach_px, narrow) for edge in EDGES]
             if min(len(found.view) for found in seen) < PLACES:
                 return None
             rectangle = _adjusted(anchor, rectangle, cameras, seen, plane_error)
             if np.abs(rectangle.corners - before).max() < settled * first.width:
                 break
-        if np.abs(rectangle.corners - anchor.corners).max() > SEARCH * first.width:
+        if np.abs(rectangle.corners - anchor.corners).max() > search * first.width:
             return None
     offsets = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, seen, strict=True)]
     # Sought far around: among the maxima of a mere texture a third would lie that close.
-    wide = [_maxima(rectangle, edge, views, ROUNDS[0][0]) for edge in EDGES]
-    near = [np.abs(_distances(rectangle, edge, cameras, found)) < 2 for edge, found in zip(EDGES, wide, strict=True)]
+    far_px = rounds[0][0]
+    wide = [_maxima(rectangle, edge, views, far_px, narrow) for edge in EDGES]
+    away = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, wide, strict=True)]
     return RimFit(
         rectangle,
         tuple(float(np.median(d)) for d in offsets),
-        tuple(float(hits.sum() / found.looked) for hits, found in zip(near, wide, strict=True)),
+        tuple(float((d < far_px / 3).sum() / found.looked) for d, found in zip(away, wide, strict=True)),
         tuple(len(np.unique(found.view)) for found in seen),
     )
 
@@ -180,8 +187,12 @@ class _Maxima:
 _View = tuple[Camera, NDArray[np.uint8]]
 
 
-def _roughly(first: Rectangle, views: list[_View], reach: float, most: float) -> Rectangle | None:
-    """`first` turned as a whole and each edge moved to where the contrast, summed over views, tells."""
+def _roughly(first: Rectangle, views: list[_View], reach: float, most: float, least: float) -> Rectangle | None:
+    """`first` turned as a whole and each edge moved to where the contrast, summed over views, tells.
+
+    Args:
+        least: contrast of an edge relative to the strongest line beside it.
+    """
     steps = np.linspace(-reach, reach, 161)
     turns = np.linspace(-most, most, 25)
     profiles = []
@@ -203,7 +214,7 @@ def _roughly(first: Rectangle, views: list[_View], reach: float, most: float) ->
         ]
         profiles.append(np.array(sheared))
     best = int(np.argmax(sum(profile.max(axis=1) for profile in profiles)))
-    outwards = [steps[_outermost(profile[best])] for profile in profiles]
+    outwards = [steps[_outermost(profile[best], least)] for profile in profiles]
     centred = Rectangle(first.axes, first.points(first.middle), first.sides - np.repeat(first.middle, 2))
     return centred.moved(np.array([0, 0, turns[best], 0, -outwards[0], outwards[1], -outwards[2], outwards[3]]))
 
@@ -228,16 +239,18 @@ def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Fl
     return total / np.maximum(count, 1) if n_views >= MIN_VIEWS else None
 
 
-def _outermost(profile: Float64) -> int:
+def _outermost(profile: Float64, least: float) -> int:
     """Index of the outermost of the strong maxima: lines inside the table (seams, tape) are no rim."""
     base = np.median(profile)
-    strong = profile - base >= STRONG * (profile.max() - base)
+    strong = profile - base >= least * (profile.max() - base)
     peaks = strong & (profile >= np.roll(profile, 1)) & (profile >= np.roll(profile, -1))
     return int(np.flatnonzero(peaks)[-1]) if peaks.any() else int(profile.argmax())
 
 
-def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float) -> _Maxima:
-    """The strongest contrast within `reach_px` of the edge at each place of each view that shows it as a silhouette."""
+def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float, nearest: bool = False) -> _Maxima:
+    """The strongest contrast within `reach_px` of the edge at each place of each view that shows it as a silhouette;
+    or the nearest that is not much weaker.
+    """
     points = rectangle.points(rectangle.edge_places(edge, _along()))
     ahead = rectangle.axes[1 if edge < 2 else 0] * 1e-3 * rectangle.width
     steps = np.arange(-reach_px - 0.5, reach_px + 0.51, 0.5)
@@ -251,7 +264,12 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
         if not len(pixels):
             continue
         profile = _difference(image, pixels[:, None] + steps[None, :, None] * normals[:, None], normals[:, None])
-        peak = 1 + profile[:, 1:-1].argmax(axis=1)
+        within = profile[:, 1:-1]
+        peak = 1 + within.argmax(axis=1)
+        if nearest:
+            tops = (within >= profile[:, :-2]) & (within >= profile[:, 2:])
+            tops &= within >= WEAK * within.max(axis=1, keepdims=True)
+            peak = 1 + np.where(tops, np.abs(steps[1:-1]), np.inf).argmin(axis=1)
         before, here, after = (np.take_along_axis(profile, (peak + k)[:, None], 1)[:, 0] for k in (-1, 0, 1))
         bend = before - 2 * here + after
         fine = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1), 0)

@@ -30,6 +30,8 @@ MIN_AREA = 0.2
 """Area of a plane relative to the largest one; two clamp tubes cover a twentieth of the table."""
 HYPOTHESES = 10_000
 ASPECT_TOLERANCE = 0.05
+USUAL_ASPECT_ERROR = 0.01
+"""Beyond it a fit is only taken where none with edges closer to where the points end is nearer to the known shape."""
 MIN_FILL = 0.8
 LEAST_TRACKS = 30
 LEAST_PLANE_ERROR = 2e-4
@@ -116,19 +118,28 @@ def find_table(
         if first is None:
             continue
         first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
-        for number, guess in enumerate((first, *(_completed(first, aspect) if images else ()))):
-            rim = fit_rim(guess, image_cameras, images, plane_error) if images else None
+        # What shows best may be a seam or a shadow along an edge of wood before wood; then the shape is wrong, and the
+        # edges are sought close to where the points end.
+        guesses = [first, first, *_completed(first, aspect)] if images else [first]
+        fits: list[TableFit] = []
+        for number, guess in enumerate(guesses):
+            if fits and (number > 1 or abs(fits[0].aspect / aspect - 1) <= USUAL_ASPECT_ERROR):
+                break
+            rim = fit_rim(guess, image_cameras, images, plane_error, narrow=number == 1) if images else None
             if images and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
                 continue
             rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
             fill, inliers = _coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
-            # A guess made from the known shape cannot vouch for it: there every edge must be seen.
+            # A guess made from the known shape cannot vouch for it, nor can the choice of the lines that have that
+            # shape: there every edge must be seen.
             doubt = _doubt(fit, aspect, most_unclear=0 if number else 1)
             if not doubt:
-                return fit
+                fits.append(fit)
             refused = refused if refused.reason else NoTable(doubt)
+        if fits:
+            return min(fits, key=lambda fit: abs(fit.aspect / aspect - 1))
     return refused if refused.reason else NoTable("no plane is bounded like a table")
 
 

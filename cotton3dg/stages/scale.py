@@ -29,7 +29,7 @@ from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_ta
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace
 
-VERSION = 4
+VERSION = 5
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3

@@ -70,12 +70,14 @@ def photo(
     length_cm: float = LENGTH_CM,
     box_from_cm: float | None = None,
     second: bool = False,
+    border_cm: float = 0.0,
 ) -> np.ndarray:
     """(H, W, 3) uint8: a grained table top with dark side faces before a room of coloured tiles, four rays a pixel.
 
     Args:
         box_from_cm: a box 20 cm high and wider than the table stands on its end from this x on.
         second: a square table of the same height stands 20 cm beside the table.
+        border_cm: width of a dull border along one long side of a bright table top.
     """
     step = (np.arange(2) + 0.5) / 2
     u = (np.arange(camera.width)[:, None] + step).ravel()
@@ -99,6 +101,8 @@ def photo(
                 at = eye[:2] + reach[..., None] * rays[..., :2]
                 on = (reach > 0) & (np.abs(at) <= half).all(-1)
                 grain = 150 + 12 * np.sin(at[..., 1] * 1.7 + np.sin(at[..., 0] * 0.4))
+                if border_cm:
+                    grain = np.where(at[..., 1] > half[1] - border_cm, 30, 250)
                 colour[on] = grain[on, None] * [1.0, 0.8, 0.6] if z == 0 else 60.0
                 if z < 0:
                     colour = _sides(colour, eye, rays, half)

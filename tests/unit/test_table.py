@@ -154,6 +154,13 @@ def test_one_unclear_edge_is_no_reason_to_refuse_a_table(support, taken):
     assert not taken or min(support) > 0.4 or _doubt(TableFit(rim.rectangle, 1.0, 500, rim), 2.0, most_unclear=0)
 
 
+def test_a_line_beside_an_edge_that_is_stronger_than_the_edge_does_not_cost_the_table():
+    seen = [photo(camera, border_cm=4.0) for camera in CAMERAS]
+    fit = find_table(points(), CAMERAS, seen, CAMERAS)
+    assert isinstance(fit, TableFit), fit
+    assert scale_from_table(fit, 120, 60).cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.005)
+
+
 def test_a_second_table_beside_it_is_not_taken_for_it():
     seen = [photo(camera, second=True) for camera in CAMERAS]
     rng = np.random.default_rng(0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.measurements import Scale
 from ..core.scene import Camera, Float64
 from .box import min_area_rectangle
-from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, Rectangle, RimFit, fit_rim
+from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fit_rim
 from .views import Orbit, fit_orbit
 
 TOLERANCE = 0.006
@@ -31,7 +31,7 @@ MIN_AREA = 0.2
 HYPOTHESES = 10_000
 ASPECT_TOLERANCE = 0.05
 USUAL_ASPECT_ERROR = 0.01
-"""Beyond it a fit is only taken where none with edges closer to where the points end is nearer to the known shape."""
+"""Beyond it another fit, with edges closer to where the points end, is taken if it is nearer to the known shape."""
 MIN_FILL = 0.8
 LEAST_TRACKS = 30
 LEAST_PLANE_ERROR = 2e-4
@@ -118,13 +118,14 @@ def find_table(
         if first is None:
             continue
         first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
-        # What shows best may be a seam or a shadow along an edge of wood before wood; then the shape is wrong, and the
-        # edges are sought close to where the points end.
+        # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is not quite right,
+        # and the edges are sought again close to where the points end.
         guesses = [first, first, *_completed(first, aspect)] if images else [first]
         fits: list[TableFit] = []
+        off = np.inf  # the last fit's shape from the known one
         for number, guess in enumerate(guesses):
-            if fits and (number > 1 or abs(fits[0].aspect / aspect - 1) <= USUAL_ASPECT_ERROR):
-                break
+            if (number == 1 and not USUAL_ASPECT_ERROR < off < 2 * SEARCH) or (number > 1 and fits):
+                continue
             rim = fit_rim(guess, image_cameras, images, plane_error, narrow=number == 1) if images else None
             if images and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
@@ -132,6 +133,7 @@ def find_table(
             rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
             fill, inliers = _coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
+            off = abs(fit.aspect / aspect - 1)
             # A guess made from the known shape cannot vouch for it, nor can the choice of the lines that have that
             # shape: there every edge must be seen.
             doubt = _doubt(fit, aspect, most_unclear=0 if number else 1)

@@ -118,7 +118,7 @@ def find_table(
         if first is None:
             continue
         first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
-        # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is not quite right,
+        # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly right,
         # and the edges are sought again close to where the points end.
         guesses = [first, first, *_completed(first, aspect)] if images else [first]
         fits: list[TableFit] = []

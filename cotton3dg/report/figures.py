@@ -84,7 +84,8 @@ def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
 def numbered(
     photo: Picture, camera: Camera, centres: Mapping[int, NDArray], seen: set[int], size_px: int, beside_px: float
 ) -> Picture:
-    """The photo with the number of each boll to the right of it; those that no mask of this view shows are grey.
+    """The photo with the number of each boll to the right of it, lower where another one stands; those that no mask of
+    this view shows are grey.
 
     Args:
         centres: boll -> (3,) su. seen: bolls that have a mask in this view. size_px: width of the part that is shown.
@@ -93,7 +94,8 @@ def numbered(
     import cv2
 
     drawn = photo.copy()
-    size = max(0.4, size_px / 1500)
+    size, pad = max(0.4, size_px / 1500), 2
+    taken: list[tuple[int, int, int, int]] = []
     for boll, centre in centres.items():
         pixel = camera.project(np.asarray(centre)[None])[0][0]
         if not np.isfinite(pixel).all():
@@ -101,9 +103,13 @@ def numbered(
         text = str(boll)
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
         x, y = int(pixel[0] + beside_px), int(pixel[1]) + height // 2
-        pad = 2
+        left, right, tall = x - pad, x + width + pad, height + 2 * pad
+        for other_left, other_right, top, bottom in sorted(taken, key=lambda box: box[2]):
+            if left <= other_right and right >= other_left and top <= y + pad <= bottom + tall:
+                y = bottom + tall - pad + 1
+        taken.append((left, right, y - height - pad, y + pad))
         fill = (20, 20, 20) if boll in seen else (110, 110, 110)
-        cv2.rectangle(drawn, (x - pad, y - height - pad), (x + width + pad, y + pad), fill, -1)
+        cv2.rectangle(drawn, (left, y - height - pad), (right, y + pad), fill, -1)
         cv2.putText(drawn, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
 

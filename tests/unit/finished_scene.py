@@ -14,7 +14,7 @@ from cotton3dg.files.ply import write_gaussians
 from cotton3dg.files.saving import json_text
 from cotton3dg.files.scale import scale_facts
 from cotton3dg.options import STAGE_OPTIONS, as_dict, resolve
-from cotton3dg.pipeline import stage_options
+from cotton3dg.pipeline import stage_inputs, stage_options
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.ops import render, render_values
 from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
@@ -30,11 +30,12 @@ UNPLACED = f"{N_VIEWS:06d}.jpg"
 
 def record(workspace: Workspace, stage: str, flags: tuple[str, ...] = (), warnings: tuple[str, ...] = ()) -> None:
     """As the pipeline writes it for a stage that is done."""
+    options = stage_options(workspace)[stage]
     found: dict[str, Any] = {
         "stage": stage, "status": "ok", "stage_version": MODULES[stage].VERSION,
-        "options": as_dict(stage_options(workspace)[stage]),
+        "options": as_dict(options),
         "seconds": 1.25, "cpu_seconds": 2.5, "peak_memory_mib": 321.0,
-        "inputs": workspace.hashes(*MODULES[stage].inputs(workspace)),
+        "inputs": workspace.hashes(*stage_inputs(workspace, stage, options)),
         "outputs": workspace.hashes(workspace.folder(stage)),
         "summary": {"n": 3}, "flags": flags, "warnings": warnings,
     }  # fmt: skip

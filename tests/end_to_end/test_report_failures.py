@@ -67,9 +67,9 @@ def test_results_of_other_inputs_are_not_shown(reported_copy):
     entry = reported_copy.read_record("train")
     reported_copy.write_record("train", entry | {"outputs": entry["outputs"] | {"train/gaussians.ply": "another"}})
     facts = read_facts(reported_copy)
-    assert [item.state for item in facts.stages] == ["done"] * 4 + ["outdated"] * 4
+    assert [item.state for item in facts.stages] == ["done"] * 3 + ["outdated"] * 5
     assert not facts.traits
-    assert "segment" in facts.failure
+    assert "masks" in facts.failure
 
 
 def test_without_scale_and_without_bolls_the_page_says_so(reported_copy):

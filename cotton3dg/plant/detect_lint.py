@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float32, Float64, Gaussians
-from .lint_volume import find_bolls, refine_bolls
+from .lint_volume import LintVolume, find_bolls, refine_bolls
 from .nearness import Nearness
 from .paint_bolls import REACH, paint_bolls
 from .table import level_planes
@@ -75,12 +75,12 @@ def detect_lint(
         scores.append(lint_score(small[-1]))
     progress(len(voting), total, "comparing the views")
     volume = find_bolls(scores, small_cameras, orbit, plant_floor(points, orbit))
-    nearness = Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
+    nearness = _nearness(gaussians, volume)
     for done, view in enumerate(zip(small, scores, small_cameras, strict=True)):
         progress(len(voting) + done, total, "outlining the bolls")
         rough.append(paint_bolls(*view, volume, nearness)[0])
     volume = refine_bolls(volume, rough, small_cameras)
-    nearness = Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
+    nearness = _nearness(gaussians, volume)
     masks = MaskSet({}, {})
     for image, camera in zip(images, cameras, strict=True):
         if camera.name in painted:
@@ -88,6 +88,10 @@ def detect_lint(
             masks.ids[camera.name], masks.scores[camera.name] = painting
             progress(2 * len(voting) + len(masks.ids), total, camera.name)
     return masks
+
+
+def _nearness(gaussians: Gaussians | None, volume: LintVolume) -> Nearness | None:
+    return Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
 
 
 def plant_floor(points: Float64, orbit: Orbit) -> Float64 | None:

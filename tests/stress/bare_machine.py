@@ -23,9 +23,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = ("/etc/apt", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts")
+SETTINGS = ("etc/apt", "etc/pip.conf", "etc/resolv.conf", "etc/hosts")
 CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
-BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd /root\nrm -rf cotton3dg\n'
+HOME = "home/new"
+"""Of the new user, in the other system."""
+BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd "$HOME"\nrm -rf cotton3dg\n'
 
 
 def commands() -> str:
@@ -74,21 +76,22 @@ def main() -> None:
     if not (system / "usr" / "bin" / "apt-get").exists():
         system.mkdir(parents=True, exist_ok=True)
         subprocess.run(["debootstrap", "--variant=minbase", release()[0], system, release()[1]], check=True)
-    for file in (*map(Path, SETTINGS), Path.home() / ".config" / "pip"):
+    copies = {Path("/", file): system / file for file in SETTINGS}
+    for file, copy in (copies | {Path.home() / ".config" / "pip": system / HOME / ".config" / "pip"}).items():
         if file.exists():
-            copy = system / "root" / ".config" / "pip" if file.is_relative_to(Path.home()) else system / str(file)[1:]
             copy.parent.mkdir(parents=True, exist_ok=True)
             subprocess.run(["cp", "-aLT", file, copy], check=True)
     # Not in the place of the system's own, which installing ca-certificates would make anew.
     shutil.copyfile(CERTIFICATES, system / "etc" / "lent.crt")
     (system / "etc" / "apt" / "apt.conf.d" / "90yes").write_text('APT::Get::Assume-Yes "true";\n')
-    (system / "root" / "commands.sh").write_text(commands())
+    (system / HOME).mkdir(parents=True, exist_ok=True)
+    (system / HOME / "commands.sh").write_text(commands())
     kept = [f"{key}={value}" for key, value in os.environ.items() if re.match("PIP_|(https?|no)_proxy", key, re.I)]
     kept += [f"{name}=/etc/lent.crt" for name in ("PIP_CERT", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE")]
     began = time.monotonic()
     with lent(system, [Path("/proc"), *wanted.lend]):
-        command = ["chroot", system, "env", "-i", "HOME=/root", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", *kept]
-        done = subprocess.run([*command, "bash", "/root/commands.sh"], check=False)
+        command = ["chroot", system, "env", "-i", f"HOME=/{HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", *kept]
+        done = subprocess.run([*command, "bash", f"/{HOME}/commands.sh"], check=False)
     print(f"{shlex.join(map(str, command[:2]))}: exit {done.returncode} after {time.monotonic() - began:.0f} s")
     sys.exit(done.returncode)
 

@@ -1,6 +1,6 @@
 """What docs/install.md and the README ask of a new user, in a Debian with nothing in it: `make bare-test` (as root).
 
-    python tests/stress/bare_machine.py /tmp/bare [--lend /opt/wheels ...]
+    python tests/stress/bare_machine.py /tmp/bare [--lend FOLDER ...]
 
 Makes the smallest Debian of this system's release in the folder with debootstrap, clones this repository's last commit
 into it by the commands of install.md as they stand, runs `make demo`, and prints the row and the time. pip's

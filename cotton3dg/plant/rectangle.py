@@ -107,7 +107,8 @@ class RimFit:
     residual_px: tuple[float, ...]
     """Median distance of each edge from what the photos show, in the order of `Rectangle.sides`."""
     support: tuple[float, ...]
-    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px, narrow 1."""
+    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px. Of a narrow
+    fit within 1 px, and weaker evidence: the nearest maximum was taken, and of a mere texture most would lie there."""
     views: tuple[int, ...]
     """Photos that show each edge as a silhouette."""
 

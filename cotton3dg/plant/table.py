@@ -119,7 +119,7 @@ def find_table(
             continue
         first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
         # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly right,
-        # and the edges are sought again close to where the points end.
+        # and the edges are sought again close to where the points end; of any other plane texture would do.
         guesses = [first, first, *_completed(first, aspect)] if images else [first]
         fits: list[TableFit] = []
         off = np.inf  # the last fit's shape from the known one

@@ -23,6 +23,8 @@ MAX_COORDINATE = 1e12
 
 OBSERVATION = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<i8")])
 """A feature of an image and the triangulated point it shows, -1 = none."""
+POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("n_images", "<u8")])
+"""A triangulated point; as many images and features, 8 bytes each, follow."""
 
 
 class _Reader:
@@ -169,14 +171,15 @@ def _points(
     model_dir: Path,
 ) -> tuple[NDArray[np.uint64], NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.int64]]:
     reader = _Reader(model_dir / "points3D.bin")
-    n = reader.count(51)
-    ids, xyz = np.empty(n, np.uint64), np.empty((n, 3))
-    rgb, errors, lengths = np.empty((n, 3), np.uint8), np.empty(n), np.empty(n, np.int64)
-    for row in range(n):
-        ids[row], *values, errors[row] = reader.fields("Q3d3Bd")
-        xyz[row], rgb[row] = values[:3], values[3:]
-        lengths[row] = reader.count(8)
-        reader.skip(8 * int(lengths[row]))
-    order = np.argsort(ids, kind="stable")
-    order = order[(np.abs(xyz[order]) < MAX_COORDINATE).all(axis=1)]
-    return ids[order], xyz[order], rgb[order], np.where(np.isfinite(errors[order]), errors[order], -1.0), lengths[order]
+    starts = np.empty(reader.count(POINT.itemsize), np.int64)
+    for row in range(len(starts)):
+        starts[row] = reader.at
+        reader.skip(POINT.itemsize - 8)
+        reader.skip(8 * reader.count(8))
+    content = np.frombuffer(reader.content, np.uint8)
+    points = content[starts[:, None] + np.arange(POINT.itemsize)].view(POINT)[:, 0]
+    points = points[np.argsort(points["id"], kind="stable")]
+    points = points[(np.abs(points["xyz"]) < MAX_COORDINATE).all(axis=1)]
+    errors, lengths = points["error"].copy(), points["n_images"].astype(np.int64)
+    errors[~np.isfinite(errors)] = -1.0
+    return points["id"].copy(), points["xyz"].copy(), points["rgb"].copy(), errors, lengths

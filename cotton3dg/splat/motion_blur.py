@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.scene import Float64
 from .motion import Tracks, velocities
@@ -77,6 +78,8 @@ def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
         views: V images, those of `tracks.cameras`, of any size.
         tracks: places in px of `tracks.cameras`.
     """
+    import cv2
+
     speeds = velocities(tracks)
     scales = np.array([view.camera.width / camera.width for view, camera in zip(views, tracks.cameras, strict=True)])
     speeds = speeds * scales[tracks.views, None]
@@ -95,8 +98,9 @@ def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
         if len(mine) < FEWEST_PLACES:
             continue
         directions = speeds[mine] / flows[mine, None]
-        along[number] = _correlation(view, places, directions)
-        across[number] = _correlation(view, places, directions[:, ::-1] * (-1, 1))
+        grey = cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        along[number] = _correlation(grey, places, directions)
+        across[number] = _correlation(grey, places, directions[:, ::-1] * (-1, 1))
     known = np.isfinite(along[:, 0])
     lengths = np.full(len(views), np.nan)
     if known.any():
@@ -123,11 +127,10 @@ def blur_length(correlation: Float64, smears: Float64) -> float:
     return float(LENGTHS_PX[np.argmin(((seen - factors[:, None] * smears) ** 2).sum(axis=1))])
 
 
-def _correlation(view: View, places: Float64, directions: Float64) -> Float64:
+def _correlation(grey: NDArray[np.float32], places: Float64, directions: Float64) -> Float64:
     """(REACH,) mean correlation of the gradient along `directions` (K, 2) with itself, around `places` (K, 2) px."""
     import cv2
 
-    grey = cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     steps = np.arange(2 * REACH, dtype=np.float64) - (REACH - 0.5)
     aside = np.arange(BREADTH, dtype=np.float64) - (BREADTH - 1) / 2
     normals = directions[:, ::-1] * (-1, 1)
@@ -138,9 +141,9 @@ def _correlation(view: View, places: Float64, directions: Float64) -> Float64:
     lines = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     gradients = np.diff(lines.reshape(len(places), BREADTH, 2 * REACH), axis=2)
     n = gradients.shape[2]
-    energies = (gradients**2).mean(axis=(1, 2)) + NOISE
-    products = [(gradients[..., : n - lag] * gradients[..., lag:]).mean(axis=(1, 2)) for lag in range(REACH)]
-    return np.array([(product / energies).mean() for product in products])
+    pairs = [(gradients[..., : n - lag], gradients[..., lag:]) for lag in range(REACH)]
+    products = [np.einsum("kbn,kbn->k", near, far) / near[0].size for near, far in pairs]
+    return np.array([(product / (products[0] + NOISE)).mean() for product in products])
 
 
 def _quantile(values: Float64, share: float) -> float:

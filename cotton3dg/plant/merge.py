@@ -9,12 +9,14 @@ that split them and dropped; the Gaussians vote by weight. Nothing depends on th
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from ..core.bolls import BollInstance, LiftedMasks
-from .boll_shape import compact_part, extent, numbered, pieces
+from .boll_shape import SEPARATION, compact_part, extent, numbered, pieces
 
 Float32 = NDArray[np.float32]
 
@@ -197,6 +199,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray) -> list[BollIn
     groups = moved(evidence, contract(evidence.copy()))
     labels = _reconciled(votes, usable, nodes, groups, points)
     labels, flags = _shaped(labels, points)
+    _join_halves(labels, flags, points)
     return numbered(_instances(lifted, votes, usable, labels, flags, points), up)
 
 
@@ -303,6 +306,27 @@ def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int6
             else:
                 flags[group] = "large"
     return shaped, flags
+
+
+def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArray) -> None:
+    """Make one, in place, of sets that lie too deep in each other to be two bolls; what shape has parted stays so.
+
+    No vote tells: whatever finds a boll's locks apart in space masks them apart in every view.
+    """
+    sizes = {int(name): extent(points[labels == name]) for name in np.unique(labels[labels >= 0])}
+    while True:
+        apart = {
+            2 * float(np.linalg.norm(one[0] - other[0]) / (one[1].mean() + other[1].mean())): (a, b)
+            for (a, one), (b, other) in combinations(sizes.items(), 2)
+            if "parted_by_shape" not in (flags.get(a), flags.get(b))
+        }
+        if not apart or min(apart) >= SEPARATION:
+            return
+        kept, joined = apart[min(apart)]
+        labels[labels == joined] = kept
+        sizes[kept] = extent(points[labels == kept])
+        flags[kept] = "joined_by_shape"
+        del sizes[joined]
 
 
 def _instances(

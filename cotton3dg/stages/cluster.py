@@ -14,12 +14,13 @@ from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
 from ..files.saving import json_text
 from ..options import ClusterOptions
+from ..plant.boll_shape import close_flagged
 from ..plant.dbscan import cluster_objects
 from ..plant.merge import merge_views
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
 
-VERSION = 2
+VERSION = 3
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -40,6 +41,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         bolls = cluster_objects(lifted, gaussians.means, up, options.eps)
     else:
         bolls = merge_views(lifted, gaussians.means, up)
+    bolls = close_flagged(bolls)
     labels = boll_labels(bolls, len(gaussians))
     table = {"gaussians_sha256": lifted.gaussians_sha256, "bolls": [boll_facts(boll) for boll in bolls]}
     with workspace.writing("cluster") as folder:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
 
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
-from cotton3dg.plant.boll_shape import compact_part, extent, pieces
+from cotton3dg.plant.boll_shape import close_flagged, compact_part, extent, pieces
 from cotton3dg.plant.lift import ViewWeights, lift, rim_width_px, with_rim
 from cotton3dg.plant.match import match_bolls
 from cotton3dg.plant.merge import contract, merge_views, moved
@@ -80,6 +80,34 @@ def test_a_pair_that_every_view_merges_is_parted_by_its_shape():
     owners = [np.bincount(labels[(scene.bolls == boll) & visible]).argmax() for boll in pair]
     assert 0 not in owners and owners[0] != owners[1]
     assert all("parted_by_shape" in bolls[owner - 1].flags for owner in owners)
+
+
+def test_a_boll_that_every_view_parts_is_one():
+    scene, cameras, drawings = drawn(1)
+    boll = 5
+    halves = np.where((scene.bolls == boll) & (scene.means[:, 0] > scene.centres[boll - 1, 0]), 25, scene.bolls)
+    masks = [exact_masks(replace(scene, bolls=halves), nearest) for nearest, _ in drawings]
+    views = [
+        ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights)
+        for camera, drawing, ids in zip(cameras, drawings, masks, strict=True)
+        for found in [weights_of(len(scene.means), *drawing, with_rim(ids, rim_width_px(masks)))]
+    ]
+    bolls = merge_views(lift(views, np.ones(len(scene.means), bool), "sha"), scene.means, UP)
+    labels = labels_of(bolls, len(scene.means))
+    assert len(bolls) == 24
+    owners = np.bincount(labels[(scene.bolls == boll) & (labels > 0)])
+    assert owners.max() > 0.95 * owners.sum() and "joined_by_shape" in bolls[owners.argmax() - 1].flags
+    assert sum("joined_by_shape" in found.flags for found in bolls) == 1
+
+
+def test_bolls_nearer_than_bolls_usually_are_are_flagged():
+    def at(x: float, diameter_su: float = 1.0) -> BollInstance:
+        return BollInstance(0, np.arange(3), ("a", "b"), np.array([x, 0, 0]), diameter_su, 1.0, ("few_views",))
+
+    flagged = close_flagged([at(0), at(0.8), at(1.7), at(5, 1.2), at(9, 0.8)])
+    assert [boll.flags for boll in flagged] == [("few_views", "close")] * 2 + [("few_views",)] * 3
+    assert close_flagged([at(0)])[0].flags == ("few_views",)
+    assert close_flagged([]) == []
 
 
 def test_names_of_masks_and_order_of_selections_are_of_no_consequence():

@@ -30,7 +30,7 @@ from ..plant.detect_lint import detect_lint
 from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace
 
-VERSION = 7
+VERSION = 8
 
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""

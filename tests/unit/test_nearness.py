@@ -63,3 +63,15 @@ def test_bolls_are_found_with_a_model_as_well(model, views) -> None:
     scores, miou = score_masks(pairs)
     assert scores[1].f1 > 0.98
     assert miou > 0.85
+
+
+def test_a_model_too_coarse_to_tell_has_no_say(model, views) -> None:
+    cameras, taken = views
+    images = [image for image, _ in taken]
+    given = images, cameras, fit_orbit(cameras), table_points(), [camera.name for camera in cameras[::6]]
+    coarse = Gaussians(
+        model.means, model.quats, model.log_scales + np.float32(np.log(30)), model.opacity_logits, model.sh
+    )
+    expected, found = detect_lint(*given), detect_lint(*given, gaussians=coarse)
+    assert all((found.ids[name] == expected.ids[name]).all() for name in expected.ids)
+    assert any((ids > 0).any() for ids in expected.ids.values())

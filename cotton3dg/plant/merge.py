@@ -9,11 +9,10 @@ that split them and dropped; the Gaussians vote by weight. Nothing depends on th
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
 from .boll_shape import SEPARATION, compact_part, extent, numbered, pieces
@@ -313,20 +312,22 @@ def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArr
 
     No vote tells: whatever finds a boll's locks apart in space masks them apart in every view.
     """
-    sizes = {int(name): extent(points[labels == name]) for name in np.unique(labels[labels >= 0])}
-    while True:
-        apart = {
-            2 * float(np.linalg.norm(one[0] - other[0]) / (one[1].mean() + other[1].mean())): (a, b)
-            for (a, one), (b, other) in combinations(sizes.items(), 2)
-            if "parted_by_shape" not in (flags.get(a), flags.get(b))
-        }
-        if not apart or min(apart) >= SEPARATION:
+    names = np.unique(labels[labels >= 0])
+    sizes = [extent(points[labels == name]) for name in names]
+    centres = np.array([centre for centre, _ in sizes]).reshape(-1, 3)
+    widths = np.array([axes.mean() for _, axes in sizes])
+    joinable = np.array([flags.get(int(name)) != "parted_by_shape" for name in names], bool)
+    while joinable.sum() > 1:
+        usual = np.maximum((widths[:, None] + widths) / 2, np.finfo(float).tiny)
+        apart = np.where(joinable[:, None] & joinable, cdist(centres, centres) / usual, np.inf)
+        np.fill_diagonal(apart, np.inf)
+        kept, joined = np.unravel_index(apart.argmin(), apart.shape)
+        if apart[kept, joined] >= SEPARATION:
             return
-        kept, joined = apart[min(apart)]
-        labels[labels == joined] = kept
-        sizes[kept] = extent(points[labels == kept])
-        flags[kept] = "joined_by_shape"
-        del sizes[joined]
+        labels[labels == names[joined]] = names[kept]
+        centres[kept], axes = extent(points[labels == names[kept]])
+        widths[kept], joinable[joined] = axes.mean(), False
+        flags[int(names[kept])] = "joined_by_shape"
 
 
 def _instances(

@@ -22,7 +22,7 @@ from ..options import TrainOptions
 from . import density
 from .metrics import PLANT_REGION, focus
 from .ops import StepReport, train_step
-from .state import AdamState, DensityStatistics, LearningRates
+from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
 
 COARSEST_SIDE_PX = 200
@@ -42,6 +42,16 @@ PAPER_STEPS = 30_000
 
 SETTLING_FROM, SETTLED = 0.75, 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
+
+SURROUNDINGS_FROM = 0.25
+"""Distance from the focus, relative to the cameras', beyond which rates grow in proportion to it: a room's Gaussians are
+some ten times as large as a plant's and come from fewer points, so the rate that suits a boll leaves a wall unfinished."""
+
+SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 2.0
+"""How many times as large the rates of means and of log scales become at most."""
+
+SURROUNDINGS_STEPS = 500
+"""In trainings of fewer steps all are as long as they can be."""
 
 SH_RAISED_EVERY = 0.15
 """Share of the steps after which the degree of the colour rises by one."""
@@ -150,6 +160,7 @@ def fit(
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
     cameras = [view.camera for view in views]
     _, radius_su = focus(cameras)
+    around = surroundings(cameras, options.steps)
     stages = resolutions(views, options.steps)
     renewals = renewal_steps(options.steps, len(views))
     order = image_order(len(views), options.steps, options.seed)
@@ -166,7 +177,7 @@ def fit(
             view.image,
             sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
             background=(0.0, 0.0, 0.0),
-            learning_rates=learning_rates(step, options.steps, radius_su),
+            learning_rates=learning_rates(step, options.steps, radius_su, around),
             dssim=options.dssim,
             near_su=NEAREST * radius_su or None,
         )
@@ -241,13 +252,16 @@ def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     return np.concatenate(epochs)[:steps].tolist()
 
 
-def learning_rates(step: int, steps: int, radius_su: float) -> LearningRates:
+def learning_rates(
+    step: int, steps: int, radius_su: float, surroundings: Surroundings = NO_SURROUNDINGS
+) -> LearningRates:
     """Rates of step `step` of `steps`; that of the means grows with the scene.
 
     At 30,000 steps they start as those of Kerbl et al. 2023. A shorter run must cover the same way in fewer steps: all
     rates grow as the run gets shorter. The means' fall all the time, as in the paper, to a hundredth; the others,
     constant there, fall at the end. The exponents were fitted to runs of 1000 steps on 480 px and 3000 steps on 960 px
-    images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px.
+    images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px. In `surroundings` the rates
+    grow with the distance, unlike in the paper.
     """
     progress = step / steps
     shortness = max(1.0, PAPER_STEPS / steps)
@@ -259,6 +273,17 @@ def learning_rates(step: int, steps: int, radius_su: float) -> LearningRates:
         opacity_logits=5e-2 * min(2.0, shortness) * settling,
         sh0=2.5e-3 * min(2.0, shortness) * settling,
         sh_rest=2.5e-3 / 20 * min(40.0, shortness) * settling,
+        surroundings=surroundings,
+    )
+
+
+def surroundings(cameras: Sequence[Camera], steps: int) -> Surroundings:
+    """Where a training of `steps` steps takes longer ones."""
+    if steps < SURROUNDINGS_STEPS:
+        return NO_SURROUNDINGS
+    (x, y, z), radius_su = focus(cameras)
+    return Surroundings(
+        (float(x), float(y), float(z)), SURROUNDINGS_FROM * radius_su, SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES
     )
 
 

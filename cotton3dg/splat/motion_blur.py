@@ -25,6 +25,8 @@ CERTAIN = 3.0
 """... and the median length must exceed its own standard error by this factor."""
 FEWEST_PLACES = 20
 """Of an image; with fewer its blur would be a guess."""
+MOST_PLACES = 80
+"""Of an image; more say the same once more."""
 SLOWEST_PX = 0.5
 """px a frame of the video; what moves less cannot be blurred, and its direction is unsure."""
 REACH = 32
@@ -97,6 +99,8 @@ def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
         mine, places = mine[inside], places[inside]
         if len(mine) < FEWEST_PLACES:
             continue
+        spread = np.arange(0, len(mine), -(-len(mine) // MOST_PLACES))
+        mine, places = mine[spread], places[spread]
         directions = speeds[mine] / flows[mine, None]
         grey = cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
         along[number] = _correlation(grey, places, directions)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,24 @@ def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32,
 
 
 @dataclass(frozen=True)
+class Surroundings:
+    """Around what is of interest Gaussians are larger and seen from farther: they may take longer steps.
+
+    Beyond `radius_su` from `centre` the rates of means and of log scales grow in proportion to the distance.
+    """
+
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius_su: float = math.inf
+    most_means: float = 1.0
+    """Largest factor on the rate of the means."""
+    most_log_scales: float = 1.0
+
+
+NO_SURROUNDINGS = Surroundings()
+"""The same rates everywhere."""
+
+
+@dataclass(frozen=True)
 class LearningRates:
     """Step sizes of Adam and its constants; `means` is in su."""
 
@@ -30,9 +49,10 @@ class LearningRates:
     beta1: float = 0.9
     beta2: float = 0.999
     epsilon: float = 1e-15
+    surroundings: Surroundings = NO_SURROUNDINGS
 
     def as_array(self) -> Float32:
-        """(9,) in the order of the fields."""
+        """(15,) in the order of the fields."""
         return np.array(
             [
                 self.means,
@@ -44,6 +64,10 @@ class LearningRates:
                 self.beta1,
                 self.beta2,
                 self.epsilon,
+                *self.surroundings.centre,
+                self.surroundings.radius_su,
+                self.surroundings.most_means,
+                self.surroundings.most_log_scales,
             ],
             np.float32,
         )

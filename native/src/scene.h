@@ -147,6 +147,11 @@ struct LearningRates {
     float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;
 };
 
+// What is far from `centre` takes longer steps: by how many radii it is away, at most by the factors given.
+struct Surroundings {
+    float centre[3], radius, most_means, most_log_scales;
+};
+
 struct Moments {
     float *means, *quats, *log_scales, *opacity_logits, *sh;
 };
@@ -162,6 +167,7 @@ struct AdamRows {
     Moments first, second;
     int32_t* steps;  // (N,) number of updates so far
     LearningRates rates;
+    Surroundings surroundings;
     const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]
     int32_t bias_count;
     double centre[3];  // of the camera

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
+import adam as reference
 import numpy as np
 import pytest
 import torch
@@ -15,6 +16,7 @@ from splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, 
 from cotton3dg import _native
 from cotton3dg.splat import ops
 from cotton3dg.splat.autograd import rasterize_values
+from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
 
 
 def test_weights_are_those_that_rendering_uses() -> None:
@@ -100,6 +102,37 @@ def test_autograd_of_values() -> None:
     (image * v_image).sum().backward()
     expected = ops.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)
     np.testing.assert_array_equal(values.grad.numpy(), expected)
+
+
+@pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.5, 1.5)])
+def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
+    """Four views, some Gaussians hidden in some of them; from within the radius to where rates are limited."""
+    rates, gaussians = replace(RATES, surroundings=surroundings), scene(60, seed=12)
+    gaussians.means[:20] *= np.float32(0.1)
+    gaussians.means[50:, 2] = -9  # behind the first camera
+    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    moments = [[np.zeros(a.shape) for a in arrays_of(gaussians)] for _ in range(2)]
+    expected, steps = [a.astype(np.float64) for a in arrays_of(gaussians)], np.zeros(60, int)
+    for number in range(4):
+        camera = camera_at(24, 18, angle=number)
+        options = {"sh_degree": 3, "near_su": NEAR}
+        gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), **options)
+        seen = gradients.weight > 0
+        steps += seen
+        start = expected[0].copy()
+        for i, name in enumerate(("means", "quats", "log_scales", "opacity_logits", "sh")):
+            rate = reference.rates_of_rows(rates, start, "sh0" if name == "sh" else name)
+            if name == "sh":
+                rate = np.broadcast_to(np.where(np.arange(16) == 0, rates.sh0, rates.sh_rest)[:, None], (60, 16, 3))
+            state = expected[i], getattr(gradients, f"v_{name}").astype(np.float64), moments[0][i], moments[1][i]
+            stepped = reference.adam(*(a[seen] for a in state), steps[seen], rate[seen], rates)
+            for array, new in zip((expected[i], moments[0][i], moments[1][i]), stepped, strict=True):
+                array[seen] = new
+        ops.train_step(gaussians, adam, statistics, camera, target_of(camera), learning_rates=rates, **options)
+        for array, twin in zip(arrays_of(gaussians), expected, strict=True):
+            np.testing.assert_allclose(array, twin, rtol=2e-6, atol=2e-6)
+            twin[...] = array  # a rounding must not become another gradient in the next view
+    assert 0 < steps.min() < steps.max() == 4
 
 
 def test_training_fits_an_image() -> None:

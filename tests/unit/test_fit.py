@@ -8,7 +8,8 @@ from training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
 from cotton3dg.errors import StageFailed
 from cotton3dg.splat import fit as fit_module
-from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions
+from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions, surroundings
+from cotton3dg.splat.metrics import focus
 from cotton3dg.splat.ops import StepReport
 from cotton3dg.splat.views import View
 
@@ -137,3 +138,23 @@ def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> N
     assert end.log_scales < start.log_scales
     assert learning_rates(5, 10, 2.0).means == pytest.approx(2 * learning_rates(5, 10, 1.0).means)
     assert learning_rates(0, 1000, 1.0).means > learning_rates(0, 3000, 1.0).means
+
+
+def test_what_is_far_from_the_focus_takes_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, views, _ = training_scene()
+    cameras = [view.camera for view in views]
+    centre, radius_su = focus(cameras)
+    around = surroundings(cameras, 500)
+    assert around.centre == pytest.approx(tuple(centre))
+    assert around.radius_su == pytest.approx(0.25 * radius_su)
+    assert around.most_means > around.most_log_scales > 1
+    assert surroundings(cameras, 499).most_means == 1
+    honest, seen = fit_module.train_step, set()
+
+    def step(*arguments, learning_rates, **options):
+        seen.add(learning_rates.surroundings)
+        return honest(*arguments, learning_rates=learning_rates, **options)
+
+    monkeypatch.setattr(fit_module, "train_step", step)
+    fit(start, views, dataclasses.replace(OPTIONS, steps=500))
+    assert seen == {around}

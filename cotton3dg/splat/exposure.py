@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,14 +111,14 @@ def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], 
     ids = np.unique(ids, return_inverse=True)[1]
     n_points = int(ids.max(initial=-1)) + 1
     weights = np.ones(len(values))
-    offsets = np.zeros(n_views)
+    offsets: NDArray[Any] = np.zeros(n_views)
     for _ in range(ROUNDS):
         of_point = np.bincount(ids, weights, n_points)
         # Dense: MOST_POINTS bounds it, and a product takes a tenth of a sparse one's time.
         shared = np.bincount(rows * n_points + ids, weights, n_views * n_points).reshape(n_views, n_points)
         normal = np.diag(np.bincount(rows, weights, n_views)) - (shared / of_point) @ shared.T
-        right = np.bincount(rows, weights * values, n_views)
-        right -= shared @ (np.bincount(ids, weights * values, n_points) / of_point)
+        right: NDArray[Any] = np.bincount(rows, weights * values, n_views)
+        right = right - shared @ (np.bincount(ids, weights * values, n_points) / of_point)
         # Least norm: the common offset is free, and so is that of views without a common point.
         offsets = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
         constants = np.bincount(ids, weights * (values - offsets[rows]), n_points) / of_point

@@ -44,8 +44,8 @@ SETTLING_FROM, SETTLED = 0.75, 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
 
 SURROUNDINGS_FROM = 0.25
-"""Distance from the focus, relative to the cameras', beyond which rates grow in proportion to it: a room's Gaussians are
-some ten times as large as a plant's and come from fewer points, so the rate that suits a boll leaves a wall unfinished."""
+"""Distance from the focus, relative to the cameras', beyond which rates grow in proportion to it: a room's Gaussians
+are some ten times as large as a plant's, so that the rate that suits a boll leaves a wall unfinished."""
 
 SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 2.0
 """How many times as large the rates of means and of log scales become at most."""

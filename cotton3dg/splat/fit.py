@@ -43,12 +43,12 @@ PAPER_STEPS = 30_000
 SETTLING_FROM, SETTLED = 0.75, 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
 
-SURROUNDINGS_FROM = 0.25
-"""Distance from the focus, relative to the cameras', beyond which rates grow in proportion to it: a room's Gaussians
-are some ten times as large as a plant's, so that the rate that suits a boll leaves a wall unfinished."""
+SURROUNDINGS_GROWTH = 2.5
+"""How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it: a
+room's Gaussians are some ten times as large as a plant's, so that the rate that suits a boll leaves a wall unfinished."""
 
 SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 2.0
-"""How many times as large the rates of means and of log scales become at most."""
+"""How many times as long they become at most."""
 
 SURROUNDINGS_STEPS = 500
 """In trainings of fewer steps all are as long as they can be."""
@@ -283,7 +283,11 @@ def surroundings(cameras: Sequence[Camera], steps: int) -> Surroundings:
         return NO_SURROUNDINGS
     (x, y, z), radius_su = focus(cameras)
     return Surroundings(
-        (float(x), float(y), float(z)), SURROUNDINGS_FROM * radius_su, SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES
+        (float(x), float(y), float(z)),
+        PLANT_REGION * radius_su,
+        SURROUNDINGS_GROWTH,
+        SURROUNDINGS_MEANS,
+        SURROUNDINGS_LOG_SCALES,
     )
 
 

@@ -22,11 +22,13 @@ def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32,
 class Surroundings:
     """Around what is of interest Gaussians are larger and seen from farther: they may take longer steps.
 
-    Beyond `radius_su` from `centre` the rates of means and of log scales grow in proportion to the distance.
+    Within `radius_su` of `centre` nothing changes; beyond it the rates of means and of log scales grow with distance.
     """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius_su: float = math.inf
+    growth: float = 0.0
+    """By how many times itself a rate grows for each radius more."""
     most_means: float = 1.0
     """Largest factor on the rate of the means."""
     most_log_scales: float = 1.0
@@ -52,7 +54,7 @@ class LearningRates:
     surroundings: Surroundings = NO_SURROUNDINGS
 
     def as_array(self) -> Float32:
-        """(15,) in the order of the fields."""
+        """(16,) in the order of the fields."""
         return np.array(
             [
                 self.means,
@@ -66,6 +68,7 @@ class LearningRates:
                 self.epsilon,
                 *self.surroundings.centre,
                 self.surroundings.radius_su,
+                self.surroundings.growth,
                 self.surroundings.most_means,
                 self.surroundings.most_log_scales,
             ],

@@ -81,11 +81,11 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias
     }
 }
 
-// At least 1, which a mean that is no number gets too.
-float radii_away(const Surroundings& s, const float* mean) {
+// How many times as long a step is at `mean`: at least once, also where it is no number.
+float lengthening(const Surroundings& s, const float* mean) {
     const float x = mean[0] - s.centre[0], y = mean[1] - s.centre[1], z = mean[2] - s.centre[2];
-    const float away = __builtin_sqrtf(x * x + y * y + z * z) / s.radius;
-    return away > 1 ? away : 1;
+    const float beyond = __builtin_sqrtf(x * x + y * y + z * z) / s.radius - 1;
+    return beyond > 0 ? 1 + s.growth * beyond : 1;
 }
 
 COTTON_INLINE float at_most(float value, float most) { return value < most ? value : most; }
@@ -108,10 +108,10 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, direction.unit, gradient + row_gradient::colour);
         });
-        const float away = radii_away(a.surroundings, a.means + 3 * row);
+        const float longer = lengthening(a.surroundings, a.means + 3 * row);
         for (int k = 0; k < 3; ++k) {
-            rates[row_gradient::mean + k] = a.rates.means * at_most(away, a.surroundings.most_means);
-            rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(away, a.surroundings.most_log_scales);
+            rates[row_gradient::mean + k] = a.rates.means * at_most(longer, a.surroundings.most_means);
+            rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(longer, a.surroundings.most_log_scales);
         }
         update_geometry(a, row, bias, gradient, rates);
 

@@ -139,7 +139,7 @@ py::dict train_step(const py::tuple& gaussians, const py::tuple& first, const py
          radius = checked<float>(statistics[2], "max_radius_px", {n}),
          weights = checked<float>(statistics[3], "weight", {n});
     auto seen = checked<int32_t>(statistics[4], "count", {n});
-    const auto r = checked<float>(rates, "rates", {15});
+    const auto r = checked<float>(rates, "rates", {16});
     const auto backdrop = checked<float>(background, "background", {3});
     const TargetArrays photograph(target, weight, dssim, view.width, view.height);
     const Scene<float> scene = arrays.scene_with_sh(sh_degree);
@@ -155,7 +155,7 @@ py::dict train_step(const py::tuple& gaussians, const py::tuple& first, const py
     adam_rows.second = moments(second_arrays);
     adam_rows.steps = step_counts.mutable_data();
     adam_rows.rates = {r.at(0), r.at(1), r.at(2), r.at(3), r.at(4), r.at(5), r.at(6), r.at(7), r.at(8)};
-    adam_rows.surroundings = {{r.at(9), r.at(10), r.at(11)}, r.at(12), r.at(13), r.at(14)};
+    adam_rows.surroundings = {{r.at(9), r.at(10), r.at(11)}, r.at(12), r.at(13), r.at(14), r.at(15)};
     adam_rows.statistics = {grad_px.mutable_data(), abs_grad.mutable_data(), radius.mutable_data(),
                             weights.mutable_data(), seen.mutable_data()};
     const float* behind = backdrop.data();

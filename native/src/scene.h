@@ -147,9 +147,10 @@ struct LearningRates {
     float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;
 };
 
-// What is far from `centre` takes longer steps: by how many radii it is away, at most by the factors given.
+// What is more than a radius from `centre` takes longer steps: `growth` times as long for each radius more, up to the
+// factors given.
 struct Surroundings {
-    float centre[3], radius, most_means, most_log_scales;
+    float centre[3], radius, growth, most_means, most_log_scales;
 };
 
 struct Moments {

@@ -53,7 +53,7 @@ INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
     "size limits": [(fit, "LARGEST_IN_PLANT", np.inf), (fit, "LARGEST_IN_ROOM", np.inf)],
     "rates for short runs": [(fit, "PAPER_STEPS", 1)],
     "settling late": [(fit, "SETTLING_FROM", 0.0), (fit, "SETTLED", 0.25)],
-    "longer steps far away": [(fit, "SURROUNDINGS_MEANS", 1.0), (fit, "SURROUNDINGS_LOG_SCALES", 1.0)],
+    "longer steps far away": [(fit, "SURROUNDINGS_GROWTH", 0.0)],
     "dense points from flow": [(initialise, "dense_points", no_dense_points)],
     "filling of the plant region": [(initialise, "FILL_SHARE", 0.0)],
     "opaque start": [(initialise, "START_OPACITY", 0.1)],

@@ -104,7 +104,7 @@ def test_autograd_of_values() -> None:
     np.testing.assert_array_equal(values.grad.numpy(), expected)
 
 
-@pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.5, 1.5)])
+@pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.0, 3.5, 1.5)])
 def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
     """Four views, some Gaussians hidden in some of them; from within the radius to where rates are limited."""
     rates, gaussians = replace(RATES, surroundings=surroundings), scene(60, seed=12)

@@ -9,7 +9,7 @@ from training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 from cotton3dg.errors import StageFailed
 from cotton3dg.splat import fit as fit_module
 from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions, surroundings
-from cotton3dg.splat.metrics import focus
+from cotton3dg.splat.metrics import PLANT_REGION, focus
 from cotton3dg.splat.ops import StepReport
 from cotton3dg.splat.views import View
 
@@ -146,7 +146,7 @@ def test_what_is_far_from_the_focus_takes_longer_steps(monkeypatch: pytest.Monke
     centre, radius_su = focus(cameras)
     around = surroundings(cameras, 500)
     assert around.centre == pytest.approx(tuple(centre))
-    assert around.radius_su == pytest.approx(0.25 * radius_su)
+    assert around.radius_su == pytest.approx(PLANT_REGION * radius_su)
     assert around.most_means > around.most_log_scales > 1
     assert surroundings(cameras, 499).most_means == 1
     honest, seen = fit_module.train_step, set()

@@ -44,8 +44,8 @@ SETTLING_FROM, SETTLED = 0.75, 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
 
 SURROUNDINGS_GROWTH = 2.5
-"""How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it: a
-room's Gaussians are some ten times as large as a plant's, so that the rate that suits a boll leaves a wall unfinished."""
+"""How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it:
+a room's Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
 
 SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 2.0
 """How many times as long they become at most."""

@@ -28,6 +28,7 @@ COLOURS = (
     (90, 90, 90),
     (160, 160, 20),
     (20, 170, 190),
+    (10, 10, 10),
 )
 ROUND_SECONDS = tuple(mantissa * 10**power for power in range(-1, 6) for mantissa in (1, 2, 3, 4, 5, 7))
 

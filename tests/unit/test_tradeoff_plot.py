@@ -3,6 +3,7 @@
 import numpy as np
 
 from cotton3dg.files.tradeoff_plot import COLOURS, HEIGHT, WIDTH, Dot, Panel, tradeoff
+from cotton3dg.study.settings import TITLES
 
 
 def n_pixels(picture, colour):
@@ -19,6 +20,10 @@ def test_each_sweep_has_its_colour_and_each_dot_is_drawn():
         disc, key = n_pixels(two, colour) - n_pixels(one, colour), n_pixels(one, colour)
         assert disc >= 60 * n and key > disc  # the key has one more
     assert n_pixels(one, COLOURS[2]) == 0
+
+
+def test_base_and_every_sweep_differ_in_colour():
+    assert len(set(COLOURS)) == len(COLOURS) > len(TITLES)
 
 
 def test_times_are_on_a_logarithmic_axis():

@@ -150,6 +150,7 @@ CASES = (
     Case(25, "Adam's epsilon turns noise into full steps", "only what a view shows moves, within Adam's bound", (
         TRAINING + "test_case_25_no_step_of_adam_is_longer_than_its_bound",
         TRAINING + "test_case_25_what_a_view_does_not_show_does_not_move",
+        TRAINING + "test_case_25_steps_far_away_keep_their_limit",
         TRAINING + "test_case_25_longest_gradients_leave_finite_moments",
     )),
     Case(26, "densification explosion", "hard budgets, 64-bit counts, a clear error before memory is taken", (

@@ -22,6 +22,7 @@ from cotton3dg.splat import fit as fit_module
 from cotton3dg.splat.fit import fit
 from cotton3dg.splat.initialise import initial_gaussians
 from cotton3dg.splat.losses import unit_features
+from cotton3dg.splat.state import Surroundings
 from cotton3dg.stages import train
 
 ROOT = Path(__file__).parents[2]
@@ -137,6 +138,18 @@ def test_case_25_no_step_of_adam_is_longer_than_its_bound() -> None:
         moved = [np.abs(a - b).max() for a, b in zip(arrays_of(gaussians), arrays_of(before), strict=True)]
         limits = np.array([RATES.means, RATES.quats, RATES.log_scales, RATES.opacity_logits, RATES.sh0])
         assert (moved <= 1.01 * MOST_ADAM_STEP * limits + 1e-6).all()
+
+
+@pytest.mark.parametrize("distance", [2.0, 1e3, 1e25])
+def test_case_25_steps_far_away_keep_their_limit(distance: float) -> None:
+    """However far the region where steps stay short is; squares of the largest distance overflow."""
+    camera, gaussians = camera_at(24, 18), scene(60, seed=3)
+    around = Surroundings((distance, 0.0, 0.0), 0.5, 10.0, 20.0, 2.0)
+    before = Gaussians(*(a.copy() for a in arrays_of(gaussians)))
+    step(gaussians, camera, learning_rates=dataclasses.replace(RATES, surroundings=around))
+    moved = [np.abs(a - b).max() for a, b in zip(arrays_of(gaussians), arrays_of(before), strict=True)]
+    limits = np.array([20 * RATES.means, RATES.quats, 2 * RATES.log_scales, RATES.opacity_logits, RATES.sh0])
+    assert np.allclose(moved, limits, rtol=0.01)
 
 
 def test_case_25_what_a_view_does_not_show_does_not_move() -> None:

@@ -114,7 +114,7 @@ def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], 
     offsets: NDArray[Any] = np.zeros(n_views)
     for _ in range(ROUNDS):
         of_point = np.bincount(ids, weights, n_points)
-        # Dense: MOST_POINTS bounds it, and a product takes a tenth of a sparse one's time.
+        # Dense: MOST_POINTS bounds it, and sparse products take longer.
         shared = np.bincount(rows * n_points + ids, weights, n_views * n_points).reshape(n_views, n_points)
         normal = np.diag(np.bincount(rows, weights, n_views)) - (shared / of_point) @ shared.T
         right: NDArray[Any] = np.bincount(rows, weights * values, n_views)

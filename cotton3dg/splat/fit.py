@@ -252,15 +252,13 @@ def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     return np.concatenate(epochs)[:steps].tolist()
 
 
-def learning_rates(
-    step: int, steps: int, radius_su: float, surroundings: Surroundings = NO_SURROUNDINGS
-) -> LearningRates:
+def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings = NO_SURROUNDINGS) -> LearningRates:
     """Rates of step `step` of `steps`; that of the means grows with the scene.
 
     At 30,000 steps they start as those of Kerbl et al. 2023. A shorter run must cover the same way in fewer steps: all
     rates grow as the run gets shorter. The means' fall all the time, as in the paper, to a hundredth; the others,
     constant there, fall at the end. The exponents were fitted to runs of 1000 steps on 480 px and 3000 steps on 960 px
-    images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px. In `surroundings` the rates
+    images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px. `around` the plant the rates
     grow with the distance, unlike in the paper.
     """
     progress = step / steps
@@ -273,7 +271,7 @@ def learning_rates(
         opacity_logits=5e-2 * min(2.0, shortness) * settling,
         sh0=2.5e-3 * min(2.0, shortness) * settling,
         sh_rest=2.5e-3 / 20 * min(40.0, shortness) * settling,
-        surroundings=surroundings,
+        surroundings=around,
     )
 
 

@@ -50,16 +50,14 @@ void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const 
 }
 
 template <int degree>
-COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias, const float* unit,
+COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias, const PackOf<float>* basis, int lane,
                              const float* v_colour) {
     constexpr int coefficients = (degree + 1) * (degree + 1), n = 3 * coefficients;
     constexpr int padded = (n + kLanes<float> - 1) / kLanes<float> * kLanes<float>;
-    float basis[coefficients];
-    sh_basis<degree>(unit[0], unit[1], unit[2], basis);
     alignas(64) float g[padded] = {}, rates[padded] = {};
     for (int k = 0; k < coefficients; ++k) {
         for (int c = 0; c < 3; ++c) {
-            g[3 * k + c] = basis[k] * v_colour[c];
+            g[3 * k + c] = basis[k][lane] * v_colour[c];
             rates[3 * k + c] = k == 0 ? a.rates.sh0 : a.rates.sh_rest;
         }
     }
@@ -97,16 +95,21 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
     for (int k = 0; k < 4; ++k) rates[row_gradient::quat + k] = a.rates.quats;
     rates[row_gradient::logit] = a.rates.opacity_logits;
 
+    PackOf<float> unit[3], basis[kMostCoefficients];
     for (int64_t i = 0; i < n; ++i) {
+        const int lane = int(i % kPack);
+        if (lane == 0) {
+            row_directions(rows + i * row_gradient::size, n - i, unit);
+            with_degree(a.sh_degree, [&]<int degree>() { sh_basis<degree, float>(unit, basis); });
+        }
         const int64_t row = visible[i];
         const float* gradient = rows + i * row_gradient::size;
         const float weight = gradient[row_gradient::weight];
         if (!(weight > 0)) continue;
         const int32_t step = ++a.steps[row];
         const BiasCorrection bias = a.bias[step < a.bias_count ? step : a.bias_count - 1];
-        const Direction<float> direction = viewing_direction(a.means + 3 * row, a.centre);
         with_degree(a.sh_degree, [&]<int degree>() {
-            update_sh<degree>(a, row, bias, direction.unit, gradient + row_gradient::colour);
+            update_sh<degree>(a, row, bias, basis, lane, gradient + row_gradient::colour);
         });
         const float longer = lengthening(a.surroundings, a.means + 3 * row);
         for (int k = 0; k < 3; ++k) {

@@ -69,7 +69,7 @@ py::dict gradient_arrays(const Frame<Real>& frame, const ViewGradient<Real>& gra
         abs_grad_px.mutable_at(row) = from[row_gradient::abs_grad_px];
         weight.mutable_at(row) = from[row_gradient::weight];
     }
-    kernels<Real>().sh_gradient(frame.scene, frame.view, frame.visible.data(), frame.visible_count, gradient.rows,
+    kernels<Real>().sh_gradient(frame.scene, frame.visible.data(), frame.visible_count, gradient.rows,
                                 sh.mutable_data());
     return py::dict("v_means"_a = means, "v_quats"_a = quats, "v_log_scales"_a = log_scales,
                     "v_opacity_logits"_a = logits, "v_sh"_a = sh, "grad_px"_a = grad_px, "abs_grad_px"_a = abs_grad_px,

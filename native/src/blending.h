@@ -77,6 +77,14 @@ COTTON_INLINE void each_quad(const Tile& tile, const Body& body) {
     }
 }
 
+// Asks for the memory of one tile of a plane, whose rows lie too far apart for the processor to foresee them.
+template <class Real>
+COTTON_INLINE void prefetch_tile(const Tile& tile, Plane<const Real> plane) {
+    for (int y = tile.y0; y < tile.y0 + kTile && y < tile.height; ++y) {
+        __builtin_prefetch(plane.data + (int64_t(y) * tile.width + tile.x0) * plane.stride);
+    }
+}
+
 // One tile of a plane; pixels beyond the image are left as they are.
 template <class Real>
 COTTON_INLINE void copy_tile(const Tile& tile, Plane<const Real> from, Real* to) {

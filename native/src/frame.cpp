@@ -15,6 +15,16 @@ namespace {
 uint64_t depth_key(float depth) { return std::bit_cast<uint32_t>(depth); }
 uint64_t depth_key(double depth) { return std::bit_cast<uint64_t>(depth); }
 
+// Counts of a stable counting sort, by part of the input and bucket -> where the first of each goes. Returns their sum.
+int64_t counts_to_positions(std::vector<int64_t>& counts, int64_t parts) {
+    const int64_t buckets = int64_t(counts.size()) / parts;
+    int64_t sum = 0;
+    for (int64_t b = 0; b < buckets; ++b) {
+        for (int64_t part = 0; part < parts; ++part) sum += std::exchange(counts[size_t(part * buckets + b)], sum);
+    }
+    return sum;
+}
+
 }  // namespace
 
 template <class Real>
@@ -85,28 +95,42 @@ void Frame<Real>::project() {
 template <class Real>
 void Frame<Real>::sort_by_depth() {
     constexpr int bits = 11, buckets = 1 << bits;
-    const int64_t n = visible_count;
+    const int64_t n = visible_count, parts = threads;
     uint64_t *keys = keys_.reserve(n), *keys_to = keys_other_.reserve(n);
     uint32_t *rows = order_.reserve(n), *rows_to = order_other_.reserve(n);
-    uint64_t all_or = 0, all_and = ~uint64_t(0);
-    for (int64_t i = 0; i < n; ++i) {
-        rows[i] = visible[i];
-        keys[i] = depth_key(records[int64_t(rows[i]) * stride() + field::depth]);
-        all_or |= keys[i];
-        all_and &= keys[i];
-    }
-    const uint64_t varying = n > 0 ? all_or ^ all_and : 0;
+    const auto each_part = [&](const auto& body) {
+        parallel_for(parts, threads, [&](int64_t part) { body(part, n * part / parts, n * (part + 1) / parts); });
+    };
+    std::vector<uint64_t> all_or(size_t(parts), 0), all_and(size_t(parts), ~uint64_t(0));
+    each_part([&](int64_t part, int64_t begin, int64_t end) {
+        uint64_t some = 0, every = ~uint64_t(0);
+        for (int64_t i = begin; i < end; ++i) {
+            rows[i] = visible[i];
+            keys[i] = depth_key(records[int64_t(rows[i]) * stride() + field::depth]);
+            some |= keys[i];
+            every &= keys[i];
+        }
+        all_or[size_t(part)] = some, all_and[size_t(part)] = every;
+    });
+    uint64_t some = 0, every = ~uint64_t(0);
+    for (int64_t part = 0; part < parts; ++part) some |= all_or[size_t(part)], every &= all_and[size_t(part)];
+    const uint64_t varying = n > 0 ? some ^ every : 0;
     for (int shift = 0; shift < 64; shift += bits) {
         if ((varying >> shift & (buckets - 1)) == 0) continue;
-        int64_t position[buckets] = {};
-        for (int64_t i = 0; i < n; ++i) ++position[keys[i] >> shift & (buckets - 1)];
-        int64_t sum = 0;
-        for (int64_t& p : position) sum += std::exchange(p, sum);
-        for (int64_t i = 0; i < n; ++i) {
-            const int64_t to = position[keys[i] >> shift & (buckets - 1)]++;
-            keys_to[to] = keys[i];
-            rows_to[to] = rows[i];
-        }
+        std::vector<int64_t> positions(size_t(parts * buckets), 0);
+        each_part([&](int64_t part, int64_t begin, int64_t end) {
+            int64_t* count = positions.data() + part * buckets;
+            for (int64_t i = begin; i < end; ++i) ++count[keys[i] >> shift & (buckets - 1)];
+        });
+        counts_to_positions(positions, parts);
+        each_part([&](int64_t part, int64_t begin, int64_t end) {
+            int64_t* position = positions.data() + part * buckets;
+            for (int64_t i = begin; i < end; ++i) {
+                const int64_t to = position[keys[i] >> shift & (buckets - 1)]++;
+                keys_to[to] = keys[i];
+                rows_to[to] = rows[i];
+            }
+        });
         std::swap(keys, keys_to);
         std::swap(rows, rows_to);
     }
@@ -138,13 +162,9 @@ void Frame<Real>::bin() {
         int64_t* count = positions.data() + part * tile_count;
         each_hit(part, [&](uint32_t, uint32_t, Hit hit) { ++count[hit.tile]; });
     });
+    const int64_t total = counts_to_positions(positions, parts);
     tile_begin_.reserve(tile_count + 1);
-    int64_t total = 0;
-    for (int64_t t = 0; t < tile_count; ++t) {
-        tile_begin_[t] = total;
-        for (int64_t part = 0; part < parts; ++part)
-            total += std::exchange(positions[size_t(part * tile_count + t)], total);
-    }
+    std::copy_n(positions.begin(), tile_count, tile_begin_.data());
     tile_begin_[tile_count] = total;
     entries_.reserve(total);
     slots_.reserve(total);

@@ -9,6 +9,13 @@ namespace cotton::COTTON_ISA {
 using Pack = Vec<double>;
 using PackMask = Mask<double>;
 inline constexpr int kPack = kLanes<double>;
+// As many numbers of the kernels' precision.
+template <class Real>
+struct PackOfReal {
+    typedef Real type __attribute__((vector_size(kPack * sizeof(Real))));
+};
+template <class Real>
+using PackOf = typename PackOfReal<Real>::type;
 inline constexpr double kLog2E = 1.4426950408889634;
 inline constexpr double kLn2 = 0.6931471805599453;
 // u² + v² = kScale2 * dᵀ Σ⁻¹ d, so that alpha = 2^(log2 opacity - u² - v²).
@@ -39,6 +46,7 @@ struct RatioLimits {
 
 struct Footprint {
     Pack not_finite;         // 0, or NaN when the mean, the quaternion or a log scale is not finite
+    Pack position[3];        // su
     Pack cam[3];             // position in the camera frame, su
     Pack ratio[2];           // x / z and y / z, clamped
     PackMask ratio_free[2];  // not clamped
@@ -65,16 +73,15 @@ template <class Real, class Rows>
 COTTON_INLINE Footprint footprint(const Scene<Real>& scene, const View& view, const RatioLimits& limits,
                                   const Rows& rows) {
     Footprint f;
-    Pack position[3];
     f.not_finite = Pack{};
     for (int k = 0; k < 3; ++k) {
-        position[k] = gather(scene.means, 3, k, rows);
-        f.not_finite += position[k] * 0.0;
+        f.position[k] = gather(scene.means, 3, k, rows);
+        f.not_finite += f.position[k] * 0.0;
     }
     const double* w = view.rotation;
     for (int k = 0; k < 3; ++k) {
-        f.cam[k] =
-            w[3 * k] * position[0] + w[3 * k + 1] * position[1] + w[3 * k + 2] * position[2] + view.translation[k];
+        f.cam[k] = w[3 * k] * f.position[0] + w[3 * k + 1] * f.position[1] + w[3 * k + 2] * f.position[2] +
+                   view.translation[k];
     }
     f.inv_z = 1 / f.cam[2];
     const double focal[2] = {view.fx, view.fy}, centre[2] = {view.cx, view.cy};

@@ -1,19 +1,22 @@
 // Real spherical harmonics of degree 0 to 3 with the signs and constants of Kerbl et al. 2023 (INRIA) and gsplat.
 #pragma once
 
-#include "simd.h"
+#include "geometry.h"
 
 namespace cotton::COTTON_ISA {
 
-// The (degree + 1)² basis functions at the unit vector (x, y, z).
+inline constexpr int kMostCoefficients = 16;
+
+// The (degree + 1)² basis functions at the unit vectors of a pack.
 template <int degree, class Real>
-COTTON_INLINE void sh_basis(Real x, Real y, Real z, Real* b) {
-    b[0] = Real(0.28209479177387814);
+COTTON_INLINE void sh_basis(const PackOf<Real> unit[3], PackOf<Real>* b) {
+    const PackOf<Real> x = unit[0], y = unit[1], z = unit[2];
+    b[0] = PackOf<Real>{} + Real(0.28209479177387814);
     if constexpr (degree >= 1) {
         constexpr Real c1 = Real(0.4886025119029199);
         b[1] = -c1 * y, b[2] = c1 * z, b[3] = -c1 * x;
     }
-    const Real xx = x * x, yy = y * y, zz = z * z;
+    const PackOf<Real> xx = x * x, yy = y * y, zz = z * z;
     if constexpr (degree >= 2) {
         constexpr Real c = Real(1.0925484305920792), c20 = Real(0.31539156525252005), c22 = Real(0.5462742152960396);
         b[4] = c * x * y, b[5] = -c * y * z, b[6] = c20 * (2 * zz - xx - yy), b[7] = -c * x * z, b[8] = c22 * (xx - yy);
@@ -29,8 +32,9 @@ COTTON_INLINE void sh_basis(Real x, Real y, Real z, Real* b) {
 
 // Gradient by (x, y, z) of sum_k weights[k] * basis_k(x, y, z), the three taken as independent.
 template <int degree, class Real>
-COTTON_INLINE void sh_direction_gradient(Real x, Real y, Real z, const Real* w, Real v[3]) {
-    v[0] = v[1] = v[2] = 0;
+COTTON_INLINE void sh_direction_gradient(const PackOf<Real> unit[3], const PackOf<Real>* w, PackOf<Real> v[3]) {
+    const PackOf<Real> x = unit[0], y = unit[1], z = unit[2];
+    v[0] = v[1] = v[2] = PackOf<Real>{};
     if constexpr (degree >= 1) {
         constexpr Real c1 = Real(0.4886025119029199);
         v[0] -= c1 * w[3], v[1] -= c1 * w[1], v[2] += c1 * w[2];
@@ -44,7 +48,7 @@ COTTON_INLINE void sh_direction_gradient(Real x, Real y, Real z, const Real* w, 
     if constexpr (degree >= 3) {
         constexpr Real c0 = Real(0.5900435899266435), c1 = Real(2.890611442640554), c2 = Real(0.4570457994644658),
                        c3 = Real(0.3731763325901154), c5 = Real(1.445305721320277);
-        const Real xx = x * x, yy = y * y, zz = z * z;
+        const PackOf<Real> xx = x * x, yy = y * y, zz = z * z;
         v[0] += -6 * c0 * x * y * w[9] + c1 * y * z * w[10] + 2 * c2 * x * y * w[11] - 6 * c3 * x * z * w[12] -
                 c2 * (4 * zz - 3 * xx - yy) * w[13] + 2 * c5 * x * z * w[14] - 3 * c0 * (xx - yy) * w[15];
         v[1] += -3 * c0 * (xx - yy) * w[9] + c1 * x * z * w[10] - c2 * (4 * zz - xx - 3 * yy) * w[11] -
@@ -54,20 +58,19 @@ COTTON_INLINE void sh_direction_gradient(Real x, Real y, Real z, const Real* w, 
     }
 }
 
+// Unit vectors from the camera to the means of a pack; not finite where they coincide, which the near plane excludes.
 template <class Real>
-struct Direction {
-    Real unit[3];
-    double inv_length;
-};
+struct Directions {
+    PackOf<Real> unit[3], inv_length;
 
-// Unit vector from the camera to a mean; not finite when they coincide, which the near plane excludes.
-template <class Real>
-COTTON_INLINE Direction<Real> viewing_direction(const Real* mean, const double centre[3]) {
-    double d[3];
-    for (int k = 0; k < 3; ++k) d[k] = double(mean[k]) - centre[k];
-    const double inv_length = 1 / __builtin_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    return {{Real(d[0] * inv_length), Real(d[1] * inv_length), Real(d[2] * inv_length)}, inv_length};
-}
+    Directions(const Pack position[3], const double centre[3]) {
+        Pack d[3];
+        for (int k = 0; k < 3; ++k) d[k] = position[k] - centre[k];
+        const Pack inverse = 1 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        for (int k = 0; k < 3; ++k) unit[k] = __builtin_convertvector(d[k] * inverse, PackOf<Real>);
+        inv_length = __builtin_convertvector(inverse, PackOf<Real>);
+    }
+};
 
 COTTON_INLINE void camera_centre(const View& view, double centre[3]) {
     const double *r = view.rotation, *t = view.translation;
@@ -75,20 +78,29 @@ COTTON_INLINE void camera_centre(const View& view, double centre[3]) {
 }
 
 template <int degree, class Real>
-COTTON_INLINE void sh_colour(const Real* sh, const Real* unit, Real colour[3]) {
+COTTON_INLINE void sh_colour(const Real* sh, const PackOf<Real>* basis, int lane, Real colour[3]) {
     typedef Real Four __attribute__((vector_size(4 * sizeof(Real))));
     constexpr int n = (degree + 1) * (degree + 1);
-    Real basis[n];
-    sh_basis<degree>(unit[0], unit[1], unit[2], basis);
     // Four numbers at a time, of which the fourth is the next coefficient's and is dropped; the last has no next.
     Four sums[2] = {};
     for (int k = 0; k < n - 1; ++k) {
         Four coefficients;
         std::memcpy(&coefficients, sh + 3 * k, sizeof coefficients);
-        sums[k % 2] += basis[k] * coefficients;
+        sums[k % 2] += basis[k][lane] * coefficients;
     }
     const Four sum = sums[0] + sums[1];
-    for (int c = 0; c < 3; ++c) colour[c] = Real(0.5) + (sum[c] + basis[n - 1] * sh[3 * (n - 1) + c]);
+    for (int c = 0; c < 3; ++c) colour[c] = Real(0.5) + (sum[c] + basis[n - 1][lane] * sh[3 * (n - 1) + c]);
+}
+
+// The unit vectors that project_backward left in up to kPack rows of the gradient; the last is repeated to fill up.
+template <class Real>
+COTTON_INLINE void row_directions(const Real* rows, int64_t n, PackOf<Real> unit[3]) {
+    Real lanes[3][kPack];
+    for (int lane = 0; lane < kPack; ++lane) {
+        const Real* from = rows + (lane < n ? lane : n - 1) * row_gradient::size + row_gradient::unit;
+        for (int k = 0; k < 3; ++k) lanes[k][lane] = from[k];
+    }
+    std::memcpy(unit, lanes, sizeof lanes);
 }
 
 // Calls `body.template operator()<degree>()` with the degree as a compile-time constant.

@@ -30,7 +30,7 @@ bool project_backward(const Scene<Real>&, const View&, const uint32_t* visible, 
                       int record_stride, const HitRange* ranges, const Real* pair_rows, Real* rows);
 
 template <class Real>
-void sh_gradient(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh);
+void sh_gradient(const Scene<Real>&, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh);
 
 template <class Real>
 LossSums loss_forward(const LossBand<Real>&);

@@ -1,5 +1,4 @@
 // Scene -> projected Gaussians: culling, footprint, colour.
-#include "geometry.h"
 #include "harmonics.h"
 #include "kernels_isa.h"
 
@@ -23,13 +22,12 @@ COTTON_INLINE void tile_range(double mean, double half, int size, uint16_t& begi
 
 // Writes the channels of a record; returns whether they are finite and, for colours, within kMaxColour.
 template <class Real>
-bool write_values(const Scene<Real>& scene, const double centre[3], int64_t row, double depth, Real* to) {
+bool write_values(const Scene<Real>& scene, const PackOf<Real>* basis, int lane, int64_t row, double depth, Real* to) {
     if (scene.values) {
         for (int c = 0; c < scene.channels; ++c) to[c] = scene.values[row * scene.channels + c];
     } else if (scene.sh) {
-        const Direction<Real> direction = viewing_direction(scene.means + 3 * row, centre);
-        with_degree(scene.sh_degree,
-                    [&]<int degree>() { sh_colour<degree>(scene.sh + 3 * scene.sh_stored * row, direction.unit, to); });
+        const Real* sh = scene.sh + 3 * scene.sh_stored * row;
+        with_degree(scene.sh_degree, [&]<int degree>() { sh_colour<degree, Real>(sh, basis, lane, to); });
     }
     bool usable = true;
     for (int c = 0; c < scene.channels; ++c) {
@@ -68,6 +66,11 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         // The block test runs in the kernels' precision: widen it by the rounding error of u and v within reach.
         const Pack slack = (sizeof(Real) == 4 ? 1e-6 : 1e-14) *
                            (p * (half_x + kTile) + absolute(q) * (half_y + kTile) + r * (half_y + kTile));
+        PackOf<Real> basis[kMostCoefficients];
+        if (scene.sh) {
+            const Directions<Real> directions(f.position, centre);
+            with_degree(scene.sh_degree, [&]<int degree>() { sh_basis<degree, Real>(directions.unit, basis); });
+        }
         const Pack padded = sqrt(maximum(cut2, Pack{})) + slack, padded2 = padded * padded * 1.00001;
 
         for (int lane = 0; lane < rows.count; ++lane) {
@@ -94,7 +97,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
             bool all_finite = true;
             for (double number : numbers) all_finite &= finite(number);
             Real* record = out.records + row * out.stride;
-            if (!all_finite || !write_values(scene, centre, row, depth, record + field::values)) {
+            if (!all_finite || !write_values(scene, basis, lane, row, depth, record + field::values)) {
                 ++count.culled[kNonFinite];
                 continue;
             }

@@ -1,5 +1,4 @@
 // Gradient by projected Gaussians -> gradient by their parameters.
-#include "geometry.h"
 #include "harmonics.h"
 #include "kernels_isa.h"
 
@@ -75,28 +74,31 @@ COTTON_INLINE ParameterGradient footprint_backward(const View& view, const Footp
     return g;
 }
 
-// Adds the gradient that reaches the mean through the viewing direction of its colour.
+// Gradient that reaches the means through the viewing directions of their colours.
 template <class Real>
-COTTON_INLINE void colour_backward(const Scene<Real>& scene, const double centre[3], int64_t row, const Real* v_colour,
-                                   Real* v_mean) {
+COTTON_INLINE void colour_backward(const Scene<Real>& scene, const PackRows& rows, const Directions<Real>& d,
+                                   const Real v_colour[kPack][3], PackOf<Real> v_mean[3]) {
+    for (int k = 0; k < 3; ++k) v_mean[k] = PackOf<Real>{};
     if (scene.sh_degree == 0) return;
-    const Direction<Real> d = viewing_direction(scene.means + 3 * row, centre);
-    const Real* sh = scene.sh + 3 * scene.sh_stored * row;
     with_degree(scene.sh_degree, [&]<int degree>() {
         constexpr int n = (degree + 1) * (degree + 1);
-        Real weights[n], v[3];
-        for (int k = 0; k < n; ++k) {
-            weights[k] = sh[3 * k] * v_colour[0] + sh[3 * k + 1] * v_colour[1] + sh[3 * k + 2] * v_colour[2];
+        Real weights[n][kPack];
+        for (int lane = 0; lane < kPack; ++lane) {
+            const Real *sh = scene.sh + 3 * scene.sh_stored * rows[lane], *v = v_colour[lane];
+            for (int k = 0; k < n; ++k)
+                weights[k][lane] = sh[3 * k] * v[0] + sh[3 * k + 1] * v[1] + sh[3 * k + 2] * v[2];
         }
-        sh_direction_gradient<degree>(d.unit[0], d.unit[1], d.unit[2], weights, v);
-        const Real along = v[0] * d.unit[0] + v[1] * d.unit[1] + v[2] * d.unit[2];
-        for (int k = 0; k < 3; ++k) v_mean[k] += (v[k] - along * d.unit[k]) * Real(d.inv_length);
+        PackOf<Real> w[n], v[3];
+        std::memcpy(w, weights, sizeof weights);
+        sh_direction_gradient<degree, Real>(d.unit, w, v);
+        const PackOf<Real> along = v[0] * d.unit[0] + v[1] * d.unit[1] + v[2] * d.unit[2];
+        for (int k = 0; k < 3; ++k) v_mean[k] = (v[k] - along * d.unit[k]) * d.inv_length;
     });
 }
 
 }  // namespace
 
-static_assert(row_gradient::abs_grad_px % kLanes<float> == 0 && row_gradient::abs_grad_px + 1 <= row_gradient::size);
+static_assert(row_gradient::abs_grad_px % kLanes<float> == 0 && row_gradient::unit + 3 <= row_gradient::size);
 
 template <class Real>
 bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
@@ -138,20 +140,28 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
         const Pack ax = 2 * kLn2 * moment(pg::abs_x) * half[0], ay = 2 * kLn2 * moment(pg::abs_y) * half[1];
         const Pack grad_px = sqrt(nx * nx + ny * ny), abs_grad_px = sqrt(ax * ax + ay * ay);
 
+        Real v_colour[kPack][3];
+        for (int lane = 0; lane < kPack; ++lane) {
+            const Real* colour = records + pack[lane] * record_stride + field::values;
+            for (int c = 0; c < 3; ++c) v_colour[lane][c] = colour[c] > 0 ? sums[lane][pg::value0 + c] : Real(0);
+        }
+        const Directions<Real> directions(f.position, centre);
+        PackOf<Real> through_colour[3];
+        colour_backward(scene, pack, directions, v_colour, through_colour);
+
         for (int lane = 0; lane < pack.count; ++lane) {
             Real* row = rows + (first + lane) * row_gradient::size;
-            for (int k = 0; k < 3; ++k) row[row_gradient::mean + k] = Real(g.mean[k][lane]);
+            for (int k = 0; k < 3; ++k) {
+                row[row_gradient::mean + k] = Real(g.mean[k][lane]) + through_colour[k][lane];
+                row[row_gradient::unit + k] = directions.unit[k][lane];
+            }
             for (int k = 0; k < 4; ++k) row[row_gradient::quat + k] = Real(g.quat[k][lane]);
             for (int k = 0; k < 3; ++k) row[row_gradient::log_scale + k] = Real(g.log_scale[k][lane]);
             row[row_gradient::logit] = Real(v_logit[lane]);
-            const Real* colour = records + pack[lane] * record_stride + field::values;
-            for (int c = 0; c < 3; ++c) {
-                row[row_gradient::colour + c] = colour[c] > 0 ? sums[lane][pg::value0 + c] : Real(0);
-            }
+            for (int c = 0; c < 3; ++c) row[row_gradient::colour + c] = v_colour[lane][c];
             row[row_gradient::weight] = sums[lane][pg::weight];
             row[row_gradient::grad_px] = Real(grad_px[lane]);
             row[row_gradient::abs_grad_px] = Real(abs_grad_px[lane]);
-            colour_backward(scene, centre, pack[lane], row + row_gradient::colour, row + row_gradient::mean);
             for (int k = 0; k < row_gradient::abs_grad_px; k += kLanes<Real>) not_finite += load(row + k) * Real(0);
             last_not_finite += row[row_gradient::abs_grad_px] * Real(0);
         }
@@ -160,21 +170,21 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
 }
 
 template <class Real>
-void sh_gradient(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n, const Real* rows,
-                 Real* v_sh) {
-    double centre[3];
-    camera_centre(view, centre);
-    for (int64_t i = 0; i < n; ++i) {
-        const int64_t row = visible[i];
-        const Real* v_colour = rows + i * row_gradient::size + row_gradient::colour;
-        Real* v = v_sh + 3 * scene.sh_stored * row;
-        const Direction<Real> d = viewing_direction(scene.means + 3 * row, centre);
+void sh_gradient(const Scene<Real>& scene, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh) {
+    for (int64_t first = 0; first < n; first += kPack) {
+        const Real* pack = rows + first * row_gradient::size;
+        const int64_t count = n - first < kPack ? n - first : kPack;
+        PackOf<Real> unit[3], basis[kMostCoefficients];
+        row_directions(pack, count, unit);
         with_degree(scene.sh_degree, [&]<int degree>() {
             constexpr int coefficients = (degree + 1) * (degree + 1);
-            Real basis[coefficients];
-            sh_basis<degree>(d.unit[0], d.unit[1], d.unit[2], basis);
-            for (int k = 0; k < coefficients; ++k) {
-                for (int c = 0; c < 3; ++c) v[3 * k + c] = basis[k] * v_colour[c];
+            sh_basis<degree, Real>(unit, basis);
+            for (int64_t lane = 0; lane < count; ++lane) {
+                const Real* v_colour = pack + lane * row_gradient::size + row_gradient::colour;
+                Real* v = v_sh + 3 * scene.sh_stored * int64_t(visible[first + lane]);
+                for (int k = 0; k < coefficients; ++k) {
+                    for (int c = 0; c < 3; ++c) v[3 * k + c] = basis[k][lane] * v_colour[c];
+                }
             }
         });
     }
@@ -184,7 +194,7 @@ template bool project_backward(const Scene<float>&, const View&, const uint32_t*
                                const HitRange*, const float*, float*);
 template bool project_backward(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, int,
                                const HitRange*, const double*, double*);
-template void sh_gradient(const Scene<float>&, const View&, const uint32_t*, int64_t, const float*, float*);
-template void sh_gradient(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, double*);
+template void sh_gradient(const Scene<float>&, const uint32_t*, int64_t, const float*, float*);
+template void sh_gradient(const Scene<double>&, const uint32_t*, int64_t, const double*, double*);
 
 }  // namespace cotton::COTTON_ISA

@@ -69,6 +69,7 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
     using V = Vec<Real>;
     constexpr int channels = 3;
     alignas(64) Real transmittance[kTilePixels], to_come[kTilePixels] = {}, v_tile[channels][kTilePixels] = {};
+    for (int c = 0; c < channels; ++c) prefetch_tile(tile, image[c]), prefetch_tile(tile, v_image[c]);
     const uint32_t open = start(tile, transmittance);
     for (int c = 0; c < channels; ++c) {
         alignas(64) Real colour[kTilePixels] = {};

@@ -114,9 +114,20 @@ enum : int { g, gu, gv, guu, guv, gvv, value0, value1, value2, abs_x, abs_y, wei
 
 // Row of the gradient by the parameters of one visible Gaussian; `colour` is the gradient by the colour where that is
 // positive. grad_px and abs_grad_px are the lengths of the (absolute) gradient by the projected mean in the units of
-// Kerbl et al.: pixels times half the image size.
+// Kerbl et al.: pixels times half the image size. `unit` is the direction in which the camera sees the mean.
 namespace row_gradient {
-enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, grad_px, abs_grad_px, size = 20 };
+enum : int {
+    mean = 0,
+    quat = 3,
+    log_scale = 7,
+    logit = 10,
+    colour = 11,
+    weight = 14,
+    grad_px,
+    abs_grad_px,
+    unit,
+    size = 20
+};
 }
 
 // Sums over views for density control, (N,) each.
@@ -171,7 +182,6 @@ struct AdamRows {
     Surroundings surroundings;
     const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]
     int32_t bias_count;
-    double centre[3];  // of the camera
     Statistics statistics;
     const float* radii_px;
 };

@@ -139,12 +139,13 @@ COTTON_INLINE bool any(M m) {
 COTTON_INLINE Vec<float> absolute(Vec<float> a) { return (Vec<float>)((Mask<float>)a & 0x7fffffff); }
 COTTON_INLINE Vec<double> absolute(Vec<double> a) { return (Vec<double>)((Mask<double>)a & 0x7fffffffffffffff); }
 
-// Adds the halves of every `segment` lanes of a and of b, and puts the results of a before those of b.
+// Adds the halves of every `segment` lanes of a and of b, and puts the results of a before those of b. One operand
+// keeps every lane in its place, which costs no shuffle.
 template <int segment, class Real, int... lane>
 COTTON_INLINE Vec<Real> add_halves(Vec<Real> a, Vec<Real> b, std::integer_sequence<int, lane...>) {
     constexpr int half = segment / 2, lanes = kLanes<Real>;
-    return __builtin_shufflevector(a, b, (lane / segment * segment + lane % half + lane / half % 2 * lanes)...) +
-           __builtin_shufflevector(a, b, (lane / segment * segment + lane % half + lane / half % 2 * lanes + half)...);
+    return __builtin_shufflevector(a, b, (lane + lane / half % 2 * lanes)...) +
+           __builtin_shufflevector(a, b, (lane / half % 2 == 0 ? lane + half : lane - half + lanes)...);
 }
 
 // Lane i of the result is the sum of the lanes of v[i], pairwise in a fixed order.

@@ -141,8 +141,6 @@ ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, c
 }
 
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows) {
-    const double *r = frame.view.rotation, *t = frame.view.translation;
-    for (int k = 0; k < 3; ++k) rows.centre[k] = -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2]);
     const std::vector<BiasCorrection> bias = bias_corrections(rows.rates);
     rows.bias = bias.data();
     rows.bias_count = int32_t(bias.size());

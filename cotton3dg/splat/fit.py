@@ -47,7 +47,7 @@ SURROUNDINGS_GROWTH = 2.5
 """How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it:
 a room's Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
 
-SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 2.0
+SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 3.0
 """How many times as long they become at most."""
 
 SURROUNDINGS_STEPS = 500

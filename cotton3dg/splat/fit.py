@@ -81,9 +81,10 @@ CLOSEST = 0.15
 PLANT_NEED = 5.0
 """How much more a Gaussian in the plant region needs splitting than one of the room with the same gradient."""
 
-LARGEST_IN_PLANT = 0.005
-"""Longest σ in the plant region relative to the cameras' distance: some 0.6 cm where a plant fills the image, a tenth
-of a boll, so that surfaces to be measured are sampled finely even where lint is too white to call for it."""
+LARGEST_IN_PLANT = 0.01
+"""Longest σ in the plant region relative to the cameras' distance: some 1.2 cm where a plant fills the image, a third
+of a boll, so that surfaces to be measured are sampled even where lint is too white to call for it. Half of it spends a
+small budget on the table top and leaves nothing for detail."""
 
 LARGEST_IN_ROOM = 0.05
 """Longest σ elsewhere relative to the distance from the focus."""

@@ -34,7 +34,7 @@ from ..splat.motion import longest_tracks
 from ..splat.views import View
 from ..workspace import Workspace
 
-VERSION = 7
+VERSION = 8
 
 T = TypeVar("T")
 

@@ -62,7 +62,7 @@ INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "SH degree 0": {"sh_degree": 0},
-    "SH degree 3": {"sh_degree": 3},
+    "SH degree 1": {"sh_degree": 1},
     "half the budget": {"max_gaussians": 0.5},
     "twice the budget": {"max_gaussians": 2.0},
     "half the steps": {"steps": 0.5},

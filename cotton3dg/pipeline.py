@@ -313,9 +313,9 @@ def _cpu_seconds() -> float:
 
 
 def _reset_peak_memory() -> None:
-    """Give back what was freed and let the kernel's high-water mark start anew: each stage gets its own figure (Linux)."""
+    """Give back what was freed and let the kernel's high-water mark start anew: each stage its own figure (Linux)."""
     with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)  # only glibc's; a process that ran other stages or plants keeps hundreds of MiB
+        ctypes.CDLL(None).malloc_trim(0)  # glibc's: a process that ran other stages or plants keeps hundreds of MiB
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:

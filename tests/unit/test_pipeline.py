@@ -183,7 +183,8 @@ def test_a_second_process_is_turned_away(workspace, stages):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measured by means of Linux alone")
 def test_a_stage_is_not_charged_with_what_others_have_freed(workspace, stages):
-    kept = [b"%04d" % i * 12_500 for i in range(4_000)]  # 200 MB in pieces that the allocator keeps, the last of them in use
+    # 200 MB in pieces that the allocator keeps, as the last of them is in use.
+    kept = [b"%04d" % i * 12_500 for i in range(4_000)]
     before = pipeline._peak_memory_mib()
     del kept[:-1]
     run(workspace)

@@ -12,6 +12,7 @@ from error_budget import put_true_cameras, share
 from tiny_plant import OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
+from cotton3dg.evaluate import evaluate
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.scale import read_scale
 from cotton3dg.workspace import Workspace
@@ -80,7 +81,9 @@ def test_the_study_set_runs_and_judges_its_plants(filmed, tmp_path):
     (row,) = csv.DictReader((tmp_path / "study_draft.csv").read_text(encoding="utf-8").splitlines())
     assert row["plant"] == "plain-1"
     assert int(row["bolls"]) == json.loads((filmed / "truth.json").read_text(encoding="utf-8"))["boll_count"]
-    assert int(row["found"]) >= 3
+    bolls = evaluate(Workspace(tmp_path / "plain-1"), filmed / "truth.json")[1]
+    assert (int(row["found"]), int(row["false"])) == (bolls.n_matched, bolls.n_measured - bolls.n_matched)
+    assert bolls.n_measured >= 3
     assert abs(float(row["height"])) < 5
 
 

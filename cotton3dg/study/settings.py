@@ -46,7 +46,7 @@ class Setting:
     is_base: bool = False
     """Whether it is the base setting under another name."""
     passing: bool = False
-    """Whether its model is one that the base's training passes through."""
+    """Whether its model is one that the sweep's only training passes through or ends with."""
     partial: bool = False
     """Whether the video is cropped."""
 
@@ -76,6 +76,8 @@ def settings_of(
 ) -> list[Setting]:
     """The settings of a sweep, coarse to fine, that of the base among them.
 
+    `steps` ends with the base's training, or with a longer one where `values` ask for more steps.
+
     Args:
         values: those to try instead of the usual ones.
     Raises:
@@ -97,8 +99,11 @@ def settings_of(
     base_value = getattr(base[stage], option)
     wanted = tuple(getattr(resolve(stage, as_dict(base[stage]), {option: value}), option) for value in values) or usual
     if sweep == "steps":
-        passed = [Setting(sweep, str(value), base, passing=True) for value in wanted if value < base_value]
-        return [*passed, Setting(sweep, str(base_value), base, is_base=True)]
+        longest = max(base_value, *wanted) if values else base_value
+        options = {**base, stage: replace(base[stage], steps=longest)}
+        is_base = longest == base_value
+        passed = [Setting(sweep, str(value), options, passing=True) for value in sorted(wanted) if value < longest]
+        return [*passed, Setting(sweep, str(longest), options, is_base=is_base, passing=not is_base)]
     if base_value not in wanted:
         wanted = (*wanted, base_value)
     found = []

@@ -164,11 +164,11 @@ class Study:
         workspaces = {int(setting.value): self._workspace(setting) for setting in passing}
         if not any(self._is_due(workspaces[int(setting.value)], setting, "train") for setting in passing):
             return
-        needed_s = self._stage_s(self.base, "train")
+        needed_s = self._stage_s(passing[0], "train")
         if needed_s > self._left_s():
             return
         self.tell(f"steps: one training, about {duration(needed_s)}")
-        module, options = pipeline.stage_module("train"), self.base.options["train"]
+        module, options = pipeline.stage_module("train"), passing[0].options["train"]
         base = self._workspace(self.base)
         progress = self.watcher.started(Step("train", options, "its models are kept"))
         outcomes = module.save_intermediate(base, options, workspaces, progress)

@@ -195,7 +195,7 @@ def test_times_are_told_from_those_measured(plant, stages):
 
 
 def test_steps_come_from_one_training(plant, stages):
-    rows, _ = study(plant, ["steps=50,100,99999"])
+    rows, _ = study(plant, ["steps=50,100"])
     assert [key for key in rows if key[0] == "steps"] == [("steps", "50"), ("steps", "100"), ("steps", "2000")]
     assert Counter(stages.ran)["training"] == 1 and Counter(stages.ran)["train"] == 1
     passed = plant.study_setting("steps", "50")
@@ -204,6 +204,20 @@ def test_steps_come_from_one_training(plant, stages):
     assert passed.read_record("train")["seconds"] == 2.0
     done = len(stages.ran)
     study(plant, ["steps=50,100"])
+    assert len(stages.ran) == done
+
+
+def test_more_steps_than_the_base_has_come_from_one_longer_training(plant, stages):
+    rows, _ = study(plant, ["steps=2000,9000,100", "sh=0,3"])
+    assert [key[1] for key in rows if key[0] == "steps"] == ["100", "2000", "9000"]
+    assert Counter(stages.ran)["training"] == 1 and Counter(stages.ran)["train"] == 2  # base and sh=0
+    for steps in ("100", "2000", "9000"):
+        passed = plant.study_setting("steps", steps)
+        assert (passed.folder("train") / "out.txt").read_text() == f"model after {steps}"
+        assert passed.read_record("train")["options"]["steps"] == 9000
+    assert "model after" not in (plant.study_setting("base", "draft").folder("train") / "out.txt").read_text()
+    done = len(stages.ran)
+    study(plant, ["steps=100,2000,9000"])
     assert len(stages.ran) == done
 
 

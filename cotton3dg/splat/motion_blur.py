@@ -135,19 +135,24 @@ def _correlation(grey: NDArray[np.float32], places: Float64, directions: Float64
     """(REACH,) mean correlation of the gradient along `directions` (K, 2) with itself, around `places` (K, 2) px."""
     import cv2
 
-    steps = np.arange(2 * REACH, dtype=np.float64) - (REACH - 0.5)
-    aside = np.arange(BREADTH, dtype=np.float64) - (BREADTH - 1) / 2
+    steps = np.arange(2 * REACH) - (REACH - 0.5)
+    aside = np.arange(BREADTH)[:, None] - (BREADTH - 1) / 2
     normals = directions[:, ::-1] * (-1, 1)
     # OpenCV counts pixels from their centres.
-    points = (places - 0.5)[:, None, None] + aside[:, None, None] * normals[:, None, None]
-    points = (points + steps[:, None] * directions[:, None, None]).astype(np.float32)
-    flat = points.reshape(-1, 2 * REACH, 2)
-    lines = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    gradients = np.diff(lines.reshape(len(places), BREADTH, 2 * REACH), axis=2)
-    n = gradients.shape[2]
-    pairs = [(gradients[..., : n - lag], gradients[..., lag:]) for lag in range(REACH)]
-    products = [np.einsum("kbn,kbn->k", near, far) / near[0].size for near, far in pairs]
-    return np.array([(product / (products[0] + NOISE)).mean() for product in products])
+    x, y = (
+        (place[:, None, None] - 0.5 + aside * normal[:, None, None] + steps * direction[:, None, None]).astype(
+            np.float32
+        )
+        for place, normal, direction in zip(places.T, normals.T, directions.T, strict=True)
+    )
+    flat = (-1, 2 * REACH)
+    lines = cv2.remap(grey, x.reshape(flat), y.reshape(flat), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    gradients = np.diff(lines.reshape(x.shape), axis=2)
+    # By Fourier transforms, long enough that no line meets itself again around the end.
+    spectra = np.fft.rfft(gradients, 3 * REACH, axis=2)
+    power = (spectra.real**2 + spectra.imag**2).sum(axis=1)
+    products = np.fft.irfft(power, 3 * REACH, axis=1)[:, :REACH] / (BREADTH * (gradients.shape[2] - np.arange(REACH)))
+    return (products / (products[:, :1] + NOISE)).mean(axis=0)
 
 
 def _quantile(values: Float64, share: float) -> float:

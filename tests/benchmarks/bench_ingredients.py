@@ -122,6 +122,9 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the results here")
     arguments = parser.parse_args()
     options = resolve("train", PRESET_VALUES[arguments.preset].get("train", {}))
+    names = variants(options).keys()
+    if unknown := set(arguments.only or ()) - names:
+        parser.error(f"no variant {', '.join(sorted(unknown))}; there are: {', '.join(names)}")
     results: dict[str, dict[str, dict[str, float]]] = {}
     for plant in arguments.plants:
         rows = results[plant.name] = {}

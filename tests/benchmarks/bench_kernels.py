@@ -41,7 +41,7 @@ def ball(count: int, seed: int = 0) -> Gaussians:
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    size = 0.0075 * np.sqrt(200_000 / count)
+    size = 0.0068 * np.sqrt(200_000 / count)
     return Gaussians(
         (directions * rng.uniform(0, 1, (count, 1)) ** (1 / 3)).astype(np.float32),
         rng.normal(size=(count, 4)).astype(np.float32),

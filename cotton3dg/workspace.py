@@ -84,7 +84,10 @@ class Workspace:
             return videos[0]
         if self.images_input.is_dir():
             return self.images_input
-        raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here")
+        raise MissingInput(
+            f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here, or photos of it"
+            " into a folder named images in here"
+        )
 
     @property
     def truth_json(self) -> Path:

@@ -171,7 +171,7 @@ def test_too_few_photos(tmp_path):
 
 
 def test_empty_folder_and_no_video(tmp_path):
-    with pytest.raises(MissingInput):
+    with pytest.raises(MissingInput, match="photos of it into a folder named images"):
         run_frames(tmp_path)
     (tmp_path / "clip.mov").write_bytes(b"not a video")
     with pytest.raises(BadInput, match=r"clip\.mov is no video"):

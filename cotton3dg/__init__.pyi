@@ -1,5 +1,11 @@
 """The public names with their types; `_HOMES` in __init__.py says the same at run time."""
 
+from .capture.frame_quality import blur as blur
+from .capture.frame_quality import sharpness as sharpness
+from .capture.frame_quality import spread_frames as spread_frames
+from .capture.image_pairs import image_pairs as image_pairs
+from .clustering.agglomerative import cluster_objects as cluster_objects
+from .clustering.consensus import merge_views as merge_views
 from .core.bolls import BollInstance as BollInstance
 from .core.bolls import LiftedMasks as LiftedMasks
 from .core.bolls import MaskSet as MaskSet
@@ -9,8 +15,8 @@ from .core.measurements import Scale as Scale
 from .core.scene import Camera as Camera
 from .core.scene import Gaussians as Gaussians
 from .errors import Cotton3dgError as Cotton3dgError
-from .evaluate import compare_bolls as compare_bolls
-from .evaluate_masks import score_masks as score_masks
+from .evaluation.masks import score_masks as score_masks
+from .evaluation.plant import compare_bolls as compare_bolls
 from .files.annotations import read_masks as read_masks
 from .files.bolls import boll_labels as boll_labels
 from .files.bolls import read_bolls as read_bolls
@@ -28,34 +34,23 @@ from .files.reconstruction import ReconstructionSettings as ReconstructionSettin
 from .files.reconstruction import reconstruct as reconstruct
 from .files.reconstruction import undistort as undistort
 from .files.scale import read_scale as read_scale
+from .geometry.camera_orbit import azimuths as azimuths
+from .geometry.camera_orbit import evenly_spaced as evenly_spaced
+from .geometry.camera_orbit import fit_orbit as fit_orbit
+from .lifting.lift import ViewWeights as ViewWeights
+from .lifting.lift import lift as lift
+from .lifting.lift import rim_width_px as rim_width_px
+from .lifting.lift import with_rim as with_rim
+from .lifting.lift import within_orbit as within_orbit
+from .masks.detect_lint import detect_lint as detect_lint
 from .options import resolve as resolve
 from .pipeline import plan as plan
 from .pipeline import run as run
 from .pipeline import stage_options as stage_options
 from .pipeline import status as status
-from .plant.capture import blur as blur
-from .plant.capture import sharpness as sharpness
-from .plant.capture import spread_frames as spread_frames
-from .plant.dbscan import cluster_objects as cluster_objects
-from .plant.detect_lint import detect_lint as detect_lint
-from .plant.isolate import isolate_plant as isolate_plant
-from .plant.lift import ViewWeights as ViewWeights
-from .plant.lift import lift as lift
-from .plant.lift import rim_width_px as rim_width_px
-from .plant.lift import with_rim as with_rim
-from .plant.lift import within_orbit as within_orbit
-from .plant.measure import measure_bolls as measure_bolls
-from .plant.measure import measure_silhouette as measure_silhouette
-from .plant.measure import summarise_plant as summarise_plant
-from .plant.merge import merge_views as merge_views
-from .plant.orbit import image_pairs as image_pairs
-from .plant.surface import as_drawn as as_drawn
-from .plant.table import TableFit as TableFit
-from .plant.table import find_table as find_table
-from .plant.table import scale_from_table as scale_from_table
-from .plant.views import azimuths as azimuths
-from .plant.views import evenly_spaced as evenly_spaced
-from .plant.views import fit_orbit as fit_orbit
+from .scale.table import TableFit as TableFit
+from .scale.table import find_table as find_table
+from .scale.table import scale_from_table as scale_from_table
 from .splat.fit import fit as fit
 from .splat.initialise import starting_gaussians as starting_gaussians
 from .splat.metrics import focus as focus
@@ -64,6 +59,11 @@ from .splat.ops import accumulate_weights as accumulate_weights
 from .splat.ops import render as render
 from .splat.ops import render_values as render_values
 from .splat.views import View as View
+from .traits.isolate import isolate_plant as isolate_plant
+from .traits.measure import measure_bolls as measure_bolls
+from .traits.measure import measure_silhouette as measure_silhouette
+from .traits.measure import summarise_plant as summarise_plant
+from .traits.surface import as_drawn as as_drawn
 from .workspace import Workspace as Workspace
 
 __version__: str

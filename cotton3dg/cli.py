@@ -36,7 +36,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from .time_budget import Budget
+    from .planning.time_budget import Budget
     from .workspace import Workspace
 
 app = typer.Typer(
@@ -101,9 +101,9 @@ def run(
 
 
 def _budget(workspace: Workspace, time: str, overrides: dict[str, dict[str, Any]], defaults: Path | None) -> Budget:
-    from .calibrate import calibrated
-    from .core.tradeoff import seconds_of
-    from .time_budget import Budget
+    from .planning.calibrate import calibrated
+    from .planning.time_budget import Budget
+    from .planning.tradeoff import seconds_of
 
     tell = partial(typer.echo, err=True)
     return Budget(workspace, seconds_of(time), calibrated(tell), overrides, defaults, tell)
@@ -189,8 +189,8 @@ def doctor(
     from .errors import EnvironmentUnusable
 
     if calibrate:
-        from .calibrate import calibrate as measure
-        from .calibrate import described
+        from .planning.calibrate import calibrate as measure
+        from .planning.calibrate import described
 
         with reported(folder):
             typer.echo(described(measure()), err=as_json)
@@ -238,10 +238,10 @@ def evaluate(
 ) -> None:
     """Measured beside true: errors of a plant's traits and its bolls, or scores and plots over many plants."""
     from . import display
-    from .evaluate import CM_PER_UNIT, evaluate_cloud
-    from .evaluate import evaluate as compare
-    from .evaluate_masks import evaluate_masks
-    from .evaluate_tables import evaluate_tables, evaluation_text, write_evaluation
+    from .evaluation.masks import evaluate_masks
+    from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
+    from .evaluation.plant import evaluate as compare
+    from .evaluation.tables import evaluate_tables, evaluation_text, write_evaluation
     from .workspace import Workspace
 
     with reported(measured):
@@ -277,7 +277,7 @@ def study(
 ) -> None:
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
     from . import display
-    from .core.tradeoff import seconds_of
+    from .planning.tradeoff import seconds_of
     from .study.settings import sweeps_of
     from .study.tables import summary
     from .study.work import Study, film_standard_plant

@@ -19,8 +19,8 @@ from .pipeline import Step, Watcher
 if TYPE_CHECKING:
     from .batch import Result
     from .doctor import Finding
-    from .evaluate import BollMatches, TraitError
-    from .evaluate_masks import MaskScore
+    from .evaluation.masks import MaskScore
+    from .evaluation.plant import BollMatches, TraitError
 
 PLAIN_INTERVAL_S = 30.0
 """How often a line is printed where there is no terminal."""

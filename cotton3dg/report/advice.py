@@ -11,7 +11,7 @@ import numpy as np
 from .facts import Facts, number
 
 BLURRED = 0.4
-"""`blur` from which a frame counts as blurred (plant/capture.py judges the median by the same)."""
+"""`blur` from which a frame counts as blurred (capture/frame_quality.py judges the median by the same)."""
 SMALL_BOLL_PX = 10.0
 """Width in the training images below which bolls can be lost."""
 EXPOSURE_RATIO = 1.6

@@ -13,7 +13,7 @@ from ..core.bolls import LiftedMasks
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
 from ..files.images import scaled_down
-from ..plant.views import azimuths, evenly_spaced, fit_orbit
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..splat import ops
 from ..splat.appearance import boll_colours
 from ..splat.metrics import to_uint8

@@ -17,8 +17,8 @@ from ..files.colmap import read_cameras
 from ..files.images import read_ids, read_image
 from ..files.ply import read_gaussians
 from ..files.scale import read_scale
-from ..plant.surface import as_drawn
-from ..plant.views import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..traits.surface import as_drawn
 from ..workspace import Workspace
 from .facts import Facts, number
 from .figures import (

@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull, QhullError
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.scene import Float64, Gaussians
-from ..plant.surface import surface_rows, visible_surface
-from ..plant.views import Orbit
+from ..geometry.camera_orbit import Orbit
+from ..traits.surface import surface_rows, visible_surface
 from .figures import colour_of, encoded
 
 MAX_PLANT_POINTS = 20_000

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..clustering.agglomerative import cluster_objects
+from ..clustering.boll_shape import close_flagged
+from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput
@@ -14,9 +17,6 @@ from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
 from ..files.saving import json_text
 from ..options import ClusterOptions
-from ..plant.boll_shape import close_flagged
-from ..plant.dbscan import cluster_objects
-from ..plant.merge import merge_views
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
 

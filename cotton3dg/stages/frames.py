@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture import frame_quality
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import BadInput, CaptureFailed
 from ..files import images, video
 from ..files.saving import json_text, write_text_atomically
 from ..options import FramesOptions
-from ..plant import capture
 from ..workspace import Workspace
 
 VERSION = 2
@@ -64,14 +64,14 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
         nonlocal n_scanned, before
         n_scanned += 1
         progress(n_scanned, 2 * max(n_expected, n_scanned), "looking for sharp frames")
-        measures = capture.sharpness(grey), capture.contrast(grey), capture.change(before, grey)
+        measures = frame_quality.sharpness(grey), frame_quality.contrast(grey), frame_quality.change(before, grey)
         before = grey
         return measures
 
     scan = video.scan(path, facts, SCAN_SIDE, measure)
     flags, warnings = _checked_scan(path, facts, scan)
     scores, contrasts, changes = np.array(scan.measures).T
-    blank, repeated = capture.blank_and_repeated(contrasts, changes)
+    blank, repeated = frame_quality.blank_and_repeated(contrasts, changes)
     for flag, found, what in (
         ("blank_frames", blank, "black, white or empty"),
         ("repeated_frames", repeated, "repeats"),
@@ -80,7 +80,7 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
             flags += (flag,)
             warnings += (f"{found.sum()} of {len(found)} frames are {what} and were left out",)
     usable = scan.intact & ~blank & ~repeated
-    indices = capture.spread_frames(scan.timestamps_s, scores, usable, options.count)
+    indices = frame_quality.spread_frames(scan.timestamps_s, scores, usable, options.count)
     if len(indices) < min(options.count, MIN_FRAMES):
         raise CaptureFailed(f"{path.name}: {len(indices)} usable frames; film at least {MIN_VIDEO_S:g} s")
     if len(indices) < options.count:
@@ -146,7 +146,7 @@ def _from_photos(source: Path, options: FramesOptions, folder: Path, progress: P
         raise CaptureFailed(
             f"{len(found)} photos in {source.name} ({MIN_PHOTOS} needed); take some 50 all around the plant"
         )
-    indices = capture.spread_indices(len(found), options.count)
+    indices = frame_quality.spread_indices(len(found), options.count)
     focal_lengths_px: list[float | None] = []
 
     def pictures() -> Iterator[Picture]:
@@ -193,20 +193,20 @@ def _written(
         name = f"{number:06d}.jpg"
         images.write_image(folder / name, picture)
         grey = cv2.cvtColor(images.scaled_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
-        luminance, black, white = capture.exposure(grey)
+        luminance, black, white = frame_quality.exposure(grey)
         entries.append(
             {
                 "name": name,
                 "source_index": index,
-                "sharpness": round(capture.sharpness(grey), 3),
-                "blur": round(capture.blur(grey), 4),
+                "sharpness": round(frame_quality.sharpness(grey), 3),
+                "blur": round(frame_quality.blur(grey), 4),
                 "mean_luminance": round(luminance, 4),
                 "black_share": round(black, 4),
                 "white_share": round(white, 4),
             }
         )
         if before is not None:
-            motions.append(capture.displacement(before, grey))
+            motions.append(frame_quality.displacement(before, grey))
         before = grey
         progress(number + 1, len(indices), "saving frames")
     return entries, tuple(motions)
@@ -218,13 +218,13 @@ def _judged(taken: _Taken) -> StageOutcome:
     Raises:
         CaptureFailed: the camera did not move.
     """
-    if capture.stands_still(taken.motions):
+    if frame_quality.stands_still(taken.motions):
         raise CaptureFailed("the camera stands still; film one slow full turn around the plant")
     entries = taken.description["images"]
     medians = {
         key: float(np.median([entry[key] for entry in entries])) for key in ("blur", "mean_luminance", "white_share")
     }
-    concerns = capture.concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
+    concerns = frame_quality.concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
     return StageOutcome(
         summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
         flags=(*taken.flags, *concerns),

@@ -14,10 +14,6 @@ from ..core.bolls import MaskSet
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
-from ..detect.grounding_dino import find_boxes, open_grounding_dino
-from ..detect.networks import Network, open_network
-from ..detect.sam import Prompts, detect_sam, open_sam, prompts_around
-from ..detect.yolo import detect_yolo
 from ..errors import BadInput, BadUsage
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras, read_points
@@ -25,9 +21,13 @@ from ..files.images import read_image, write_ids
 from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256, json_text
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..masks.detect_lint import detect_lint
+from ..masks.grounding_dino import find_boxes, open_grounding_dino
+from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
+from ..masks.yolo import detect_yolo
+from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
-from ..plant.detect_lint import detect_lint
-from ..plant.views import azimuths, evenly_spaced, fit_orbit
 from ..workspace import Workspace
 
 VERSION = 8

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
-from ..detect.train_yolo import export_onnx, train_yolo
 from ..errors import BadInput, BadUsage
 from ..files.annotations import annotated_images, read_masks
 from ..files.images import read_image, write_image
 from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
+from ..masks.train_yolo import export_onnx, train_yolo
 from ..options import MasksTrainOptions, as_dict
 
 LEAST_IMAGES = 2

@@ -30,9 +30,9 @@ from ..files.images import fitted_size, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
 from ..files.scale import read_scale
+from ..geometry.camera_orbit import azimuths, fit_orbit
+from ..geometry.camera_paths import framed, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
-from ..plant.camera_paths import framed, turntable, walk
-from ..plant.views import azimuths, fit_orbit
 from ..splat import ops
 from ..splat.appearance import depth_colours, with_bolls
 from ..splat.metrics import to_uint8

@@ -19,14 +19,14 @@ from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
 from ..files.scale import scale_facts
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions, board_squares
-from ..plant.distance import scale_from_distance
-from ..plant.markers import MarkerKind, crossed, find_markers, outlined_markers, scale_from_markers
-from ..plant.rectangle import Rectangle
-from ..plant.references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
-from ..plant.sections import scale_from_sections
-from ..plant.table import NoTable, TableFit, find_table, outlined, scale_from_table
-from ..plant.views import azimuths, evenly_spaced, fit_orbit
+from ..scale.markers import MarkerKind, crossed, find_markers, outlined_markers, scale_from_markers
+from ..scale.rectangle import Rectangle
+from ..scale.references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
+from ..scale.sections import scale_from_sections
+from ..scale.table import NoTable, TableFit, find_table, outlined, scale_from_table
+from ..scale.two_points import scale_from_distance
 from ..workspace import Workspace
 
 VERSION = 5

@@ -20,9 +20,9 @@ from ..files.colmap import read_cameras
 from ..files.images import fitted_size, read_ids, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
-from ..options import SegmentOptions
-from ..plant.affinity import neighbour_means, sample_rays, train_features
-from ..plant.lift import (
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..lifting.affinity import neighbour_means, sample_rays, train_features
+from ..lifting.lift import (
     FOREGROUND_SHARE,
     ViewWeights,
     foreground_vote,
@@ -33,9 +33,9 @@ from ..plant.lift import (
     with_rim,
     within_orbit,
 )
-from ..plant.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
-from ..plant.prompts import PromptView, prompted
-from ..plant.views import azimuths, evenly_spaced, fit_orbit
+from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
+from ..lifting.prompts import PromptView, prompted
+from ..options import SegmentOptions
 from ..splat.metrics import focus, to_uint8
 from ..splat.ops import accumulate_weights, render_values
 from ..workspace import Workspace

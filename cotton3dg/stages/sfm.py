@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..capture.coverage import orbit, out_of_view
+from ..capture.image_pairs import image_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import BadInput, CaptureFailed
@@ -24,7 +26,6 @@ from ..files.reconstruction import (
 )
 from ..files.saving import json_text
 from ..options import SfmOptions
-from ..plant.orbit import image_pairs, orbit, out_of_view
 from ..workspace import Workspace
 
 VERSION = 5

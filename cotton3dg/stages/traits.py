@@ -18,9 +18,9 @@ from ..files.ply import read_gaussians
 from ..files.scale import read_scale
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import STAGE_OPTIONS, TraitsOptions
-from ..plant.isolate import isolate_plant
-from ..plant.measure import measure_bolls, measure_silhouette, summarise_plant
-from ..plant.surface import as_drawn
+from ..traits.isolate import isolate_plant
+from ..traits.measure import measure_bolls, measure_silhouette, summarise_plant
+from ..traits.surface import as_drawn
 from ..workspace import Workspace
 
 VERSION = 4

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .. import pipeline
-from ..cost import Footage
 from ..errors import BadUsage
 from ..options import PRESETS, as_dict, resolve
+from ..planning.cost import Footage
 from ..workspace import Workspace
 from .tables import TITLES
 

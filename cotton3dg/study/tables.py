@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..core.tradeoff import duration, pareto_front
 from ..files.tables import Column
+from ..planning.tradeoff import duration, pareto_front
 
 Row = Mapping[str, Any]
 

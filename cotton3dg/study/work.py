@@ -16,15 +16,15 @@ from typing import Any
 from .. import __version__, pipeline
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
-from ..core.tradeoff import duration, typical_ratio
-from ..cost import costs, footage
 from ..errors import BadUsage, Cotton3dgError
-from ..evaluate import evaluate
+from ..evaluation.plant import evaluate
 from ..files.encode import crop_video
 from ..files.saving import explained_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
 from ..options import as_dict, resolve
 from ..pipeline import STAGES, Step, Watcher
+from ..planning.cost import costs, footage
+from ..planning.tradeoff import duration, typical_ratio
 from ..stages.simulate import simulate
 from ..workspace import Workspace
 from .plot import write_plot

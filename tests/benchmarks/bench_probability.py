@@ -16,7 +16,7 @@ import numpy as np
 from bench_kernels import ball
 
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.plant.probability import TrainingView, trained, view_of_rays
+from cotton3dg.lifting.probability import TrainingView, trained, view_of_rays
 from cotton3dg.splat.ops import render_values, values_gradient
 
 

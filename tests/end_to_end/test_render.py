@@ -20,8 +20,8 @@ from cotton3dg.files.ply import read_gaussians, write_gaussians
 from cotton3dg.files.saving import json_text
 from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.video import probe, read_frames
+from cotton3dg.geometry.camera_paths import framed, walk
 from cotton3dg.options import RenderOptions, TraitsOptions
-from cotton3dg.plant.camera_paths import framed, walk
 from cotton3dg.splat import ops
 from cotton3dg.splat.appearance import boll_colours
 from cotton3dg.splat.metrics import to_uint8

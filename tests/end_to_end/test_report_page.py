@@ -73,8 +73,7 @@ def test_the_page_is_small_closed_and_accessible(reported):
 
 
 def test_every_flag_of_the_stages_has_words():
-    source = "".join(path.read_text() for path in Path(pipeline.__file__).parent.glob("stages/*.py"))
-    source += "".join(path.read_text() for path in Path(pipeline.__file__).parent.glob("plant/*.py"))
+    source = "".join(path.read_text() for path in Path(pipeline.__file__).parent.rglob("*.py"))
     appended = set(re.findall(r'(?<!doubts )flags(?:\.append\(| \+= \()"([a-z_]+)"', source))
     assert len(appended) > 10
     assert appended <= FLAGS.keys(), appended - FLAGS.keys()

@@ -79,21 +79,21 @@ MUTATIONS = (
         "bindings_train.cpp", "if (gradient.finite) adam_step", "adam_step"
     ),), ("tests/hard_cases/test_resume.py",)),
     Mutation("probability that is not clamped", ((
-        "cotton3dg/plant/probability.py",
+        "cotton3dg/lifting/probability.py",
         "    held = np.clip(probability_map, MAP_MARGIN, 1 - MAP_MARGIN)",
         "    held = probability_map",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("probability that is not clamped after the step", ((
-        "cotton3dg/plant/probability.py",
+        "cotton3dg/lifting/probability.py",
         "        np.clip(probabilities, 0, 1, out=probabilities)",
         "        pass",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("joggled hull", ((
-        "cotton3dg/plant/hull.py",
+        "cotton3dg/geometry/convex_measures.py",
         "    return Measured(float(ConvexHull(centred).volume))",
         "    return Measured(float(ConvexHull(centred, qhull_options=\"QJ\").volume))",
     ), (
-        "cotton3dg/plant/hull.py",
+        "cotton3dg/geometry/convex_measures.py",
         '    """Volume of the convex hull of (N, 3) points."""\n'
         "    centred, reason = solid_points(points)\n    if reason:\n        return Measured(np.nan, reason)\n",
         '    """Volume of the convex hull of (N, 3) points."""\n'

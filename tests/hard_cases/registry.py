@@ -233,7 +233,7 @@ CASES = (
     )),
     Case(40, "variable frame rate", "timestamps, never frame counts", (
         VIDEO + "test_variable_frame_rate_keeps_true_times",
-        "tests/unit/test_capture.py::test_frames_are_spread_in_time_not_by_number",
+        "tests/unit/test_frame_quality.py::test_frames_are_spread_in_time_not_by_number",
         CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
     Case(41, "rotation tag, EXIF orientation", "applied to the pixels, recorded", (

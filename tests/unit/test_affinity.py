@@ -6,7 +6,7 @@ import pytest
 import torch
 from boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
-from cotton3dg.plant.affinity import (
+from cotton3dg.lifting.affinity import (
     RAYS_PER_VIEW,
     affinity_loss,
     heaviest_weights,
@@ -14,8 +14,8 @@ from cotton3dg.plant.affinity import (
     sample_rays,
     train_features,
 )
-from cotton3dg.plant.lift import ViewWeights
-from cotton3dg.plant.prompts import PromptView, grown, prompted
+from cotton3dg.lifting.lift import ViewWeights
+from cotton3dg.lifting.prompts import PromptView, grown, prompted
 from cotton3dg.splat.ops import accumulate_weights, render_values
 
 

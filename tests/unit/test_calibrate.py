@@ -2,8 +2,8 @@
 
 import pytest
 
-from cotton3dg import calibrate
-from cotton3dg.cost import Machine
+from cotton3dg.planning import calibrate
+from cotton3dg.planning.cost import Machine
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from table_scene import POSE, orbit
 
-from cotton3dg.plant.camera_paths import framed, turntable, walk
+from cotton3dg.geometry.camera_paths import framed, turntable, walk
 
 UP = POSE.rotation[:, 2]
 TARGET = POSE.scene(np.array([[3.0, -2.0, 35.0]]))[0]

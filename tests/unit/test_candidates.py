@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.detect.candidates import Candidate, cropped, cut_by_tile, painted, resolved, tiles
+from cotton3dg.masks.candidates import Candidate, cropped, cut_by_tile, painted, resolved, tiles
 
 
 def box(top: int, left: int, bottom: int, right: int, score: float) -> Candidate:

@@ -6,9 +6,9 @@ import pytest
 from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluate import evaluate_cloud
+from cotton3dg.evaluation.cloud import measure_cloud, table_height
+from cotton3dg.evaluation.plant import evaluate_cloud
 from cotton3dg.files.cloud import read_cloud
-from cotton3dg.plant.cloud import measure_cloud, table_height
 from cotton3dg.workspace import Workspace
 
 BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3

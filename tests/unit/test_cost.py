@@ -4,10 +4,11 @@ from itertools import pairwise
 
 import pytest
 
-from cotton3dg import pipeline, time_budget
-from cotton3dg.cost import Cost, Footage, Machine, costs, seconds
+from cotton3dg import pipeline
 from cotton3dg.errors import BadUsage
-from cotton3dg.time_budget import LADDER, choose, told
+from cotton3dg.planning import time_budget
+from cotton3dg.planning.cost import Cost, Footage, Machine, costs, seconds
+from cotton3dg.planning.time_budget import LADDER, choose, told
 
 VIDEO = Footage(120, 1280, 720)
 MACHINE = Machine(2)

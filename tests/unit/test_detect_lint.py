@@ -6,11 +6,11 @@ from lint_scene import BOLLS, RADIUS, orbit_cameras, photo, table_points
 from scipy import ndimage
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.plant.detect_lint import detect_lint, draw_overlay, lint_score
-from cotton3dg.plant.lint_volume import find_bolls, refine_bolls
-from cotton3dg.plant.paint_bolls import divided, lint_pixels, without_specks
-from cotton3dg.plant.split_touching import boll_shaped, split_touching, typical_diameter
-from cotton3dg.plant.views import fit_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.masks.detect_lint import detect_lint, draw_overlay, lint_score
+from cotton3dg.masks.paint_bolls import divided, lint_pixels, without_specks
+from cotton3dg.masks.split_touching import boll_shaped, split_touching, typical_diameter
+from cotton3dg.masks.voxel_voting import find_bolls, refine_bolls
 
 
 def found_share(ids: np.ndarray, truth: np.ndarray) -> tuple[int, int, int]:

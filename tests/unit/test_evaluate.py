@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluate import compare_bolls, evaluate
+from cotton3dg.evaluation.plant import compare_bolls, evaluate
 from cotton3dg.workspace import Workspace
 
 TRUE_CM = np.array([[10.0, 0, 30], [-5, 8, 40], [0, 0, 50], [3, -9, 20]])

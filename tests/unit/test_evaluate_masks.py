@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cotton3dg.evaluate_masks import matched_ious, score_masks
+from cotton3dg.evaluation.masks import matched_ious, score_masks
 
 
 def squares(*places: tuple[int, int, int]) -> np.ndarray:

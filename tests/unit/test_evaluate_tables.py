@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluate_tables import (
-    evaluate_tables,
-    evaluation_text,
-    left_out_predictions,
-    score,
-    write_evaluation,
-)
+from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, left_out_predictions, score, write_evaluation
 from cotton3dg.files.images import read_image
 from cotton3dg.files.scatter import DOT, scatter, ticks
 

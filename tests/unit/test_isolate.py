@@ -18,8 +18,8 @@ from table_scene import (
 
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.measurements import Scale
-from cotton3dg.plant.isolate import connected, isolate_plant, stem_axis, table_coordinates
-from cotton3dg.plant.measure import measure_bolls, measure_silhouette, summarise_plant
+from cotton3dg.traits.isolate import connected, isolate_plant, stem_axis, table_coordinates
+from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
 
 UP = POSE.rotation[:, 2]
 CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))

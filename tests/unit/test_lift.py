@@ -2,15 +2,7 @@ import numpy as np
 import pytest
 from orbit_scene import orbit
 
-from cotton3dg.plant.lift import (
-    RIM_ID,
-    ViewWeights,
-    lift,
-    resized_ids,
-    rim_width_px,
-    with_rim,
-    within_orbit,
-)
+from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, resized_ids, rim_width_px, with_rim, within_orbit
 
 
 def view(name, total, entries):

@@ -11,7 +11,7 @@ from table_scene import POSE, orbit
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.sheet import CM_PER_POINT, pdf_of, png_of
 from cotton3dg.options import MarkersOptions, board_squares
-from cotton3dg.plant.markers import (
+from cotton3dg.scale.markers import (
     MarkerFit,
     MarkerKind,
     charuco_board,
@@ -20,7 +20,7 @@ from cotton3dg.plant.markers import (
     find_markers,
     scale_from_markers,
 )
-from cotton3dg.plant.references import NoReference
+from cotton3dg.scale.references import NoReference
 from cotton3dg.stages.markers import print_markers
 
 CAMERAS = orbit(12, 1280, 720)

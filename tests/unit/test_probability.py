@@ -7,7 +7,7 @@ import torch.nn.functional as F  # noqa: N812
 from boll_scene import cameras, masks_of, model
 
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.plant.probability import (
+from cotton3dg.lifting.probability import (
     TrainingView,
     cross_entropy_gradient,
     mean_binary_ious,

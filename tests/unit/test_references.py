@@ -6,18 +6,12 @@ from table_scene import POSE, orbit, table_points_cm
 
 from cotton3dg.errors import BadInput
 from cotton3dg.files.picks import read_picks
-from cotton3dg.plant.distance import scale_from_distance
-from cotton3dg.plant.rectangle import Rectangle
-from cotton3dg.plant.references import (
-    Reference,
-    distance_ratios,
-    find_ground,
-    reconcile,
-    scale_on,
-)
-from cotton3dg.plant.sections import scale_from_sections
-from cotton3dg.plant.triangulate import triangulate
-from cotton3dg.plant.views import fit_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.geometry.triangulation import triangulate
+from cotton3dg.scale.rectangle import Rectangle
+from cotton3dg.scale.references import Reference, distance_ratios, find_ground, reconcile, scale_on
+from cotton3dg.scale.sections import scale_from_sections
+from cotton3dg.scale.two_points import scale_from_distance
 
 CAMERAS = orbit(20, 320, 180)
 TABLE = Rectangle(POSE.rotation.T, POSE.scene(np.zeros((1, 3)))[0], np.array([-60, 60, -30, 30]) / POSE.cm_per_su)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cotton3dg.detect.grounding_dino import find_boxes, open_grounding_dino
-from cotton3dg.detect.sam import Prompts, detect_sam, open_sam, prompts_around
-from cotton3dg.detect.transformer_models import normalised
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.masks.grounding_dino import find_boxes, open_grounding_dino
+from cotton3dg.masks.sam import Prompts, detect_sam, open_sam, prompts_around
+from cotton3dg.masks.transformer_models import normalised
 
 rng = np.random.default_rng(0)
 PHOTO = rng.integers(0, 256, (90, 160, 3)).astype(np.uint8)

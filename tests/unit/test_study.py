@@ -10,8 +10,8 @@ import pytest
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.cost import Footage
 from cotton3dg.errors import BadUsage, CaptureFailed
+from cotton3dg.planning.cost import Footage
 from cotton3dg.study import work
 from cotton3dg.study.rows import empty_row
 from cotton3dg.study.settings import settings_of, sweeps_of

@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 
-from cotton3dg.plant.rectangle import Rectangle, RimFit, fit_rim
-from cotton3dg.plant.table import NoTable, TableFit, _doubt, find_table, level_planes, outlined, scale_from_table
-from cotton3dg.plant.views import fit_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.geometry.planes import level_planes
+from cotton3dg.scale.rectangle import Rectangle, RimFit, fit_rim
+from cotton3dg.scale.table import NoTable, TableFit, _doubt, find_table, outlined, scale_from_table
 
 CAMERAS = orbit(20, 320, 180)
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cotton3dg.core.tradeoff import duration, pareto_front, seconds_of, typical_ratio
 from cotton3dg.errors import BadUsage
+from cotton3dg.planning.tradeoff import duration, pareto_front, seconds_of, typical_ratio
 
 VALUES = st.integers(0, 6).map(float)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from onnx_scene import CELL, SIDE, write_bright_cells
 
-from cotton3dg.detect.networks import Network, open_network
-from cotton3dg.detect.sam import open_sam
-from cotton3dg.detect.yolo import decoded, detect_yolo, fitted, suppressed
 from cotton3dg.errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
+from cotton3dg.masks.sam import open_sam
+from cotton3dg.masks.yolo import decoded, detect_yolo, fitted, suppressed
+from cotton3dg.masks.yolo_networks import Network, open_network
 
 DEFAULTS = {"image_size": SIDE, "confidence": 0.3, "nms_iou": 0.7}
 

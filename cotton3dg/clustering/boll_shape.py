@@ -1,0 +1,144 @@
+"""The bolls in a point set, by the sizes and distances of bolls beside each other: no unit of length is known yet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from ..core.bolls import BollInstance
+from ..geometry.convex_measures import convex_volume
+from ..geometry.point_sets import MIN_GAUSSIANS, extent
+
+SEPARATION = 0.75
+"""Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
+0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked. Sets of mean
+widths that lie nearer are halves of one boll that all masks part alike: one was counted twice at 0.66, two at 0.92."""
+
+CLOSE = 0.85
+"""Distance, in usual widths, below which two bolls may be one: such halves were 0.7 and 0.8 apart, two bolls 0.9."""
+
+MOST_PIECES = 8
+"""Bolls that a set is parted into at most: in heaps of more the inner ones show too little."""
+SEEDINGS = 6
+"""Starts of each number of pieces: one of a heap's farthest points is no good start for it now and then."""
+
+
+def pieces(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
+    """Part a set that is several bolls in a row or heap.
+
+    Gaussians lie on the surface of bolls, and that tells how many these are: of the numbers of pieces that are each of
+    ordinary size and lie as far apart as touching bolls do, the one whose pieces are the roundest shells is taken. Too
+    few pieces hold two bolls each, too many hold caps.
+
+    Args:
+        points: (n, 3).
+        usual_width: longest width of an ordinary boll, same unit.
+    Returns:
+        (n,) piece of each point, 2 to `MOST_PIECES`; None when no number is right.
+    """
+    points = np.asarray(points, np.float64)
+    best, least = None, np.inf
+    for count in range(2, _most_pieces(points, usual_width) + 1):
+        labels = _parted(points, count)
+        if not _like_bolls(points, labels, usual_width):
+            continue
+        labels = _lloyd(points, labels, sized=True)
+        roughness = _roughness(points, labels)
+        if roughness < least:
+            best, least = labels, roughness
+    return best
+
+
+def numbered(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
+    """The bolls from the top downwards with ids 1, 2, ..."""
+    ordered = sorted(bolls, key=lambda boll: (-float(boll.centre @ up), *boll.centre))
+    return [replace(boll, boll_id=boll_id) for boll_id, boll in enumerate(ordered, 1)]
+
+
+def close_flagged(bolls: list[BollInstance]) -> list[BollInstance]:
+    """The same bolls, with a flag `close` on those that may be one with a neighbour."""
+    if len(bolls) < 2:
+        return bolls
+    centres = np.array([boll.centre for boll in bolls])
+    apart = cdist(centres, centres)
+    np.fill_diagonal(apart, np.inf)
+    close = apart.min(axis=1) < CLOSE * np.median([boll.diameter_su for boll in bolls])
+    return [
+        replace(boll, flags=(*boll.flags, "close")) if near else boll for boll, near in zip(bolls, close, strict=True)
+    ]
+
+
+def _most_pieces(points: NDArray, usual_width: float) -> int:
+    """How many bolls may be in a set: as many as its hull has room for, and half as many again."""
+    # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
+    if extent(points)[1][0] <= 1.7 * usual_width:
+        return 2
+    volume = convex_volume(points).value
+    return min(MOST_PIECES, max(2, int(1.5 * volume / (np.pi / 6 * usual_width**3)))) if volume > 0 else 2
+
+
+def _like_bolls(points: NDArray, labels: NDArray[np.int64], usual_width: float) -> bool:
+    """Whether the pieces are each of ordinary size and lie as far apart as touching bolls do."""
+    count = int(labels.max()) + 1
+    # A touching boll of half the width still has a fifth of the pair's surface; less is stragglers.
+    if np.bincount(labels, minlength=count).min() < max(MIN_GAUSSIANS, 0.3 / count * len(points)):
+        return False
+    centres, widths = zip(*(extent(points[labels == k]) for k in range(count)), strict=True)
+    longest = np.array(widths)[:, 0]
+    gaps = np.linalg.norm(np.array(centres)[:, None] - centres, axis=2)
+    apart = 2 * gaps / (longest + longest[:, None]) + np.eye(count)
+    return bool(apart.min() > SEPARATION and longest.max() < 1.4 * usual_width and longest.min() > 0.5 * usual_width)
+
+
+def _roughness(points: NDArray, labels: NDArray[np.int64]) -> float:
+    """Sum over the points of the squared distance from their piece's shell, in its radii."""
+    total = 0.0
+    for k in range(labels.max() + 1):
+        part = points[labels == k]
+        distances = np.linalg.norm(part - extent(part)[0], axis=1)
+        total += float(((distances / max(float(np.median(distances)), 1e-30) - 1) ** 2).sum())
+    return total
+
+
+def _parted(points: NDArray, count: int) -> NDArray[np.int64]:
+    """The tightest of the parts that Lloyd's algorithm makes from several seedings; a pair needs but one."""
+    outermost = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[::-1]
+    firsts = outermost[np.linspace(0, len(points) // 2, SEEDINGS if count > 2 else 1).astype(int)]
+    trials = [_lloyd(points, _seeded(points, count, int(first)), sized=False) for first in firsts]
+    return min(trials, key=lambda labels: _spread(points, labels))
+
+
+def _spread(points: NDArray, labels: NDArray[np.int64]) -> float:
+    """Sum of the squared distances from the means of the parts."""
+    parts = [points[labels == k] for k in np.unique(labels)]
+    return float(sum(((part - part.mean(axis=0)) ** 2).sum() for part in parts))
+
+
+def _seeded(points: NDArray, count: int, first: int) -> NDArray[np.int64]:
+    """Nearest seed of each point; the seeds are each farthest from those before, so nothing is left to chance."""
+    seeds = [first]
+    while len(seeds) < count:
+        seeds.append(int(cdist(points, points[seeds]).min(axis=1).argmax()))
+    return cdist(points, points[seeds]).argmin(axis=1)
+
+
+def _lloyd(points: NDArray, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
+    """Lloyd's algorithm from given pieces.
+
+    Plain, it tells one ball from two. Sized, with distances in units of each piece's radius, it puts the cut between
+    balls of different size where they touch, but would also cut a cap off a single ball.
+    """
+    for _ in range(30):
+        parts = [points[labels == k] for k in range(labels.max() + 1)]
+        if min(map(len, parts)) < MIN_GAUSSIANS:
+            break
+        distances = cdist(points, [extent(part)[0] if sized else part.mean(axis=0) for part in parts])
+        radii = [max(float(np.median(distances[labels == k, k])), 1e-30) for k in range(len(parts))] if sized else 1.0
+        moved = (distances / radii).argmin(axis=1)
+        if np.array_equal(moved, labels):
+            break
+        labels = moved
+    return labels

@@ -1,0 +1,167 @@
+"""One plant's tables beside its truth: error of each trait, and which bolls were found.
+
+The truth is a `truth.json` as `cotton3dg simulate` writes it (metres, origin at the table's centre, z up).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BadInput, MissingInput
+from ..files.cloud import read_cloud
+from ..workspace import Workspace
+from .cloud import measure_cloud
+from .match import match_bolls
+
+MATCH_DISTANCE_CM = 3.0
+"""A predicted boll counts as a true one when their centres are no farther apart."""
+
+CM_PER_UNIT = {"m": 100.0, "cm": 1.0, "mm": 0.1}
+TRUTH_OF_TRAIT = {
+    "boll_count": "boll_count",
+    "boll_volume_cm3": "total_boll_convex_volume_cm3",
+    "plant_height_cm": "plant_height_cm",
+    "canopy_size_cm": "canopy_size_cm",
+}
+
+
+@dataclass(frozen=True)
+class TraitError:
+    """One trait of one plant; NaN where the trait was not measured."""
+
+    trait: str
+    measured: float
+    truth: float
+
+    @property
+    def error_pct(self) -> float:
+        return 100.0 * (self.measured - self.truth) / self.truth if self.truth else math.nan
+
+
+@dataclass(frozen=True)
+class BollMatches:
+    """True bolls found within `MATCH_DISTANCE_CM`."""
+
+    n_true: int
+    n_measured: int
+    n_matched: int
+    median_distance_cm: float
+    median_volume_error_pct: float
+    """Median over matched bolls of the absolute volume error."""
+    volume_errors_pct: tuple[float, ...] = ()
+    """Of each matched boll, with its sign; those without a volume are left out."""
+
+    @property
+    def recall(self) -> float:
+        return self.n_matched / self.n_true if self.n_true else math.nan
+
+    @property
+    def precision(self) -> float:
+        return self.n_matched / self.n_measured if self.n_measured else math.nan
+
+
+def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], BollMatches]:
+    """Compare a finished plant with its truth.
+
+    Raises:
+        MissingInput: no truth, or the traits stage has not run.
+        BadInput: the truth lacks what is compared.
+    """
+    truth = _read_truth(truth_json)
+    row = _rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    errors = [TraitError(trait, _number(row[trait]), float(truth[key])) for trait, key in TRUTH_OF_TRAIT.items()]
+    bolls = _rows(workspace.require(workspace.bolls_csv, "traits"))
+    measured_cm = np.array([[_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
+    measured_cm3 = np.array([_number(boll["volume_cm3"]) for boll in bolls])
+    true_cm, true_cm3 = _true_bolls(truth)
+    return errors, compare_bolls(measured_cm, measured_cm3, true_cm, true_cm3)
+
+
+def evaluate_cloud(
+    workspace: Workspace, cloud: Path, cm_per_unit: float, tube_height_cm: float = 4.0
+) -> list[TraitError]:
+    """Compare a finished plant with what the same code measures in a scanner's point cloud, z up.
+
+    Bolls are compared where the cloud marks them (`read_cloud`).
+
+    Raises:
+        MissingInput: no cloud, or the traits stage has not run. BadInput: the cloud cannot be read.
+    """
+    points_cm, labels = read_cloud(cloud, cm_per_unit)
+    true = measure_cloud(points_cm, labels, tube_height_cm)
+    row = _rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    size, volumes = true.silhouette, true.boll_volumes_cm3
+    truth = {
+        "plant_height_cm": size.height_cm,
+        "plant_height_obb_cm": size.height_obb_cm,
+        "canopy_size_cm": (size.length_cm + size.width_cm) / 2,
+        "canopy_length_cm": size.length_cm,
+        "canopy_width_cm": size.width_cm,
+        "plant_hull_volume_cm3": size.hull_volume_cm3,
+    }
+    if labels is not None:
+        truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
+    return [TraitError(trait, _number(row[trait]), value) for trait, value in truth.items()]
+
+
+def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:
+    """Match bolls one to one by the distance of their centres in the plant frame.
+
+    A table looks the same after half a turn: both directions of x are tried and the better one is kept.
+
+    Args:
+        measured_cm: (M, 3), true_cm: (T, 3) centres; rows with NaN match nothing.
+        measured_cm3: (M,), true_cm3: (T,) volumes.
+    """
+    best: tuple[int, float] = (0, math.nan)
+    volume_errors_pct = np.zeros(0)
+    for turn in ((1, 1, 1), (-1, -1, 1)):
+        centres = measured_cm * turn
+        pairs = match_bolls(centres, true_cm, MATCH_DISTANCE_CM)
+        if len(pairs) <= best[0]:
+            continue
+        mine, theirs = pairs.T
+        best = (len(pairs), float(np.median(np.linalg.norm(centres[mine] - true_cm[theirs], axis=1))))
+        relative = measured_cm3[mine] / true_cm3[theirs] - 1.0
+        volume_errors_pct = 100.0 * relative[np.isfinite(relative)]
+    median_pct = float(np.median(np.abs(volume_errors_pct))) if len(volume_errors_pct) else math.nan
+    return BollMatches(
+        len(true_cm), len(measured_cm), *best, median_pct, tuple(float(error) for error in volume_errors_pct)
+    )
+
+
+def _read_truth(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise MissingInput(f"{path.name} is missing; give the plant's truth with --truth FILE")
+    try:
+        truth = json.loads(path.read_text(encoding="utf-8"))
+        missing = [key for key in (*TRUTH_OF_TRAIT.values(), "bolls", "stem_base_xyz_m") if key not in truth]
+    except (ValueError, TypeError, OSError) as error:
+        raise BadInput(f"{path.name} cannot be read: {error}") from error
+    if missing:
+        raise BadInput(f"{path.name} has no {', '.join(missing)}; `cotton3dg simulate` writes a complete one")
+    return truth
+
+
+def _true_bolls(truth: dict[str, Any]) -> tuple[NDArray, NDArray]:
+    """Centres (T, 3) in cm in the plant frame, and volumes (T,) in cm³."""
+    stem_m = np.array(truth["stem_base_xyz_m"], np.float64)
+    centres_m = np.array([boll["centre_xyz_m"] for boll in truth["bolls"]], np.float64).reshape(-1, 3)
+    return 100.0 * (centres_m - stem_m), np.array([boll["convex_volume_cm3"] for boll in truth["bolls"]], np.float64)
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _number(cell: str) -> float:
+    return float(cell) if cell else math.nan

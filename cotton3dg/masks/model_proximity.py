@@ -1,0 +1,47 @@
+"""What each pixel shows of what is near the lint, and of which boll; a white wall behind looks like it, but is far.
+
+A trained model knows how far things are. Its Gaussians are near or far; rendered with that and with their places as
+values, each pixel gets the share of its light that comes from what is near, and the mean place that this comes from.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float32, Gaussians
+from ..splat import ops
+from .voxel_voting import LintVolume
+
+
+class Nearness:
+    """A model with what is near the bolls of a volume marked."""
+
+    def __init__(self, gaussians: Gaussians, volume: LintVolume, reach: float):
+        """
+        Args:
+            reach: distance from the volume within which a Gaussian is near, voxels.
+        """
+        from scipy.spatial import cKDTree
+
+        self._tree, self._bolls = cKDTree(volume.centres), volume.bolls
+        self._middle = volume.centres.mean(axis=0)
+        self._gaussians = gaussians
+        finite = np.isfinite(gaussians.means).all(axis=1)
+        near = np.zeros(len(gaussians), bool)
+        near[finite] = np.isfinite(
+            self._tree.query(gaussians.means[finite], distance_upper_bound=reach * volume.pitch)[0]
+        )
+        # Relative to the middle, where single precision is finest.
+        places = np.where(near[:, None], gaussians.means - self._middle, 0)
+        self._values = np.column_stack([near, places]).astype(np.float32)
+
+    def seen(self, camera: Camera) -> tuple[Float32, Float32]:
+        """Shares (H, W), 0..1, of what is near, and its mean places (H, W, 3), su; the middle where nothing is near."""
+        values = ops.render_values(self._gaussians, camera, self._values).image
+        shares = values[..., 0]
+        return shares, values[..., 1:] / np.maximum(shares, 1e-6)[..., None] + self._middle
+
+    def bolls(self, places: Float32) -> NDArray[np.int32]:
+        """(n,) the boll that each of the places (n, 3) is nearest to."""
+        return self._bolls[self._tree.query(places)[1]]

@@ -1,0 +1,196 @@
+"""From bolls in space to masks in one image: the volume says where a boll is, the image's colours where it ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float32
+from .model_proximity import Nearness
+from .voxel_voting import LintVolume, pixels_of
+
+SURELY, LIKELY = 0.5, 0.25
+"""Scores of a pixel that is lint where its place says so too, and of one to begin with as lint."""
+CORE = 1.0
+"""Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
+SHARP_PX = 3.0
+"""Least such distance: chroma subsampling and compression blur edges by two pixels."""
+REACH, BLIND_REACH = 8.0, 5.0
+"""How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
+views. Where nothing tells a wall behind from lint, that half must do."""
+NEAR = 0.5
+"""Least share of what is near in the light of a pixel of lint."""
+TRUSTED = 0.8
+"""Least share of the pixels that surely are lint which a model must call near to have a say: models of 480 and 960 px
+images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
+NO_LINT = 0.05
+"""Score below which what is near is no lint but bur, branch or leaf."""
+MARGIN = 4.0
+"""Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
+ITERATIONS = 2
+"""Rounds of GrabCut; more change hardly a pixel."""
+FEWEST = 20
+"""Pixels, of lint and of surroundings, that a colour model of five Gaussians takes."""
+UNDECIDED = 1.5
+"""Voxels on either side of the border of two bolls within which the crease in the image decides."""
+SPECK = 9
+"""Pixels of the smallest piece of a mask."""
+
+
+def paint_bolls(
+    image: NDArray[np.uint8], score: Float32, camera: Camera, volume: LintVolume, nearness: Nearness | None = None
+) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Masks of the bolls of a volume in one image.
+
+    Args:
+        image: (H, W, 3) RGB.
+        score: (H, W) 0..1, how much each pixel looks like lint.
+        nearness: to the volume; None = unknown, and so it is where the model is too coarse to tell (`TRUSTED`).
+    Returns:
+        ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
+    """
+    expected, pitch_px = silhouettes(camera, volume)
+    if not expected.any():
+        return expected, {}
+    if nearness is not None:
+        shares, places = nearness.seen(camera)
+        near = shares >= NEAR
+        core = sure_pixels(score, expected, pitch_px)
+    if nearness is not None and near[core].sum() >= TRUSTED * core.sum():
+        lint = lint_pixels(image, score, expected, pitch_px, near)
+        owners = np.zeros_like(expected)
+        owners[lint] = nearness.bolls(places[lint])
+    else:
+        lint = lint_pixels(image, score, expected, pitch_px)
+        owners = np.where(lint, nearest_silhouettes(expected), 0)
+    ids = without_specks(divided(image, owners, pitch_px))
+    return ids, {int(boll): volume.confidence(boll) for boll in np.unique(ids[ids > 0])}
+
+
+def silhouettes(camera: Camera, volume: LintVolume) -> tuple[NDArray[np.uint16], float]:
+    """Number of the boll in front at each pixel (H, W), 0 = none, and the median width of a voxel in px."""
+    columns, lines, inside, depths = pixels_of(volume.centres, camera)
+    ids = np.zeros((camera.height, camera.width), np.uint16)
+    # Painted from far to near: of pixels assigned twice numpy keeps the last.
+    order = np.flatnonzero(inside)
+    order = order[np.argsort(-depths[order], kind="stable")]
+    if not len(order):
+        return ids, 1.0
+    pitch_px = float(np.median(volume.pitch * camera.fx / depths[order]))
+    half = int(np.ceil(pitch_px / 2))
+    offsets = np.arange(-half, half + 1)
+    y = np.clip(lines[order, None, None] + offsets[:, None], 0, camera.height - 1)
+    x = np.clip(columns[order, None, None] + offsets[None, :], 0, camera.width - 1)
+    ids[y, x] = volume.bolls[order, None, None]
+    return ids, pitch_px
+
+
+def sure_pixels(score: Float32, expected: NDArray[np.uint16], pitch_px: float) -> NDArray[np.bool_]:
+    """Which pixels (H, W) deep inside the silhouettes have the colour of lint."""
+    import cv2
+
+    inside = cv2.distanceTransform((expected > 0).astype(np.uint8), cv2.DIST_L2, 5)
+    return (score > SURELY) & (inside > max(CORE * pitch_px, SHARP_PX))
+
+
+def lint_pixels(
+    image: NDArray[np.uint8],
+    score: Float32,
+    expected: NDArray[np.uint16],
+    pitch_px: float,
+    near: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Which pixels (H, W) on and around the silhouettes are lint: GrabCut (Rother et al. 2004).
+
+    A minimum cut between colour models of lint and of what surrounds it follows the edges of the image, so lint goes on
+    into its own shade and a wall of nearly its colour ends it. Bolls that are close share a model and a cut: what
+    surrounds one must not be another.
+
+    Args:
+        near: (H, W) which pixels show what is near the bolls. The others are no lint, and their colours tell nothing
+            about it: left to burs and branches, the model of what surrounds lint is so unlike it that shade, too, is
+            on the right side. None = unknown.
+    """
+    import cv2
+
+    reach = (BLIND_REACH if near is None else REACH) * pitch_px
+    outside = cv2.distanceTransform((expected == 0).astype(np.uint8), cv2.DIST_L2, 5)
+    trimap = np.full(expected.shape, cv2.GC_PR_BGD, np.uint8)
+    trimap[(outside <= pitch_px) & (score > LIKELY)] = cv2.GC_PR_FGD
+    sure = sure_pixels(score, expected, pitch_px)
+    if near is not None:
+        sure &= near
+    # Of a boll that shows so little of itself that nothing is deep inside, all that is likely must do.
+    small = np.bincount(expected[sure], minlength=int(expected.max()) + 1) < FEWEST
+    trimap[sure | ((score > SURELY) & (expected > 0) & small[expected])] = cv2.GC_FGD
+    within = outside <= reach
+    trimap[~within if near is None else ~within | ~near] = cv2.GC_BGD
+    lint = np.zeros(expected.shape, bool)
+    _, groups, boxes, _ = cv2.connectedComponentsWithStats(within.astype(np.uint8))
+    margin = int(np.ceil(MARGIN * pitch_px))
+    for group, (left, top, width, height, _) in enumerate(boxes[1:], start=1):
+        window = np.s_[max(top - margin, 0) : top + height + margin, max(left - margin, 0) : left + width + margin]
+        cut = trimap[window].copy()
+        begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
+        if min(begun.sum(), (~begun).sum()) >= FEWEST:
+            cv2.setRNGSeed(0)  # GrabCut begins its models with a random k-means
+            shown = image[window] if near is None else surrounded(image[window], score[window], near[window])
+            models = np.zeros((1, 65)), np.zeros((1, 65))
+            cv2.grabCut(np.ascontiguousarray(shown), cut, None, *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
+            begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
+        lint[window] |= begun & (groups[window] == group)
+    return lint
+
+
+def surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The image (H, W, 3) with all that is not near in the colour of what is near and no lint, if there is any."""
+    bare = near & (score < NO_LINT)
+    if bare.sum() < FEWEST:
+        return image
+    return np.where(near[..., None], image, np.median(image[bare], axis=0).astype(np.uint8)).astype(np.uint8)
+
+
+def nearest_silhouettes(expected: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The boll (H, W) whose silhouette is nearest to each pixel."""
+    import cv2
+
+    _, places = cv2.distanceTransformWithLabels(
+        (expected == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    boll_of_place = np.zeros(places.max() + 1, np.uint16)
+    boll_of_place[places[expected > 0]] = expected[expected > 0]
+    return boll_of_place[places]
+
+
+def divided(image: NDArray[np.uint8], owners: NDArray[np.uint16], pitch_px: float) -> NDArray[np.uint16]:
+    """The lint divided among its owners (H, W), 0 = no lint: along their borders a watershed lets the crease in the
+    image decide.
+    """
+    import cv2
+
+    lint = owners > 0
+    radius = max(round(UNDECIDED * pitch_px), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    largest = cv2.dilate(owners, disc)
+    smallest = cv2.erode(np.where(lint, owners, np.iinfo(np.uint16).max).astype(np.uint16), disc)
+    # Marker 1 is all that is no lint, so that flooding stays within it.
+    markers = np.where(lint, 0, 1).astype(np.int32)
+    clear = lint & (largest == smallest)
+    markers[clear] = owners[clear].astype(np.int32) + 1
+    cv2.watershed(image, markers)
+    return np.where(lint & (markers > 1), markers - 1, owners).astype(np.uint16)
+
+
+def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """`ids` without pieces of fewer than `SPECK` pixels."""
+    import cv2
+    from scipy import ndimage
+
+    kept = ids.copy()
+    for boll, box in enumerate(ndimage.find_objects(ids), start=1):
+        if box is not None:
+            own = (ids[box] == boll).astype(np.uint8)
+            _, pieces, facts, _ = cv2.connectedComponentsWithStats(own, connectivity=8)
+            small = facts[:, cv2.CC_STAT_AREA] < SPECK
+            kept[box][small[pieces] & (own > 0)] = 0
+    return kept

@@ -1,0 +1,142 @@
+"""How fast this machine is: a few seconds of the splatting core and of image features, on things made up here.
+
+The result is kept in the user's cache folder, for all plants.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from .. import _native
+from ..core.machine import usable_cores
+from ..core.scene import Camera, Gaussians
+from ..files.saving import json_text, write_text_atomically
+from ..splat.ops import train_step
+from ..splat.state import AdamState, DensityStatistics, LearningRates
+from ..workspace import user_cache
+from .cost import Machine
+
+VERSION = 1
+"""Raised when what is measured changes."""
+
+SPLATTING_S, IMAGING_S = 0.053, 0.36
+"""CPU-seconds of one step and of one image on the machine that the constants of `cost` were measured on."""
+SPLATTING_TIMES, IMAGING_TIMES = 20, 6
+BUSY = 0.5
+"""Load for each core from which on other programs keep this one from all cores."""
+
+N_GAUSSIANS = 60_000
+SPLATTED_PX, FEATURES_PX = (480, 270), (1280, 720)
+
+
+def calibrated(tell: Callable[[str], None] = print) -> Machine:
+    """What was measured here, or is measured now if nothing was with this version, processor and number of cores."""
+    saved = read_calibration()
+    if saved is None:
+        tell("measuring this machine once, some 10 s; `cotton3dg doctor --calibrate` does it again")
+        return calibrate()
+    return saved
+
+
+def read_calibration() -> Machine | None:
+    """What was measured on this machine, if it still holds."""
+    try:
+        saved = json.loads(user_cache("calibration.json").read_text(encoding="utf-8"))
+        return Machine(**saved["machine"]) if saved["of"] == _identity() else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def calibrate() -> Machine:
+    """Measure and keep what was measured.
+
+    The processor's time is taken rather than the clock's, as other programs hardly change it. How many cores really
+    work at once is the most that was seen, or, where others compute meanwhile, all of them.
+    """
+    usable = len(usable_cores())
+    busy = hasattr(os, "getloadavg") and os.getloadavg()[0] > BUSY * usable
+    splatting_s, seen = _least(_splatting(), SPLATTING_TIMES)
+    imaging_s, _ = _least(_features(), IMAGING_TIMES)
+    machine = Machine(
+        cores=float(usable) if busy else round(min(max(seen, 1.0), usable), 2),
+        splatting=round(splatting_s / SPLATTING_S, 3),
+        imaging=round(imaging_s / IMAGING_S, 3),
+    )
+    write_text_atomically(user_cache("calibration.json"), json_text({"of": _identity(), "machine": asdict(machine)}))
+    return machine
+
+
+def described(machine: Machine) -> str:
+    """What was measured, in a line."""
+    return (
+        f"splatting takes {machine.splatting:.2f} and images {machine.imaging:.2f} times as long as on the reference"
+        f" machine; {machine.cores:.1f} of {len(usable_cores())} cores work at once"
+    )
+
+
+def _identity() -> dict[str, Any]:
+    return {"version": VERSION, "instruction_set": _native.instruction_set(), "cores": len(usable_cores())}
+
+
+def _least(work: Callable[[], None], times: int) -> tuple[float, float]:
+    """Least processor time of a few goes, s, and the most cores that were at work at once."""
+    work()
+    cpu_s, cores = [], []
+    for _ in range(times):
+        wall, cpu = time.perf_counter(), time.process_time()
+        work()
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        cpu_s.append(cpu)
+        cores.append(cpu / wall)
+    return min(cpu_s), max(cores)
+
+
+def _splatting() -> Callable[[], None]:
+    """One training step of a ball of Gaussians about as dense as a plant on its table."""
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(N_GAUSSIANS, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    gaussians = Gaussians(
+        (directions * np.cbrt(rng.random((N_GAUSSIANS, 1)))).astype(np.float32),
+        rng.normal(size=(N_GAUSSIANS, 4)).astype(np.float32),
+        np.log(rng.uniform(0.01, 0.03, (N_GAUSSIANS, 3))).astype(np.float32),
+        rng.normal(0.5, 1.5, N_GAUSSIANS).astype(np.float32),
+        rng.normal(0, 0.3, (N_GAUSSIANS, 4, 3)).astype(np.float32),
+    )
+    width, height = SPLATTED_PX
+    pose = np.concatenate([np.eye(3), [[0.0], [0.0], [3.0]]], axis=1)
+    camera = Camera("made", width, height, 1.1 * width, 1.1 * width, width / 2, height / 2, pose)
+    target = rng.integers(0, 256, (height, width, 3)).astype(np.uint8)
+    adam, statistics = AdamState.zeros(gaussians), DensityStatistics.zeros(N_GAUSSIANS)
+    still = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def step() -> None:
+        train_step(gaussians, adam, statistics, camera, target, sh_degree=1, learning_rates=still)
+
+    return step
+
+
+def _features() -> Callable[[], None]:
+    """Features of an image of blobs of all sizes."""
+    import cv2
+
+    rng = np.random.default_rng(0)
+    width, height = FEATURES_PX
+    image = np.zeros((height, width), np.float32)
+    for side in (8, 16, 32, 64, 128):
+        coarse = rng.random((height // side + 1, width // side + 1)).astype(np.float32)
+        image += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    grey = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    finder = cv2.SIFT.create(2048)
+
+    def find() -> None:
+        finder.detectAndCompute(grey, None)
+
+    return find

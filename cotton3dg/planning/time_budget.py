@@ -1,0 +1,172 @@
+"""The best settings that fit into a given time, and what they give up.
+
+The choice is made twice: before anything runs, and once the cameras are known. Then the steps of the training take what
+is left, so that a scene that was slower or quicker than expected costs steps instead of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import pipeline
+from ..errors import BadUsage
+from ..options import PRESET_VALUES
+from ..pipeline import STAGES, Watcher
+from ..workspace import Workspace
+from .cost import Footage, Machine, costs, footage, seconds
+from .tradeoff import duration
+
+RECORD = "time_budget"
+RESERVE = 0.05
+"""Share of the time that is left unplanned: predictions err to both sides, and being late is worse."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """Settings that go well together; more steps than `most` gain less than the next rung."""
+
+    images: int
+    max_side: int
+    max_gaussians: int
+    least: int
+    most: int
+    """Steps of the training."""
+
+    def values(self, steps: int) -> dict[str, dict[str, Any]]:
+        train = {
+            "max_side": self.max_side,
+            "max_gaussians": self.max_gaussians,
+            "steps": steps,
+        }
+        return {"frames": {"count": self.images}, "train": train}
+
+
+LADDER = (
+    Rung(150, 960, 1_000_000, 15_000, 30_000),
+    Rung(150, 960, 300_000, 7000, 30_000),
+    Rung(100, 960, 150_000, 2500, 10_000),
+    Rung(80, 720, 100_000, 1500, 3500),
+    Rung(60, 480, 60_000, 1200, 3000),
+    Rung(50, 480, 40_000, 800, 1500),
+    Rung(40, 320, 30_000, 500, 1200),
+)
+"""Fine to coarse: around the presets paper, standard and draft, and between and below them."""
+
+Resolve = Callable[[dict[str, dict[str, Any]]], dict[str, Any]]
+"""From what a rung wants to the options of all stages; what the user gave wins."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What fits."""
+
+    rung: Rung
+    options: dict[str, Any]
+    """Of all stages."""
+    expected_s: float
+
+
+def choose(
+    budget_s: float,
+    resolve: Resolve,
+    source: Footage,
+    machine: Machine,
+    spent_s: Mapping[str, float] | None = None,
+    ladder: tuple[Rung, ...] = LADDER,
+) -> Choice:
+    """The finest rung that fits, with as many steps as fit.
+
+    Args:
+        spent_s: stage -> seconds of those that are finished.
+    Raises:
+        BadUsage: not even the coarsest fits.
+    """
+    spent_s = spent_s or {}
+
+    def expected(options: Mapping[str, Any]) -> float:
+        ahead = {stage: cost for stage, cost in costs(options, source, machine).items() if stage not in spent_s}
+        return sum(spent_s.values()) + seconds(ahead, machine.cores)
+
+    usable_s = (1 - RESERVE) * budget_s
+    for rung in ladder:
+        least = resolve(rung.values(rung.least))
+        if expected(least) > usable_s and rung is not ladder[-1]:
+            continue
+        if expected(least) > budget_s and not spent_s:
+            raise BadUsage(
+                f"even the coarsest settings take about {duration(expected(least))} here; give a longer --time-budget"
+            )
+        low, high = rung.least, rung.most
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if expected(resolve(rung.values(middle))) <= usable_s else (low, middle)
+        steps = rung.most if expected(resolve(rung.values(rung.most))) <= usable_s else low // 50 * 50
+        options = resolve(rung.values(max(rung.least, steps)))
+        return Choice(rung, options, expected(options))
+    raise BadUsage("there are no settings to choose from")
+
+
+def told(choice: Choice, budget_s: float) -> str:
+    """What was chosen, and what it gives up against the preset `paper`."""
+    images, train = choice.options["frames"].count, choice.options["train"]
+    finest = PRESET_VALUES["paper"]
+    lost = [
+        f"{whole:,} {name}"
+        for name, value, whole in (
+            ("images", images, finest["frames"]["count"]),
+            ("steps", train.steps, finest["train"]["steps"]),
+            ("Gaussians", train.max_gaussians, finest["train"]["max_gaussians"]),
+            ("px", train.max_side, 960),
+        )
+        if value < whole
+    ]
+    return (
+        f"time budget {duration(budget_s)}: {images} images of {train.max_side} px, {train.steps:,} steps,"
+        f" {train.max_gaussians:,} Gaussians, about {duration(choice.expected_s)}"
+        + (f"; gives up the preset paper's {', '.join(lost)}" if lost else "")
+    )
+
+
+class Budget:
+    """A run of one plant that is to take no longer than `budget_s` seconds of an otherwise idle machine.
+
+    Finished stages count with the seconds they took, so that the same command always chooses the same and resumes.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        budget_s: float,
+        machine: Machine,
+        overrides: dict[str, dict[str, Any]] | None = None,
+        defaults: Path | None = None,
+        tell: Callable[[str], None] = print,
+    ):
+        self.workspace, self.budget_s, self.machine, self.tell = workspace, budget_s, machine, tell
+        self.overrides, self.defaults = overrides, defaults
+        self.source = footage(workspace)
+        self.choice = choose(budget_s, self._resolve, self.source, machine)
+        tell(told(self.choice, budget_s))
+
+    def _resolve(self, values: dict[str, dict[str, Any]]) -> dict[str, Any]:
+        return pipeline.stage_options(self.workspace, overrides=self.overrides, defaults=self.defaults, chosen=values)
+
+    def run(
+        self, *, force: bool = False, wait: bool = False, watcher: Watcher | None = None, report: bool = False
+    ) -> None:
+        """All stages, as `pipeline.run`; steps are chosen again once the cameras are known."""
+        early, late = pipeline.selected(STAGES[0], "sfm"), pipeline.selected("train", STAGES[-1])
+        pipeline.run(self.workspace, self.choice.options, early, force=force, wait=wait, watcher=watcher)
+        spent_s = {stage: float((self.workspace.read_record(stage) or {})["seconds"]) for stage in early}
+        self.choice = choose(
+            self.budget_s, self._resolve, self.source, self.machine, spent_s, ladder=(self.choice.rung,)
+        )
+        words = told(self.choice, self.budget_s)
+        self.tell(f"cameras took {duration(sum(spent_s.values()))}; {words}")
+        self.workspace.write_record(
+            RECORD, {"budget_s": self.budget_s, "expected_s": self.choice.expected_s, "chosen": words}
+        )
+        pipeline.run(self.workspace, self.choice.options, late, force=force, wait=wait, watcher=watcher, report=report)

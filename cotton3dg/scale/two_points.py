@@ -1,0 +1,52 @@
+"""The scale from two points a known distance apart, picked by hand in several photos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera
+from ..geometry.triangulation import triangulate
+from .references import LEAST_ERROR, NoReference, Reference
+
+PICK_PX = 1.0
+"""Standard error of a place picked by hand."""
+TOLERANCE_PX = 5.0
+"""Farther from the point that the others agree on, a pick is a slip."""
+MAX_ERROR = 0.03
+
+
+def scale_from_distance(
+    cameras: Sequence[Camera], picks: Mapping[str, Mapping[str, NDArray]], distance_cm: float
+) -> tuple[Reference, NDArray] | NoReference:
+    """The scale at which two points lie as far apart as they are known to, and (2, 3) the points, su.
+
+    Args:
+        picks: point -> image -> (2,) px in the undistorted image; two points, each in at least two images.
+    """
+    by_name = {camera.name: camera for camera in cameras}
+    if len(picks) != 2:
+        return NoReference(f"{len(picks)} points were picked where two are needed")
+    points, sigmas = [], []
+    for name, places in picks.items():
+        seen = [image for image in places if image in by_name]
+        if len(seen) < 2:
+            return NoReference(f"point {name} was picked in {len(seen)} of the placed images, 2 are needed")
+        pixels = np.array([places[image] for image in seen])
+        sighting = triangulate([by_name[image] for image in seen], pixels, tolerance_px=TOLERANCE_PX)
+        if sighting is None:
+            return NoReference(f"the picks of point {name} do not meet in space")
+        points.append(sighting.point)
+        # Two picks meet by chance, so no residual is trusted below what a hand does.
+        sigmas.append(sighting.su_per_px * max(PICK_PX, sighting.residual_px))
+    measured = float(np.linalg.norm(points[0] - points[1]))
+    if measured <= 0:
+        return NoReference("both points lie at the same place")
+    error = max(float(np.hypot(sigmas[0], sigmas[1])) / measured, LEAST_ERROR)
+    if error > MAX_ERROR:
+        return NoReference(
+            f"the two points tell their distance to {error:.0%} only; pick them in more images, from more sides"
+        )
+    return Reference("distance", distance_cm / measured, error, {"distance_su": measured}), np.array(points)

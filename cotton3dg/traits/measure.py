@@ -1,0 +1,190 @@
+"""The traits of a plant and of its bolls, from their Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.bolls import BollInstance
+from ..core.measurements import BollTraits, PlantTraits, Scale
+from ..core.scene import Float64, Gaussians
+from ..geometry.boxes import min_area_rectangle, oriented_box
+from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
+from .isolate import Plant
+from .silhouette_hull import opaque_hull
+from .surface import SAMPLES, surface_of_volume, surface_rows, visible_surface
+
+TIP_OPACITY = 0.25
+"""Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one."""
+TOP_RANK = 3
+"""The plant is as high as the third highest of its Gaussians: one or two floaters are no top."""
+ALPHA = 0.25
+"""Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
+EDGE_PX = 1.0
+"""Standard error of a boll's diameter in one view: half a pixel at either side."""
+ALIKE = 8
+"""Views that err alike, for they see the same rim: with it errors estimated on rendered plants are as large as the true
+ones."""
+
+
+NEAR_CLAMP = 1.5
+"""Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
+
+
+def measure_bolls(
+    drawn: Gaussians,
+    bolls: Sequence[BollInstance],
+    scale: Scale | None,
+    foot: Float64 | None,
+    pixel_su: float = 0.0,
+    clamp_cm: float = 0.0,
+) -> list[BollTraits]:
+    """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
+
+    Args:
+        drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
+        pixel_su: width of a pixel of the training images at the plant.
+        clamp_cm: height of the clamp that holds the plant.
+
+    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
+    volume the Gaussians' ellipsoids are blown up until their hull is that large.
+    """
+    traits = []
+    for boll in bolls:
+        cm = scale.cm_per_su if scale else np.nan
+        own = drawn[boll.indices]
+        own = own[surface_rows(own)]
+        body = opaque_hull(own)
+        volume, diameter = convex_volume(body), calliper_diameter(body)
+        rolled = volume
+        if not volume.reason:
+            rolled = alpha_volume(surface_of_volume(own, volume.value), ALPHA * diameter.value)
+        centre = np.full(3, np.nan)
+        if scale and foot is not None:
+            centre = (boll.centre - foot) @ scale.table_frame.T * cm
+        doubts = [*boll.flags, volume.reason or ""]
+        doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
+        traits.append(
+            BollTraits(
+                boll_id=boll.boll_id,
+                centre_cm=centre,
+                volume_cm3=volume.value * cm**3,
+                alpha_volume_cm3=rolled.value * cm**3,
+                diameter_cm=diameter.value * cm,
+                n_gaussians=len(boll.indices),
+                n_views=len(boll.views),
+                confidence=boll.confidence,
+                flags=tuple(doubt for doubt in doubts if doubt),
+                volume_error_cm3=volume.value * cm**3 * volume_error(diameter.value, len(boll.views), scale, pixel_su),
+                projected_area_cm2=projected_area(body).value * cm**2,
+            )
+        )
+    return traits
+
+
+def volume_error(diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float) -> float:
+    """Relative standard error of a boll's volume: three times that of its diameter.
+
+    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views, of which
+    only one in `ALIKE` counts.
+    """
+    if scale is None or not diameter_su > 0:
+        return np.nan
+    return 3 * float(
+        np.hypot(scale.relative_error, EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1)))
+    )
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """Size of a plant, cm and cm³."""
+
+    height_cm: float
+    height_obb_cm: float
+    length_cm: float
+    width_cm: float
+    hull_volume_cm3: float
+
+
+def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> Silhouette | None:
+    """Height above the table and the least rectangle around the plant as seen from above.
+
+    The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
+    most upright (seed paper).
+
+    Returns:
+        None when nothing of the plant is opaque.
+    """
+    surface = visible_surface(drawn[plant.rows], TIP_OPACITY)
+    if not len(surface):
+        return None
+    places = (surface - plant.foot) @ scale.table_frame.T * scale.cm_per_su
+    return silhouette_of(places, places[:, 2].reshape(-1, SAMPLES).max(axis=1))
+
+
+def silhouette_of(places: Float64, tops: Float64) -> Silhouette:
+    """Size of a plant whose surface is given in the plant frame.
+
+    Args:
+        places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
+    """
+    box = oriented_box(np.vstack([places, np.zeros(3)]))
+    upright = int(np.abs(box.axes[:, 2]).argmax())
+    length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
+    height = float(np.sort(tops)[-TOP_RANK:][0])
+    hull = convex_volume(np.vstack([places, np.zeros(3)])).value
+    return Silhouette(height, float(box.sides[upright]), length_cm, width_cm, hull)
+
+
+def summarise_plant(
+    bolls: Sequence[BollTraits], silhouette: Silhouette | None, scale: Scale | None, pixel_su: float = 0.0
+) -> PlantTraits:
+    """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
+
+    Errors of volumes add up as far as they are the scale's, which all bolls share; the rest adds in squares. Lengths
+    err with the scale and by a pixel.
+    """
+    flags = []
+    volumes = np.array([boll.volume_cm3 for boll in bolls])
+    known = volumes[np.isfinite(volumes)]
+    if scale and len(known) < len(volumes):
+        flags.append("bolls_without_volume")
+    measured = bool(scale) and (len(known) > 0 or not len(volumes))
+    size = silhouette or Silhouette(*[np.nan] * 5)
+    canopy_cm = (size.length_cm + size.width_cm) / 2
+    shared = scale.relative_error if scale else np.nan
+    pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
+    errors = np.array([boll.volume_error_cm3 for boll in bolls])[np.isfinite(volumes)]
+    own = np.maximum(errors**2 - (3 * shared * known) ** 2, 0.0)
+    areas = np.array([boll.projected_area_cm2 for boll in bolls])
+    heights = np.array([boll.centre_cm[2] for boll in bolls])
+    heights = heights[np.isfinite(heights)]
+    confidences = np.array([boll.confidence for boll in bolls])
+    thirds = None
+    if size.height_cm > 0 and len(heights) == len(bolls):
+        counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
+        thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
+    return PlantTraits(
+        boll_count=len(bolls),
+        boll_volume_cm3=float(known.sum()) if measured else np.nan,
+        boll_volume_mean_cm3=float(known.mean()) if len(known) else np.nan,
+        plant_height_cm=size.height_cm,
+        plant_height_obb_cm=size.height_obb_cm,
+        canopy_size_cm=canopy_cm,
+        canopy_length_cm=size.length_cm,
+        canopy_width_cm=size.width_cm,
+        flags=tuple(flags),
+        plant_hull_volume_cm3=size.hull_volume_cm3,
+        boll_height_mean_cm=float(heights.mean()) if len(heights) else np.nan,
+        boll_height_sd_cm=float(heights.std(ddof=1)) if len(heights) > 1 else np.nan,
+        boll_height_min_cm=float(heights.min()) if len(heights) else np.nan,
+        boll_height_max_cm=float(heights.max()) if len(heights) else np.nan,
+        bolls_by_third=thirds,
+        lint_area_cm2=float(areas[np.isfinite(volumes)].sum()) if measured else np.nan,
+        boll_count_error=float(np.sqrt((confidences * (1 - confidences)).sum())) if len(bolls) else np.nan,
+        boll_volume_error_cm3=float(np.hypot(3 * shared * known.sum(), np.sqrt(own.sum()))) if measured else np.nan,
+        plant_height_error_cm=float(np.hypot(size.height_cm * shared, pixel_cm)),
+        canopy_size_error_cm=float(np.hypot(canopy_cm * shared, pixel_cm)),
+    )

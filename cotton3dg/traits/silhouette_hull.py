@@ -1,0 +1,95 @@
+"""The convex body that a set of Gaussians shows when it is rendered alone.
+
+Gaussians say what is opaque, not where a surface is: few large ones and many small ones may render alike, while the
+hull of their centres, or of ellipsoids of a fixed number of standard deviations, differs by half of the volume. What
+training fitted to the photos are silhouettes. So the body is looked at from all sides, as if nothing else were there,
+and the planes that touch its silhouettes bound it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float64, Gaussians, rotations
+from ..geometry.boxes import fibonacci_directions
+
+OPAQUE = 0.5
+"""Opacity at which a silhouette ends, of Gaussians as wide as they are drawn (`surface.as_drawn`): a pixel that is half
+covered is the edge. Nothing is fitted here: with exact masks, the bolls of two path-traced plants come out at 1.00 and
+1.02 of their volume with a spread of 2 % between bolls."""
+VIEWS = 24
+RAYS = 24
+"""Directions in each silhouette."""
+STEPS = 40
+"""Places along a ray."""
+
+
+def opaque_hull(gaussians: Gaussians) -> Float64:
+    """Corners (P, 3) of the convex body around what is opaque of some Gaussians, su; none where nothing is.
+
+    Orthographic silhouettes from `VIEWS` sides; in each, the outermost place along each ray from the middle at which
+    the opacity 1 - Π(1 - o exp(-d²/2)) reaches `OPAQUE`. Each ray's direction and the silhouette's reach along it give
+    a half-space, and their intersection is the body: about 1 % more volume than the body itself has, for their number.
+    """
+    from scipy.spatial import HalfspaceIntersection, QhullError
+
+    if not len(gaussians):
+        return np.zeros((0, 3))
+    middle = gaussians.means.astype(np.float64).mean(axis=0)
+    means = gaussians.means - middle
+    axes = rotations(gaussians.quats)
+    covariances = np.einsum("nij,nj,nkj->nik", axes, gaussians.scales.astype(np.float64) ** 2, axes)
+    opacities = np.minimum(gaussians.opacities.astype(np.float64), 0.9999)
+    reach = float(np.linalg.norm(means, axis=1).max() + 3 * gaussians.scales.max())
+    angles = 2 * np.pi * np.arange(RAYS) / RAYS
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions, supports = [], []
+    for side in fibonacci_directions(2 * VIEWS)[:VIEWS]:
+        plane = _plane_across(side)
+        rim = _silhouette(means @ plane.T, plane @ covariances @ plane.T, opacities, rays, reach)
+        directions.append(rays @ plane)
+        supports.append((rim @ rays.T).max(axis=0))
+    support = np.concatenate(supports)
+    if support.max() <= 0:
+        return np.zeros((0, 3))
+    # The middle has to be inside, also of a body that is so thin that it is not.
+    support = np.maximum(support, 1e-3 * support.max())
+    half_spaces = np.column_stack([np.concatenate(directions), -support])
+    try:
+        return HalfspaceIntersection(half_spaces, np.zeros(3)).intersections + middle
+    except QhullError:
+        return np.zeros((0, 3))
+
+
+def _silhouette(means: Float64, covariances: Float64, opacities: Float64, rays: Float64, reach: float) -> Float64:
+    """(RAYS, 2) ends of the opaque part along rays from the origin; the origin where there is none.
+
+    Args:
+        means: (N, 2). covariances: (N, 2, 2). opacities: (N,). rays: (RAYS, 2) unit vectors. reach: length of the rays.
+    """
+    radii = np.linspace(0, reach, STEPS)
+    # A needle seen end on has no extent at all.
+    a, b, d = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
+    floor = (1e-4 * reach) ** 2
+    a, d = a + floor, d + floor
+    determinant = np.maximum(a * d - b * b, floor**2)
+    ends = np.zeros_like(rays)
+    for number, ray in enumerate(rays):
+        x, y = ((radii[:, None] * ray[k]) - means[None, :, k] for k in (0, 1))
+        distances = (d * x * x - 2 * b * x * y + a * y * y) / determinant
+        light = np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)
+        opaque = 1 - np.exp(light) - OPAQUE
+        inside = np.flatnonzero(opaque >= 0)
+        if len(inside):
+            last = int(inside[-1])
+            step = opaque[last] / (opaque[last] - opaque[last + 1]) if last + 1 < STEPS else 0.0
+            ends[number] = (radii[last] + step * radii[1]) * ray
+    return ends
+
+
+def _plane_across(side: NDArray) -> Float64:
+    """(2, 3) rows: two unit vectors across a direction and each other."""
+    x = np.cross(side, np.eye(3)[int(np.argmin(np.abs(side)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(side, x)])

@@ -1,0 +1,58 @@
+"""Rectangles and boxes around sets of known shape."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box
+
+
+def test_rectangle_of_a_turned_rectangle():
+    turn = Rotation.from_euler("z", 27, degrees=True).as_matrix()[:2, :2]
+    points = np.random.default_rng(0).uniform([-6, -3], [6, 3], (400, 2))
+    points = np.vstack([points, [[-6, -3], [6, -3], [6, 3], [-6, 3]]]) @ turn.T + [100, -50]
+    box = min_area_rectangle(points)
+    assert box.sides == pytest.approx([12, 6])
+    assert box.centre == pytest.approx([100, -50])
+    assert abs(box.axes[0] @ turn[:, 0]) == pytest.approx(1)
+    assert not box.tie
+    assert np.linalg.norm(box.corners[1] - box.corners[0]) == pytest.approx(12)
+    assert np.linalg.norm(box.corners[2] - box.corners[1]) == pytest.approx(6)
+    for corner in points[-4:]:
+        assert np.linalg.norm(box.corners - corner, axis=1).min() < 1e-9
+
+
+def test_rectangle_is_no_larger_than_any_other():
+    points = np.random.default_rng(1).normal(size=(60, 2)) * [3, 1]
+    angles = np.linspace(0, np.pi, 721)
+    along = points @ np.stack([np.cos(angles), np.sin(angles)])
+    across = points @ np.stack([-np.sin(angles), np.cos(angles)])
+    assert np.prod(min_area_rectangle(points).sides) <= (np.ptp(along, axis=0) * np.ptp(across, axis=0)).min() + 1e-9
+
+
+def test_oriented_box_of_a_turned_box():
+    turn = Rotation.from_euler("xyz", (20, 40, 60), degrees=True).as_matrix()
+    corners = np.array([[x, y, z] for x in (-5, 5) for y in (-2, 2) for z in (-1, 1)], float)
+    box = oriented_box(corners @ turn.T + [7, 8, 9])
+    assert box.sides == pytest.approx([10, 4, 2])
+    assert box.centre == pytest.approx([7, 8, 9])
+    assert abs(box.axes[0] @ turn[:, 0]) == pytest.approx(1)
+    assert np.linalg.det(box.axes) == pytest.approx(1)
+
+
+def test_dense_parts_do_not_turn_the_box():
+    corners = np.array([[x, y, z] for x in (-5, 5) for y in (-2, 2) for z in (-1, 1)], float)
+    crowd = np.random.default_rng(2).uniform([2, 0, 0], [4.9, 1.9, 0.9], (5000, 3))
+    assert oriented_box(np.vstack([corners, crowd])).sides == pytest.approx([10, 4, 2])
+
+
+def test_directions_are_unit_and_balanced():
+    directions = fibonacci_directions(200)
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(200))
+    assert directions.T @ directions / 200 == pytest.approx(np.eye(3) / 3, abs=0.01)
+
+
+def test_a_box_needs_points():
+    for points in (np.zeros((0, 3)), np.zeros((4, 2)), np.full((3, 3), np.nan)):
+        with pytest.raises(ValueError, match="finite points"):
+            oriented_box(points)

@@ -185,7 +185,7 @@ def doctor(
     from dataclasses import asdict
 
     from . import display
-    from .doctor import examine
+    from .commands.doctor import examine
     from .errors import EnvironmentUnusable
 
     if calibrate:
@@ -206,7 +206,7 @@ def doctor(
 @app.command(rich_help_panel="Everything")
 def clean(plant_dir: PlantDir) -> None:
     """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
-    from .clean import clean as drop
+    from .commands.clean import clean as drop
     from .workspace import Workspace
 
     with reported(plant_dir):
@@ -277,10 +277,11 @@ def study(
 ) -> None:
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
     from . import display
+    from .commands.simulate import film_standard_plant
     from .planning.tradeoff import seconds_of
     from .study.settings import sweeps_of
     from .study.tables import summary
-    from .study.work import Study, film_standard_plant
+    from .study.work import Study
     from .workspace import Workspace
 
     with reported(plant_dir), display.ProgressDisplay() as watcher:
@@ -314,7 +315,7 @@ def _stage_command(stage: str) -> Callable[..., None]:
 
 def _simulate(folder: Path, **flags: Any) -> None:
     from . import display, options
-    from .stages.simulate import simulate
+    from .commands.simulate import simulate
 
     with reported(folder), display.ProgressDisplay() as watcher:
         simulate(folder, options.resolve("simulate", given(flags)), watcher.watched("simulate"))
@@ -322,7 +323,7 @@ def _simulate(folder: Path, **flags: Any) -> None:
 
 def _render(plant_dir: Path, **flags: Any) -> None:
     from . import display, options
-    from .stages.render import render
+    from .commands.render import render
     from .workspace import Workspace
 
     with reported(plant_dir):
@@ -334,7 +335,7 @@ def _render(plant_dir: Path, **flags: Any) -> None:
 
 def _masks_train(folder: Path, **flags: Any) -> None:
     from . import display, options
-    from .stages.masks_train import train
+    from .commands.masks_train import train
 
     with reported(folder):
         chosen = options.resolve("masks-train", given(flags))
@@ -346,7 +347,7 @@ def _masks_train(folder: Path, **flags: Any) -> None:
 @app.command("masks-export", rich_help_panel="Own masks")
 def masks_export(plant_dir: PlantDir) -> None:
     """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
-    from .stages.masks_export import export
+    from .commands.masks_export import export
     from .workspace import Workspace
 
     with reported(plant_dir):
@@ -355,7 +356,7 @@ def masks_export(plant_dir: PlantDir) -> None:
 
 def _markers(file: Path, **flags: Any) -> None:
     from . import options
-    from .stages.markers import print_markers
+    from .commands.markers import print_markers
 
     with reported(file):
         typer.echo(print_markers(file, options.resolve("markers", given(flags))))

@@ -18,7 +18,7 @@ from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
     from .batch import Result
-    from .doctor import Finding
+    from .commands.doctor import Finding
     from .evaluation.masks import MaskScore
     from .evaluation.plant import BollMatches, TraitError
 

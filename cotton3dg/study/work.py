@@ -15,17 +15,15 @@ from typing import Any
 
 from .. import __version__, pipeline
 from ..core.machine import usable_cores
-from ..core.progress import Progress, silent
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..files.encode import crop_video
 from ..files.saving import explained_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
-from ..options import as_dict, resolve
+from ..options import as_dict
 from ..pipeline import STAGES, Step, Watcher
 from ..planning.cost import costs, footage
 from ..planning.tradeoff import duration, typical_ratio
-from ..stages.simulate import simulate
 from ..workspace import Workspace
 from .plot import write_plot
 from .rows import empty_row, finished_row, read_json
@@ -33,15 +31,6 @@ from .settings import PARTIAL_SHARE, Setting, settings_of
 from .tables import COLUMNS, markdown, with_errors
 
 Tell = Callable[[str], None]
-
-STANDARD_PLANT = {"seed": 1, "bolls": 12, "frames": 120}
-"""What `--standard` films unless the folder has a plant."""
-
-
-def film_standard_plant(folder: Path, progress: Progress = silent) -> None:
-    """Simulate the standard plant into `folder`, unless it has one."""
-    if not (folder.is_dir() and Workspace(folder).truth_json.is_file()):
-        simulate(folder, resolve("simulate", STANDARD_PLANT), progress)
 
 
 class Study:

@@ -18,8 +18,8 @@ from typing import Any
 import pandas as pd
 
 from cotton3dg import pipeline
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.options import SimulateOptions, TrainOptions
-from cotton3dg.stages.simulate import simulate
 from cotton3dg.stages.train import load_capture
 from cotton3dg.workspace import Workspace
 

@@ -7,9 +7,9 @@ import pytest
 from finished_scene import finished_workspace
 from tiny_plant import FILM, OPTIONS, ROOT, in_shell
 
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.options import resolve
 from cotton3dg.report.page import make_report
-from cotton3dg.stages.simulate import simulate
 from cotton3dg.workspace import Workspace
 
 

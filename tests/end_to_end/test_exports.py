@@ -77,9 +77,9 @@ def test_masks_are_plain_16_bit_pictures(plant):
 
 
 def test_the_film_is_h264(tiny_plant):
+    from cotton3dg.commands.render import render
     from cotton3dg.files.video import ffmpeg_binary
     from cotton3dg.options import resolve
-    from cotton3dg.stages.render import render
 
     render(tiny_plant, resolve("render", {"frames": 4}))
     (film,) = (tiny_plant.root / "render").rglob("*.mp4")

@@ -10,14 +10,14 @@ from lint_scene import BOLLS
 from lint_workspace import make_workspace
 from onnx_scene import SIDE, write_bright_cells
 
+from cotton3dg.commands.masks_export import export
+from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.annotations import read_masks
 from cotton3dg.files.images import read_ids
 from cotton3dg.files.saving import file_sha256
 from cotton3dg.options import MasksOptions, MasksTrainOptions
 from cotton3dg.stages import masks
-from cotton3dg.stages.masks_export import export
-from cotton3dg.stages.masks_train import train
 from cotton3dg.workspace import Workspace
 
 

@@ -12,6 +12,7 @@ import pycolmap
 import pytest
 from table_scene import POSE, TOP_CM, orbit, plant_scene
 
+from cotton3dg.commands.render import render
 from cotton3dg.core.measurements import Scale
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
@@ -26,7 +27,6 @@ from cotton3dg.splat import ops
 from cotton3dg.splat.appearance import boll_colours
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.stages import traits
-from cotton3dg.stages.render import render
 from cotton3dg.workspace import Workspace
 
 SMALL = RenderOptions(frames=6, width=160, height=120)

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cotton3dg import pipeline
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.options import resolve
-from cotton3dg.stages.simulate import simulate
 from cotton3dg.workspace import Workspace
 
 pytestmark = pytest.mark.slow

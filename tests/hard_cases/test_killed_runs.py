@@ -11,7 +11,7 @@ import pytest
 from killed_runs import assert_whole, kill_at_random, run_command
 
 from cotton3dg import pipeline
-from cotton3dg.clean import clean
+from cotton3dg.commands.clean import clean
 from cotton3dg.workspace import Workspace
 
 SCRIPT = Path(__file__).with_name("killed_runs.py")

@@ -21,10 +21,10 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.errors import SOME_FAILED
 from cotton3dg.files.video import ffmpeg_binary
 from cotton3dg.options import resolve
-from cotton3dg.stages.simulate import simulate
 
 SMALL = {
     "frames.count": 24, "sfm.max_features": 768, "sfm.overlap": 6, "train.steps": 150, "train.max_side": 240,

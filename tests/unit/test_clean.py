@@ -7,7 +7,7 @@ import pytest
 from finished_scene import finished_workspace
 
 from cotton3dg import pipeline
-from cotton3dg.clean import clean
+from cotton3dg.commands.clean import clean
 from cotton3dg.errors import EnvironmentUnusable
 from cotton3dg.workspace import Workspace
 

@@ -5,7 +5,7 @@ from importlib import metadata
 
 import pytest
 
-from cotton3dg import doctor
+from cotton3dg.commands import doctor
 
 
 def test_this_machine_is_usable_and_every_dependency_is_looked_at(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from marker_scene import board_picture, photo_of_top, top_picture
 from table_scene import POSE, orbit
 
+from cotton3dg.commands.markers import print_markers
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.sheet import CM_PER_POINT, pdf_of, png_of
 from cotton3dg.options import MarkersOptions, board_squares
@@ -21,7 +22,6 @@ from cotton3dg.scale.markers import (
     scale_from_markers,
 )
 from cotton3dg.scale.references import NoReference
-from cotton3dg.stages.markers import print_markers
 
 CAMERAS = orbit(12, 1280, 720)
 KIND = MarkerKind("4x4_50", 12.0)

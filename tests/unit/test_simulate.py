@@ -10,6 +10,7 @@ import open3d as o3d
 import pytest
 from scipy.spatial import ConvexHull
 
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.images import read_ids
@@ -22,7 +23,6 @@ from cotton3dg.simulate.plant import PlantMeshes, grow_plant
 from cotton3dg.simulate.render import RenderScene, developed, instance_ids, lit_scene, render
 from cotton3dg.simulate.room import build_room
 from cotton3dg.simulate.truth import plant_truth
-from cotton3dg.stages.simulate import simulate
 
 SMALL = SimulateOptions(seed=3, bolls=4, frames=16, width=192, height=108)
 

@@ -11,9 +11,9 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from .files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
-from .options import STAGE_OPTIONS
-from .workspace import Workspace
+from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
+from ..options import STAGE_OPTIONS
+from ..workspace import Workspace
 
 LEFT = re.compile(r"\.(.+)\.(partial|old)")
 """How a file or folder is called while it is being replaced."""

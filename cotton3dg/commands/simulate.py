@@ -19,17 +19,21 @@ from ..errors import BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
 from ..files.saving import explained_disk_errors, json_text, write_text_atomically
-from ..options import SimulateOptions
+from ..options import SimulateOptions, resolve
 from ..simulate.camera import orbit
 from ..simulate.film import exposure_ev, filmed, filmed_ids
 from ..simulate.plant import grow_plant
 from ..simulate.render import lit_scene
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
+from ..workspace import Workspace
 
 FRAMES_PER_SECOND = 30
 QUALITY = 12
 """x264's constant rate factor; a phone at 15 Mbit/s is about as good."""
+
+STANDARD_PLANT = {"seed": 1, "bolls": 12, "frames": 120}
+"""What `study --standard` films unless the folder has a plant."""
 
 
 def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent) -> Path:
@@ -66,6 +70,12 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
         partial.replace(folder / "video.mp4")
     return folder
+
+
+def film_standard_plant(folder: Path, progress: Progress = silent) -> None:
+    """Simulate the standard plant into `folder`, unless it has one."""
+    if not (folder.is_dir() and Workspace(folder).truth_json.is_file()):
+        simulate(folder, resolve("simulate", STANDARD_PLANT), progress)
 
 
 def _check(folder: Path, options: SimulateOptions) -> None:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from . import __version__
-from .core.machine import usable_cores
-from .errors import Cotton3dgError
-from .files.video import ffmpeg_binary
+from .. import __version__
+from ..core.machine import usable_cores
+from ..errors import Cotton3dgError
+from ..files.video import ffmpeg_binary
 
 MODULE_OF = {
     "ffmpeg-python": "ffmpeg",
@@ -104,7 +104,7 @@ def _import_finding(name: str, version: str, code: int, said: str) -> Finding:
 
 def _core() -> Finding:
     try:
-        from . import _native
+        from .. import _native
     except ImportError as error:
         return Finding("C++ core", f"cannot be imported: {error}", "make setup, or pip install again", fatal=True)
     levels = ", ".join(_native.instruction_sets())

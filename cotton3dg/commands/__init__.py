@@ -1,0 +1,1 @@
+"""What is no stage: each command's own loading, calling and saving, below the command line."""

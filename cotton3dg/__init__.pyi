@@ -51,13 +51,13 @@ from .pipeline import status as status
 from .scale.table import TableFit as TableFit
 from .scale.table import find_table as find_table
 from .scale.table import scale_from_table as scale_from_table
-from .splat.fit import fit as fit
 from .splat.initialise import starting_gaussians as starting_gaussians
 from .splat.metrics import focus as focus
 from .splat.metrics import psnr_db as psnr_db
-from .splat.ops import accumulate_weights as accumulate_weights
-from .splat.ops import render as render
-from .splat.ops import render_values as render_values
+from .splat.rasterizer import accumulate_weights as accumulate_weights
+from .splat.rasterizer import render as render
+from .splat.rasterizer import render_values as render_values
+from .splat.trainer import fit as fit
 from .splat.views import View as View
 from .traits.isolate import isolate_plant as isolate_plant
 from .traits.measure import measure_bolls as measure_bolls

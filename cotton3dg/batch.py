@@ -25,7 +25,7 @@ from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, Column, csv_text
-from .needs import OUT_OF_MEMORY
+from .resource_checks import OUT_OF_MEMORY
 from .workspace import Workspace
 
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")

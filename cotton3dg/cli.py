@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import __version__
-from .errors import SOME_FAILED, BadUsage
-from .flags import (
+from .cli_arguments import (
     Force,
     ModelDir,
     NewFile,
@@ -27,6 +26,7 @@ from .flags import (
     reported,
     with_flags,
 )
+from .errors import SOME_FAILED, BadUsage
 from .options import (
     STAGE_OPTIONS,
     MarkersOptions,

@@ -20,8 +20,8 @@ from . import __version__
 from .core.outcome import StageOutcome
 from .core.progress import Progress, silent
 from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
-from .needs import check_disk, check_memory, is_out_of_memory
 from .options import PRESET_VALUES, PRESETS, STAGE_OPTIONS, as_dict, read_toml, resolve
+from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .workspace import Workspace
 
 STAGES = tuple(STAGE_OPTIONS)

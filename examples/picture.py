@@ -13,7 +13,7 @@ from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import read_ids, read_image, write_image
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.masks.detect_lint import draw_overlay
-from cotton3dg.splat.ops import render
+from cotton3dg.splat.rasterizer import render
 from cotton3dg.workspace import Workspace
 
 

@@ -33,7 +33,7 @@ from ..files.scale import read_scale
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import framed, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
-from ..splat import ops
+from ..splat import rasterizer
 from ..splat.appearance import depth_colours, with_bolls
 from ..splat.metrics import to_uint8
 from ..workspace import Workspace
@@ -93,7 +93,7 @@ def _film(
         with _saver(folder, name, path[0], options) as save:
             for i, camera in enumerate(path):
                 wall_s, cpu_s = wall_s - time.perf_counter(), cpu_s - time.process_time()
-                rendered = ops.render(gaussians, camera, background=(background,) * 3, threads=threads)
+                rendered = rasterizer.render(gaussians, camera, background=(background,) * 3, threads=threads)
                 wall_s, cpu_s = wall_s + time.perf_counter(), cpu_s + time.process_time()
                 image: NDArray[Any] = rendered.image
                 if options.show == "depth":

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 from ..geometry.convex_measures import convex_volume
 from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, connected, stem_axis
-from ..traits.measure import Silhouette, silhouette_of
+from ..traits.measure import PlantSize, silhouette_of
 
 LAYER_CM = 0.5
 TABLE_SHARE = 0.05
@@ -21,7 +21,7 @@ TABLE_SHARE = 0.05
 class CloudTraits:
     """What a cloud tells; NaN where it does not."""
 
-    silhouette: Silhouette
+    silhouette: PlantSize
     boll_volumes_cm3: Float64
     """(B,) of the bolls that are marked; empty when none are."""
     on_table: bool
@@ -59,7 +59,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
         for boll in np.unique(labels[labels > 0]):
             volumes.append(convex_volume(points[labels == boll]).value)
     if not len(plant):
-        return CloudTraits(Silhouette(*[np.nan] * 5), np.array(volumes), level is not None)
+        return CloudTraits(PlantSize(*[np.nan] * 5), np.array(volumes), level is not None)
     return CloudTraits(silhouette_of(plant, plant[:, 2]), np.array(volumes), level is not None)
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..core.scene import Gaussians
 from ..errors import BadInput
-from ..splat.fit import Fit, Training
 from ..splat.state import AdamState, DensityStatistics
+from ..splat.trainer import Fit, Training
 from ..splat.views import View
 from .arrays import read_arrays
 

@@ -29,7 +29,7 @@ LEAST_WEIGHT_PX = 0.05
 
 
 class ViewWeights(NamedTuple):
-    """Blending weights of one view, as `splat.ops.accumulate_weights` gives them."""
+    """Blending weights of one view, as `splat.rasterizer.accumulate_weights` gives them."""
 
     view: str
     total: NDArray[np.float32]

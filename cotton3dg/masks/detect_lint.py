@@ -4,7 +4,7 @@ Colour says in each image what may be lint: bright for its light and hardly colo
 that too, and touching bolls look like one; so the images vote on where in space lint is (`lint_volume`), that lint
 is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels (`paint_bolls`). First
 small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size. A
-trained model of the plant tells the painter what is near which boll (`nearness`).
+trained model of the plant tells the painter what is near which boll (`proximity`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float32, Float64, Gaussians
 from ..geometry.camera_orbit import Orbit
 from ..geometry.planes import level_planes
-from .model_proximity import Nearness
+from .model_proximity import ModelProximity
 from .paint_bolls import REACH, paint_bolls
 from .voxel_voting import LintVolume, find_bolls, refine_bolls
 
@@ -75,23 +75,23 @@ def detect_lint(
         scores.append(lint_score(small[-1]))
     progress(len(voting), total, "comparing the views")
     volume = find_bolls(scores, small_cameras, orbit, plant_floor(points, orbit))
-    nearness = _nearness(gaussians, volume)
+    proximity = _proximity(gaussians, volume)
     for done, view in enumerate(zip(small, scores, small_cameras, strict=True)):
         progress(len(voting) + done, total, "outlining the bolls")
-        rough.append(paint_bolls(*view, volume, nearness)[0])
+        rough.append(paint_bolls(*view, volume, proximity)[0])
     volume = refine_bolls(volume, rough, small_cameras)
-    nearness = _nearness(gaussians, volume)
+    proximity = _proximity(gaussians, volume)
     masks = MaskSet({}, {})
     for image, camera in zip(images, cameras, strict=True):
         if camera.name in painted:
-            painting = paint_bolls(image, lint_score(image), camera, volume, nearness)
+            painting = paint_bolls(image, lint_score(image), camera, volume, proximity)
             masks.ids[camera.name], masks.scores[camera.name] = painting
             progress(2 * len(voting) + len(masks.ids), total, camera.name)
     return masks
 
 
-def _nearness(gaussians: Gaussians | None, volume: LintVolume) -> Nearness | None:
-    return Nearness(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
+def _proximity(gaussians: Gaussians | None, volume: LintVolume) -> ModelProximity | None:
+    return ModelProximity(gaussians, volume, REACH) if gaussians and len(volume.voxels) else None
 
 
 def plant_floor(points: Float64, orbit: Orbit) -> Float64 | None:

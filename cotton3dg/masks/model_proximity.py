@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Gaussians
-from ..splat import ops
+from ..splat import rasterizer
 from .voxel_voting import LintVolume
 
 
-class Nearness:
+class ModelProximity:
     """A model with what is near the bolls of a volume marked."""
 
     def __init__(self, gaussians: Gaussians, volume: LintVolume, reach: float):
@@ -38,7 +38,7 @@ class Nearness:
 
     def seen(self, camera: Camera) -> tuple[Float32, Float32]:
         """Shares (H, W), 0..1, of what is near, and its mean places (H, W, 3), su; the middle where nothing is near."""
-        values = ops.render_values(self._gaussians, camera, self._values).image
+        values = rasterizer.render_values(self._gaussians, camera, self._values).image
         shares = values[..., 0]
         return shares, values[..., 1:] / np.maximum(shares, 1e-6)[..., None] + self._middle
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32
-from .model_proximity import Nearness
+from .model_proximity import ModelProximity
 from .voxel_voting import LintVolume, pixels_of
 
 SURELY, LIKELY = 0.5, 0.25
@@ -38,28 +38,32 @@ SPECK = 9
 
 
 def paint_bolls(
-    image: NDArray[np.uint8], score: Float32, camera: Camera, volume: LintVolume, nearness: Nearness | None = None
+    image: NDArray[np.uint8],
+    score: Float32,
+    camera: Camera,
+    volume: LintVolume,
+    proximity: ModelProximity | None = None,
 ) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Masks of the bolls of a volume in one image.
 
     Args:
         image: (H, W, 3) RGB.
         score: (H, W) 0..1, how much each pixel looks like lint.
-        nearness: to the volume; None = unknown, and so it is where the model is too coarse to tell (`TRUSTED`).
+        proximity: to the volume; None = unknown, and so it is where the model is too coarse to tell (`TRUSTED`).
     Returns:
         ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
     """
     expected, pitch_px = silhouettes(camera, volume)
     if not expected.any():
         return expected, {}
-    if nearness is not None:
-        shares, places = nearness.seen(camera)
+    if proximity is not None:
+        shares, places = proximity.seen(camera)
         near = shares >= NEAR
         core = sure_pixels(score, expected, pitch_px)
-    if nearness is not None and near[core].sum() >= TRUSTED * core.sum():
+    if proximity is not None and near[core].sum() >= TRUSTED * core.sum():
         lint = lint_pixels(image, score, expected, pitch_px, near)
         owners = np.zeros_like(expected)
-        owners[lint] = nearness.bolls(places[lint])
+        owners[lint] = proximity.bolls(places[lint])
     else:
         lint = lint_pixels(image, score, expected, pitch_px)
         owners = np.where(lint, nearest_silhouettes(expected), 0)

@@ -18,7 +18,7 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
 from ..files.saving import json_text, write_text_atomically
-from ..splat.ops import train_step
+from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
 from ..workspace import user_cache
 from .cost import Machine

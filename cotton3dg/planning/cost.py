@@ -15,9 +15,9 @@ from typing import Any
 from ..core.machine import usable_cores
 from ..files.images import fitted_size, image_size, list_images
 from ..options import TrainOptions
-from ..splat.density import scheduled_count
-from ..splat.fit import DENSIFY_FROM, DENSIFY_UNTIL, levels
+from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE
+from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, levels
 from ..stages.masks import VOTING_VIEWS
 from ..stages.sfm import PHOTO_FEATURES, PHOTO_SIZE, VIDEO_FEATURE_SIDE
 from ..workspace import Workspace

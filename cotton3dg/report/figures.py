@@ -14,7 +14,7 @@ from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
 from ..files.images import scaled_down
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from ..splat import ops
+from ..splat import rasterizer
 from ..splat.appearance import boll_colours
 from ..splat.metrics import to_uint8
 
@@ -184,7 +184,7 @@ def views_of_bolls(
 
 def rendered(gaussians: Gaussians, camera: Camera, threads: int = 0) -> Picture:
     """The model as a camera would see it."""
-    return to_uint8(ops.render(gaussians, camera, threads=threads).image)
+    return to_uint8(rasterizer.render(gaussians, camera, threads=threads).image)
 
 
 def encoded(array: NDArray[Any]) -> str:

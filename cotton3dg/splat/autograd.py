@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
-from .ops import render_values, values_gradient
+from .rasterizer import render_values, values_gradient
 
 
 def rasterize_values(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
 from ..options import TrainOptions
-from .dense import dense_points
-from .density import concatenated
+from .densify import concatenated
+from .flow_points import dense_points
 from .metrics import focus
 from .views import View
 

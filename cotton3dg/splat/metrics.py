@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
-from .ops import render
+from .rasterizer import render
 from .views import View
 
 PLANT_REGION = 0.5

@@ -37,7 +37,7 @@ from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, 
 from ..lifting.prompts import PromptView, prompted
 from ..options import SegmentOptions
 from ..splat.metrics import focus, to_uint8
-from ..splat.ops import accumulate_weights, render_values
+from ..splat.rasterizer import accumulate_weights, render_values
 from ..workspace import Workspace
 
 VERSION = 3

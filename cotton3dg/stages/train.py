@@ -27,10 +27,10 @@ from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.exposure import VISIBLE, corrected, exposure
-from ..splat.fit import Fit, Training, fit
 from ..splat.initialise import starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.motion import longest_tracks
+from ..splat.trainer import Fit, Training, fit
 from ..splat.views import View
 from ..workspace import Workspace
 

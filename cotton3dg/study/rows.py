@@ -17,7 +17,7 @@ from ..files.ply import read_gaussians
 from ..options import TrainOptions
 from ..pipeline import STAGES
 from ..splat.metrics import PLANT_REGION, focus, view_quality
-from ..splat.ops import render
+from ..splat.rasterizer import render
 from ..splat.views import View
 from ..stages.train import hold_out, load_views
 from ..workspace import Workspace

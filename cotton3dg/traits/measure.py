@@ -98,7 +98,7 @@ def volume_error(diameter_su: float, n_views: int, scale: Scale | None, pixel_su
 
 
 @dataclass(frozen=True)
-class Silhouette:
+class PlantSize:
     """Size of a plant, cm and cm³."""
 
     height_cm: float
@@ -108,7 +108,7 @@ class Silhouette:
     hull_volume_cm3: float
 
 
-def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> Silhouette | None:
+def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSize | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
     The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
@@ -124,7 +124,7 @@ def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> Silhouet
     return silhouette_of(places, places[:, 2].reshape(-1, SAMPLES).max(axis=1))
 
 
-def silhouette_of(places: Float64, tops: Float64) -> Silhouette:
+def silhouette_of(places: Float64, tops: Float64) -> PlantSize:
     """Size of a plant whose surface is given in the plant frame.
 
     Args:
@@ -135,11 +135,11 @@ def silhouette_of(places: Float64, tops: Float64) -> Silhouette:
     length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    return Silhouette(height, float(box.sides[upright]), length_cm, width_cm, hull)
+    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull)
 
 
 def summarise_plant(
-    bolls: Sequence[BollTraits], silhouette: Silhouette | None, scale: Scale | None, pixel_su: float = 0.0
+    bolls: Sequence[BollTraits], silhouette: PlantSize | None, scale: Scale | None, pixel_su: float = 0.0
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
@@ -152,7 +152,7 @@ def summarise_plant(
     if scale and len(known) < len(volumes):
         flags.append("bolls_without_volume")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
-    size = silhouette or Silhouette(*[np.nan] * 5)
+    size = silhouette or PlantSize(*[np.nan] * 5)
     canopy_cm = (size.length_cm + size.width_cm) / 2
     shared = scale.relative_error if scale else np.nan
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan

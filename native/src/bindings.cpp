@@ -1,4 +1,4 @@
-// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/ops.py.
+// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py.
 #include "bindings.h"
 
 #include "dispatch.h"
@@ -158,7 +158,7 @@ py::tuple ray_weights_of(const py::tuple& gaussians, const View& view, const py:
 
 PYBIND11_MODULE(_native, m) {
     using namespace cotton;
-    m.doc() = "C++ core of cotton3dg; use cotton3dg.splat.ops instead.";
+    m.doc() = "C++ core of cotton3dg; use cotton3dg.splat.rasterizer instead.";
     for (const std::string& name : instruction_sets()) {
         use_instruction_set(name);
         if (!kernels<float>().self_test() || !kernels<double>().self_test()) {

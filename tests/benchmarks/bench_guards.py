@@ -81,19 +81,19 @@ def work() -> None:
     importlib.import_module("conftest")  # puts the build under test in place
     from splat_scenes import RATES, camera_at, scene, target_of
 
-    from cotton3dg.splat import ops
+    from cotton3dg.splat import rasterizer
 
     gaussians, camera = scene(N_GAUSSIANS, seed=0, coefficients=4), camera_at(WIDTH, HEIGHT)
     gaussians.log_scales[:] -= 1.5
     adam, statistics, target = (
-        ops.AdamState.zeros(gaussians),
-        ops.DensityStatistics.zeros(N_GAUSSIANS),
+        rasterizer.AdamState.zeros(gaussians),
+        rasterizer.DensityStatistics.zeros(N_GAUSSIANS),
         target_of(camera),
     )
     for _ in sys.stdin:
         began = time.process_time()
         for _ in range(STEPS):
-            ops.train_step(
+            rasterizer.train_step(
                 gaussians, adam, statistics, camera, target,
                 sh_degree=1, learning_rates=RATES, near_su=0.05, threads=1,
             )  # fmt: skip
@@ -148,7 +148,7 @@ def checkpoint_pct() -> float:
 
     from cotton3dg.files.checkpoint import write_training
     from cotton3dg.files.saving import replacing
-    from cotton3dg.splat.fit import SAVED_EVERY_S, Training
+    from cotton3dg.splat.trainer import SAVED_EVERY_S, Training
 
     training = Training.of(scene(150_000, seed=0, coefficients=4))
     with tempfile.TemporaryDirectory(dir=ROOT) as folder:

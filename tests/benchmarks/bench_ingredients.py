@@ -22,7 +22,7 @@ import numpy as np
 
 from cotton3dg.files.colmap import read_points
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
-from cotton3dg.splat import density, fit, initialise
+from cotton3dg.splat import densify, initialise, trainer
 from cotton3dg.splat.metrics import PLANT_REGION, focus, view_quality
 from cotton3dg.splat.views import View
 from cotton3dg.stages.train import Capture, load_capture
@@ -46,14 +46,14 @@ def no_dense_points(views: Any, points: Any, count: int, seed: int) -> tuple[Any
 
 
 INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
-    "coarse to fine": [(fit, "resolutions", at_full_size)],
-    "early splitting": [(density, "scheduled_count", evenly)],
-    "hidden ones pruned": [(density, "contributing", all_contribute)],
-    "plant first": [(fit, "PLANT_NEED", 1.0)],
-    "size limits": [(fit, "LARGEST_IN_PLANT", np.inf), (fit, "LARGEST_IN_ROOM", np.inf)],
-    "rates for short runs": [(fit, "PAPER_STEPS", 1)],
-    "settling late": [(fit, "SETTLING_FROM", 0.0), (fit, "SETTLED", 0.25)],
-    "longer steps far away": [(fit, "SURROUNDINGS_GROWTH", 0.0)],
+    "coarse to fine": [(trainer, "resolutions", at_full_size)],
+    "early splitting": [(densify, "scheduled_count", evenly)],
+    "hidden ones pruned": [(densify, "contributing", all_contribute)],
+    "plant first": [(trainer, "PLANT_NEED", 1.0)],
+    "size limits": [(trainer, "LARGEST_IN_PLANT", np.inf), (trainer, "LARGEST_IN_ROOM", np.inf)],
+    "rates for short runs": [(trainer, "PAPER_STEPS", 1)],
+    "settling late": [(trainer, "SETTLING_FROM", 0.0), (trainer, "SETTLED", 0.25)],
+    "longer steps far away": [(trainer, "SURROUNDINGS_GROWTH", 0.0)],
     "dense points from flow": [(initialise, "dense_points", no_dense_points)],
     "filling of the plant region": [(initialise, "FILL_SHARE", 0.0)],
     "opaque start": [(initialise, "START_OPACITY", 0.1)],
@@ -75,7 +75,7 @@ def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, f
     training = capture.training
     points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
     began = time.process_time()
-    result = fit.fit(initialise.starting_gaussians(points, colours, training, options), training, options)
+    result = trainer.fit(initialise.starting_gaussians(points, colours, training, options), training, options)
     cpu_s = time.process_time() - began
     centre, radius_su = focus([view.camera for view in capture.views])
     qualities = [

@@ -26,11 +26,11 @@ import numpy as np
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.files.ply import SH_CONSTANT, read_gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 from cotton3dg.stages.train import load_views
 from cotton3dg.workspace import Workspace
 
-STILL = ops.LearningRates(0, 0, 0, 0, 0, 0)  # the same work every time
+STILL = rasterizer.LearningRates(0, 0, 0, 0, 0, 0)  # the same work every time
 SIZES = ((480, 270), (960, 540))
 COUNTS = (10_000, 50_000, 100_000, 200_000)
 Scene = tuple[Gaussians, Camera, np.ndarray]
@@ -115,8 +115,8 @@ def steps(threads: list[int], repeats: int) -> Iterator[dict[str, object]]:
     for width, height in SIZES:
         for count in COUNTS:
             gaussians, camera, target = ball_scene(count, width, height)
-            adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(count)
-            step = partial(ops.train_step, gaussians, adam, statistics, camera, target)
+            adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(count)
+            step = partial(rasterizer.train_step, gaussians, adam, statistics, camera, target)
             for n in threads:
                 times = timed(partial(step, sh_degree=3, learning_rates=STILL, threads=n), repeats)
                 yield {"gaussians": count, "size": [width, height], "threads": n} | times
@@ -130,11 +130,11 @@ def calls(threads: int, repeats: int) -> dict[str, dict[str, float]]:
     v_image = rng.normal(size=(540, 960, 16)).astype(np.float32)
     values = rng.normal(size=(len(gaussians), 16)).astype(np.float32)
     computations = {
-        "render": lambda: ops.render(gaussians, camera, threads=threads),
-        "image_loss": lambda: ops.image_loss(image, target, threads=threads),
-        "render_values_16": lambda: ops.render_values(gaussians, camera, values, threads=threads),
-        "values_gradient_16": lambda: ops.values_gradient(gaussians, camera, v_image, threads=threads),
-        "accumulate_weights": lambda: ops.accumulate_weights(gaussians, camera, ids, threads=threads),
+        "render": lambda: rasterizer.render(gaussians, camera, threads=threads),
+        "image_loss": lambda: rasterizer.image_loss(image, target, threads=threads),
+        "render_values_16": lambda: rasterizer.render_values(gaussians, camera, values, threads=threads),
+        "values_gradient_16": lambda: rasterizer.values_gradient(gaussians, camera, v_image, threads=threads),
+        "accumulate_weights": lambda: rasterizer.accumulate_weights(gaussians, camera, ids, threads=threads),
     }
     return {name: timed(compute, repeats) for name, compute in computations.items()}
 

@@ -17,7 +17,7 @@ from bench_kernels import ball
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.lifting.probability import TrainingView, trained, view_of_rays
-from cotton3dg.splat.ops import render_values, values_gradient
+from cotton3dg.splat.rasterizer import render_values, values_gradient
 
 
 def around(width: int, height: int, count: int) -> list[Camera]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,7 +31,7 @@ def write_scene(path: Path, gaussians: Gaussians, camera: Camera, target: np.nda
     """The layout is described in bench_parts.cpp."""
     pose = camera.cam_from_scene
     lens = [camera.fx, camera.fy, camera.cx, camera.cy]
-    numbers = [*lens, *pose[:, :3].ravel(), *pose[:, 3], ops.near_plane(gaussians, camera)]
+    numbers = [*lens, *pose[:, :3].ravel(), *pose[:, 3], rasterizer.near_plane(gaussians, camera)]
     g = gaussians
     with path.open("wb") as file:
         np.array([len(g), g.sh.shape[1], camera.width, camera.height], np.int32).tofile(file)

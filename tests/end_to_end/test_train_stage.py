@@ -15,7 +15,7 @@ from cotton3dg.files.ply import read_gaussians
 from cotton3dg.options import TrainOptions
 from cotton3dg.splat.initialise import initial_gaussians
 from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.splat.ops import render
+from cotton3dg.splat.rasterizer import render
 from cotton3dg.stages import train
 from cotton3dg.workspace import Workspace
 

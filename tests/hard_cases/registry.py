@@ -68,7 +68,7 @@ CASES = (
     )),
     Case(5, "near plane fixed in metres", "the near plane and training scale with the scene", (
         PROJECTION + "test_case_05_the_near_plane_scales_with_the_scene",
-        "tests/unit/test_fit.py::test_the_size_of_the_scene_does_not_matter",
+        "tests/unit/test_trainer.py::test_the_size_of_the_scene_does_not_matter",
         RELATIONS + "test_scaling_the_scene_by_a_power_of_two_changes_no_bit_of_what_can_be_scaled",
         RELATIONS + "test_scaling_in_double_leaves_only_the_rounding_of_the_logarithm",
         RELATIONS + "test_turning_the_world_changes_next_to_nothing",
@@ -121,7 +121,7 @@ CASES = (
     )),
     Case(18, "opacity reset kills the scene", "recovers; what fades is pruned and counted", (
         TRAINING + "test_case_18_faded_or_reset_opacities_recover",
-        "tests/unit/test_density.py::test_fading_multiplies_opacity_and_stays_finite",
+        "tests/unit/test_densify.py::test_fading_multiplies_opacity_and_stays_finite",
     )),
     Case(19, "SSIM of flat or tiny images", "at most 1, gradient finite", (
         TRAINING + "test_case_19_ssim_of_flat_and_tiny_images",
@@ -156,11 +156,11 @@ CASES = (
     Case(26, "densification explosion", "hard budgets, 64-bit counts, a clear error before memory is taken", (
         TRAINING + "test_case_26_more_pairs_than_memory_are_an_error_not_a_crash",
         TRAINING + "test_case_26_the_budget_holds_when_everything_wants_to_split",
-        "tests/unit/test_density.py::test_the_budget_is_never_exceeded",
+        "tests/unit/test_densify.py::test_the_budget_is_never_exceeded",
     )),
     Case(27, "NaN in sampling weights", "finite and not negative; poisoned ones choose nothing", (
         TRAINING + "test_case_27_poisoned_statistics_choose_nothing",
-        "tests/unit/test_density.py::test_poisoned_needs_and_gaussians_are_never_chosen",
+        "tests/unit/test_densify.py::test_poisoned_needs_and_gaussians_are_never_chosen",
     )),
     Case(28, "-ffast-math removes isnan", "forbidden, and noticed at import", (
         TRAINING + "test_case_28_fast_math_is_forbidden",
@@ -285,7 +285,7 @@ CASES = (
         WORKSPACE + "test_disk_errors_are_explained",
         SAVES + "test_case_50_a_disk_that_is_full_at_any_boundary_is_told_and_costs_nothing_old",
         WORKSPACE + "test_whatever_a_library_says_on_a_full_disk_is_explained",
-        "tests/unit/test_needs.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start",
+        "tests/unit/test_resource_checks.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start",
         "tests/hard_cases/test_full_disk.py::"
         "test_case_50_on_a_full_disk_a_stage_ends_with_a_reason_and_the_old_result_stays",
     )),
@@ -314,11 +314,11 @@ CASES = (
         RESUME + "test_case_54_a_step_that_is_not_finite_changes_nothing",
         RESUME + "test_case_54_training_goes_on_and_keeps_what_the_step_was_given",
         RESUME + "test_case_54_too_many_such_steps_end_the_stage_with_the_reason_and_the_evidence",
-        "tests/unit/test_fit.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
+        "tests/unit/test_trainer.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
     )),
     Case(55, "memory limit reached", "exit code 7 and what to do, before the start where it can be known", (
-        "tests/unit/test_needs.py::test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start",
-        "tests/unit/test_needs.py::test_case_55_memory_that_runs_out_in_a_stage_is_told",
-        "tests/unit/test_needs.py::test_running_out_of_memory_is_known_whichever_library_says_it",
+        "tests/unit/test_resource_checks.py::test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start",
+        "tests/unit/test_resource_checks.py::test_case_55_memory_that_runs_out_in_a_stage_is_told",
+        "tests/unit/test_resource_checks.py::test_running_out_of_memory_is_known_whichever_library_says_it",
     )),
 )  # fmt: skip

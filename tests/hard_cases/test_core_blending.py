@@ -12,7 +12,7 @@ from splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, native_
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 
@@ -43,14 +43,14 @@ def assert_gradients_match_autograd(gaussians: Gaussians, camera: Camera, backgr
 def test_case_09_nan_is_not_hidden_by_the_cap(slot: str) -> None:
     """min(0.99, NaN) is 0.99 on some hardware: a NaN must cost its Gaussian, and nothing else."""
     gaussians, camera = scene(20, seed=0), camera_at(40, 30)
-    clean = ops.render(gaussians[1:], camera, near_su=NEAR)
+    clean = rasterizer.render(gaussians[1:], camera, near_su=NEAR)
     for k in range(getattr(gaussians, slot)[0].size):
         poisoned = Gaussians(*(a.copy() for a in arrays_of(gaussians)))
         getattr(poisoned, slot).reshape(20, -1)[0, k] = np.nan
-        rendered = ops.render(poisoned, camera, near_su=NEAR)
+        rendered = rasterizer.render(poisoned, camera, near_su=NEAR)
         assert rendered.culled["non_finite"] == 1
         assert np.array_equal(rendered.image, clean.image)
-        gradients = ops.loss_and_gradients(poisoned, camera, target_of(camera), near_su=NEAR)
+        gradients = rasterizer.loss_and_gradients(poisoned, camera, target_of(camera), near_su=NEAR)
         assert gradients.finite
         assert all_finite(*(getattr(gradients, name) for name in NAMES))
 
@@ -64,13 +64,13 @@ def test_case_10_forward_and_backward_have_one_alpha_cap(logit: float) -> None:
 
 
 def test_case_10_the_cap_is_that_of_the_reference() -> None:
-    rendered = ops.render(stack(1, 30.0), camera_at(4, 4), near_su=NEAR)
+    rendered = rasterizer.render(stack(1, 30.0), camera_at(4, 4), near_su=NEAR)
     np.testing.assert_allclose(rendered.transmittance, 1 - splatting.ALPHA_CAP, rtol=1e-5)
 
 
 def test_case_11_a_saturated_alpha_has_no_gradient() -> None:
     gaussians, camera = stack(1, 30.0), camera_at(4, 4)
-    gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), sh_degree=0, near_su=NEAR)
+    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), sh_degree=0, near_su=NEAR)
     assert not gradients.v_opacity_logits.any()
     assert not gradients.v_means.any()
     assert not gradients.v_log_scales.any()
@@ -94,9 +94,9 @@ def test_case_12_sixteen_stacked_gaussians_keep_float_near_double(logit: float) 
 
 def test_case_12_a_stack_of_opaque_gaussians_ends_a_pixel() -> None:
     gaussians, camera = stack(16, 30.0), camera_at(8, 8)
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     np.testing.assert_allclose(rendered.transmittance, 0.01**2, rtol=1e-3)
-    gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
     reached = np.abs(gradients.v_sh).sum((1, 2)) > 0
     assert reached[:2].all()
     assert not reached[3:].any()
@@ -108,14 +108,14 @@ def test_case_13_backward_visits_exactly_what_forward_blended(seed: int) -> None
     gaussians, camera = scene(400, seed), camera_at(50, 40)
     gaussians.opacity_logits[:] += 3  # many pixels stop early
     gaussians.sh[:] = 0
-    total = ops.accumulate_weights(gaussians, camera, np.zeros((40, 50), np.uint16), near_su=NEAR).total
+    total = rasterizer.accumulate_weights(gaussians, camera, np.zeros((40, 50), np.uint16), near_su=NEAR).total
     view, ones = native_view(camera), np.ones((40, 50, 3), np.float32)
     gradients = _native.image_gradient(arrays_of(gaussians), view, 0, np.zeros(3, np.float32), ones, 2)[1]
     v_colour = gradients["v_sh"][:, 0, 0] / 0.28209479177387814
     assert 0 < (total > 0).sum() < len(total)
     assert np.array_equal(v_colour > 0, total > 0)
     np.testing.assert_allclose(v_colour, total, rtol=1e-5)
-    weight = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR).weight
+    weight = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR).weight
     np.testing.assert_allclose(weight, total, rtol=1e-5)
 
 
@@ -132,8 +132,8 @@ def test_case_15_of_two_equal_depths_the_first_row_is_in_front() -> None:
     gaussians.means[:] = 0
     gaussians.sh[:] = 0
     gaussians.sh[0, 0], gaussians.sh[1, 0] = 1.0, -1.0
-    assert ops.render(gaussians, camera, near_su=NEAR).image.mean() > 0.7
-    assert ops.render(gaussians[::-1], camera, near_su=NEAR).image.mean() < 0.3
+    assert rasterizer.render(gaussians, camera, near_su=NEAR).image.mean() > 0.7
+    assert rasterizer.render(gaussians[::-1], camera, near_su=NEAR).image.mean() < 0.3
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
@@ -152,9 +152,9 @@ def test_case_15_many_equal_depths_are_drawn_in_row_order(threads: int) -> None:
 
 def test_case_15_poisoned_depths_never_reach_the_sort() -> None:
     camera, gaussians = camera_at(20, 16), scene(100, seed=4)
-    clean = ops.render(gaussians[::2], camera, near_su=NEAR)
+    clean = rasterizer.render(gaussians[::2], camera, near_su=NEAR)
     gaussians.means[1::2, 2] = np.resize(np.float32([np.nan, np.inf, -np.inf, np.nan]), 50)
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert rendered.culled["non_finite"] == 50
     assert np.array_equal(rendered.image, clean.image)
 
@@ -189,7 +189,7 @@ def test_case_16_float_has_no_edges_either(record_property) -> None:
         gaussians.opacity_logits[:] += 3
         parameters = [torch.from_numpy(a) for a in double(gaussians)]
         expected = splatting.render(*parameters, camera, 3, torch.zeros(3, dtype=torch.float64), NEAR).numpy()
-        difference = ops.render(gaussians, camera, near_su=NEAR).image - expected
+        difference = rasterizer.render(gaussians, camera, near_su=NEAR).image - expected
         flipped = max(flipped, float((np.abs(difference).max(-1) > 1e-4).mean()))
         bias = max(bias, abs(float(difference.mean())))
     record_property("share of pixels that flip at a discontinuity (<= 1e-3)", flipped)

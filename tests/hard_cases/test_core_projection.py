@@ -23,7 +23,7 @@ from splat_scenes import (
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 SIZES = (1, 3, 15, 16, 17, 64, 257)
 
@@ -40,9 +40,9 @@ def lone(log_scale: float = -2.0, logit: float = 4.0) -> Gaussians:
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
 def test_case_02_infinite_scale_is_culled_and_counted(value: float) -> None:
     gaussians, camera = scene(20, seed=0), camera_at(40, 30)
-    clean = ops.render(gaussians[1:], camera, near_su=NEAR)
+    clean = rasterizer.render(gaussians[1:], camera, near_su=NEAR)
     gaussians.log_scales[0, 1] = value
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert rendered.culled["non_finite"] == 1
     assert np.array_equal(rendered.image, clean.image)
     report = assert_step_stays_finite(gaussians, camera)
@@ -54,10 +54,10 @@ def test_case_03_any_log_scale_is_drawn_and_only_free_ones_have_a_gradient() -> 
     camera = camera_at(31, 31)
     for log_scale in np.linspace(-90, 90, 61):
         gaussians = lone(log_scale)
-        rendered = ops.render(gaussians, camera, near_su=NEAR)
+        rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
         assert rendered.n_visible == 1
         assert rendered.transmittance.min() < 0.5, log_scale
-        gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
         assert gradients.finite
         if abs(log_scale) >= 30:
             assert not gradients.v_log_scales.any(), log_scale
@@ -66,7 +66,9 @@ def test_case_03_any_log_scale_is_drawn_and_only_free_ones_have_a_gradient() -> 
 
 def test_case_03_the_clamp_is_continuous() -> None:
     camera = camera_at(31, 31)
-    images = [ops.render(lone(log_scale), camera, near_su=NEAR).image for log_scale in (29.99, 30.0, 30.01, 88.0)]
+    images = [
+        rasterizer.render(lone(log_scale), camera, near_su=NEAR).image for log_scale in (29.99, 30.0, 30.01, 88.0)
+    ]
     for image in images[1:]:
         np.testing.assert_allclose(image, images[0], atol=1e-5)
 
@@ -96,8 +98,8 @@ def test_case_05_the_near_plane_scales_with_the_scene(factor: float) -> None:
     camera, gaussians = camera_at(60, 40), scene(200, seed=5)
     pose = camera.cam_from_scene.copy()
     pose[:, 3] *= factor
-    reference = ops.render(gaussians, camera)
-    rendered = ops.render(scaled(gaussians, factor), replace(camera, cam_from_scene=pose))
+    reference = rasterizer.render(gaussians, camera)
+    rendered = rasterizer.render(scaled(gaussians, factor), replace(camera, cam_from_scene=pose))
     assert rendered.culled == reference.culled
     differs = np.abs(rendered.image - reference.image).max(-1) > 1e-4
     assert differs.mean() <= 1e-3
@@ -108,8 +110,8 @@ def test_case_06_a_gaussian_at_the_camera_centre_is_culled_without_gradient() ->
     camera, gaussians = camera_at(20, 20), scene(3, seed=0)
     gaussians.means[1] = camera.centre
     for near_su in (NEAR, 1e-30):
-        assert ops.render(gaussians, camera, near_su=near_su).culled["behind"] == 1
-        gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=near_su)
+        assert rasterizer.render(gaussians, camera, near_su=near_su).culled["behind"] == 1
+        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=near_su)
         assert gradients.finite
         assert not gradients.v_means[1].any()
         assert not gradients.v_sh[1].any()
@@ -135,7 +137,7 @@ def test_case_07_the_gradient_is_that_of_the_frozen_jacobian() -> None:
 def test_case_08_a_zero_quaternion_is_culled_and_counted() -> None:
     gaussians, camera = scene(5, seed=0), camera_at(20, 20)
     gaussians.quats[2] = 0
-    assert ops.render(gaussians, camera, near_su=NEAR).culled["degenerate"] == 1
+    assert rasterizer.render(gaussians, camera, near_su=NEAR).culled["degenerate"] == 1
     assert assert_step_stays_finite(gaussians, camera).culled["degenerate"] == 1
 
 
@@ -143,9 +145,9 @@ def test_case_08_a_zero_quaternion_is_culled_and_counted() -> None:
 def test_case_08_the_length_of_a_quaternion_changes_nothing(length: float) -> None:
     camera, gaussians = camera_at(31, 31), lone()
     gaussians.log_scales[:] = np.log([0.5, 0.1, 0.2])
-    reference = ops.render(gaussians, camera, near_su=NEAR)
+    reference = rasterizer.render(gaussians, camera, near_su=NEAR)
     gaussians.quats[:] *= np.float32(length)
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert rendered.n_visible == 1
     np.testing.assert_allclose(rendered.image, reference.image, atol=1e-5)
     assert_step_stays_finite(gaussians, camera)
@@ -155,7 +157,7 @@ def test_case_08_the_length_of_a_quaternion_changes_nothing(length: float) -> No
 def test_case_17_opacity_below_the_cut_is_culled_and_counted(logit: float) -> None:
     faint = bool(1 / (1 + np.exp(-np.float64(np.float32(logit)))) < 1 / 255)
     camera, gaussians = camera_at(20, 20), lone(logit=logit)
-    assert ops.render(gaussians, camera, near_su=NEAR).culled["faint"] == faint
+    assert rasterizer.render(gaussians, camera, near_su=NEAR).culled["faint"] == faint
     assert_step_stays_finite(gaussians, camera)
 
 
@@ -165,19 +167,23 @@ def test_case_20_nothing_visible_gives_the_background() -> None:
     behind = scene(4, seed=0)
     behind.means[:, 2] = -10
     for gaussians in (behind[:0], behind):
-        rendered = ops.render(gaussians, camera, background=(0.25, 0.5, 0.75))
+        rendered = rasterizer.render(gaussians, camera, background=(0.25, 0.5, 0.75))
         assert np.array_equal(rendered.image, np.broadcast_to(np.float32([0.25, 0.5, 0.75]), (9, 17, 3)))
         assert (rendered.transmittance == 1).all()
         assert not rendered.depth.any()
-        gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera))
+        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera))
         assert gradients.finite
         assert not gradients.v_means.any()
         report, _, statistics = step(gaussians, camera)
         assert report.finite
         assert report.n_visible == 0
         assert not statistics.count.any()
-        assert len(ops.accumulate_weights(gaussians, camera, np.ones((9, 17), np.uint16)).rows) == 0
-        assert ops.render_values(gaussians, camera, np.zeros((len(gaussians), 7), np.float32)).image.shape == (9, 17, 7)
+        assert len(rasterizer.accumulate_weights(gaussians, camera, np.ones((9, 17), np.uint16)).rows) == 0
+        assert rasterizer.render_values(gaussians, camera, np.zeros((len(gaussians), 7), np.float32)).image.shape == (
+            9,
+            17,
+            7,
+        )
 
 
 @pytest.mark.parametrize("width", SIZES)
@@ -191,7 +197,7 @@ def test_case_21_images_of_any_size_are_exact(width: int, height: int) -> None:
     exact = _native.render(double(gaussians), native_view(camera), 3, np.ones(3), 2)[0]
     assert exact.shape == (height, width, 3)
     assert np.abs(exact - expected).max() < 1e-10
-    single = ops.render(gaussians, camera, background=(1, 1, 1), near_su=NEAR).image
+    single = rasterizer.render(gaussians, camera, background=(1, 1, 1), near_su=NEAR).image
     assert all_finite(single)
     assert (np.abs(single - expected).max(-1) > 1e-3).mean() <= 1e-2
     assert_step_stays_finite(gaussians, camera)

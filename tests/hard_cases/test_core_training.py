@@ -17,12 +17,11 @@ from training_scene import OPTIONS, quality_db, training_scene
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
-from cotton3dg.splat import density, ops
-from cotton3dg.splat import fit as fit_module
-from cotton3dg.splat.fit import fit
+from cotton3dg.splat import densify, rasterizer, trainer
 from cotton3dg.splat.initialise import initial_gaussians
 from cotton3dg.splat.losses import unit_features
 from cotton3dg.splat.state import Surroundings
+from cotton3dg.splat.trainer import fit
 from cotton3dg.stages import train
 
 ROOT = Path(__file__).parents[2]
@@ -56,8 +55,8 @@ def test_case_18_faded_or_reset_opacities_recover() -> None:
     start, views, held_out = training_scene()
     trained = fit(start, views, OPTIONS).gaussians
     before_db = quality_db(trained, held_out)
-    for reset in (lambda g: density.fade(g, 0.01), lambda g: g.opacity_logits.fill(np.log(0.01 / 0.99))):
-        spoilt = density.concatenated([trained])
+    for reset in (lambda g: densify.fade(g, 0.01), lambda g: g.opacity_logits.fill(np.log(0.01 / 0.99))):
+        spoilt = densify.concatenated([trained])
         reset(spoilt)
         assert quality_db(spoilt, held_out) < before_db - 5
         result = fit(spoilt, views, OPTIONS)
@@ -72,13 +71,13 @@ def test_case_19_ssim_of_flat_and_tiny_images(record_property) -> None:
         for level in (0, 1, 128, 254, 255):
             target = np.full((*size, 3), level, np.uint8)
             for image in (target / np.float32(255), np.full((*size, 3), 0.3, np.float32), np.zeros((*size, 3))):
-                report, v_image = ops.image_loss(image.astype(np.float32), target)
+                report, v_image = rasterizer.image_loss(image.astype(np.float32), target)
                 largest = max(largest, report["ssim"])
                 assert all_finite(v_image, np.array(list(report.values())))
     record_property("largest SSIM (<= 1, to rounding)", largest)
     assert largest <= 1 + 1e-7
     same = np.full((20, 20, 3), 77, np.uint8)
-    assert ops.image_loss((same / 255).astype(np.float64), same)[0]["ssim"] == pytest.approx(1, abs=1e-9)
+    assert rasterizer.image_loss((same / 255).astype(np.float64), same)[0]["ssim"] == pytest.approx(1, abs=1e-9)
 
 
 @pytest.mark.parametrize("weight", ["zero", "negative", "nan", "wrong shape", "wrong dtype"])
@@ -99,13 +98,13 @@ def test_case_22_a_loss_weight_that_means_nothing_is_refused(weight: str) -> Non
 
 def test_case_22_masks_that_are_empty_full_or_of_another_size() -> None:
     camera, gaussians = camera_at(40, 30), scene(50, seed=1)
-    nothing = ops.accumulate_weights(gaussians, camera, np.zeros((30, 40), np.uint16), near_su=NEAR)
+    nothing = rasterizer.accumulate_weights(gaussians, camera, np.zeros((30, 40), np.uint16), near_su=NEAR)
     assert len(nothing.rows) == 0
-    everything = ops.accumulate_weights(gaussians, camera, np.full((30, 40), 7, np.uint16), near_su=NEAR)
+    everything = rasterizer.accumulate_weights(gaussians, camera, np.full((30, 40), 7, np.uint16), near_su=NEAR)
     np.testing.assert_allclose(everything.weights, everything.total[everything.total > 0], rtol=1e-6)
     assert np.array_equal(nothing.total, everything.total)
     with pytest.raises(ValueError, match="mask_ids"):
-        ops.accumulate_weights(gaussians, camera, np.zeros((40, 30), np.uint16))
+        rasterizer.accumulate_weights(gaussians, camera, np.zeros((40, 30), np.uint16))
     only_one = np.zeros((30, 40), np.float32)
     only_one[15, 20] = 1
     report, _, _ = step(gaussians, camera, weight=only_one)
@@ -129,10 +128,10 @@ def test_case_25_no_step_of_adam_is_longer_than_its_bound() -> None:
     camera, gaussians = camera_at(24, 18), scene(60, seed=3)
     gaussians.opacity_logits[:] = np.linspace(-5.5, 6, 60)
     gaussians.sh[:] *= np.geomspace(1, 1e-12, 60, dtype=np.float32)[:, None, None]
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
     for _ in range(20):
         before = Gaussians(*(a.copy() for a in arrays_of(gaussians)))
-        ops.train_step(
+        rasterizer.train_step(
             gaussians, adam, statistics, camera, target_of(camera), sh_degree=3, learning_rates=RATES, near_su=NEAR
         )
         moved = [np.abs(a - b).max() for a, b in zip(arrays_of(gaussians), arrays_of(before), strict=True)]
@@ -157,14 +156,14 @@ def test_case_25_what_a_view_does_not_show_does_not_move() -> None:
     camera, gaussians = camera_at(24, 18), scene(60, seed=3)
     away = camera_at(24, 18, angle=np.pi)
     gaussians.means[:30, 2] = -9  # behind the first camera, in front of the second
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
     options = {"sh_degree": 3, "learning_rates": RATES, "near_su": NEAR}
     for _ in range(5):
-        ops.train_step(gaussians, adam, statistics, away, target_of(away), **options)
+        rasterizer.train_step(gaussians, adam, statistics, away, target_of(away), **options)
     assert np.abs(adam.first.means[:30]).max() > 0
     before, counted = gaussians[:30].sha256(), adam.steps[:30].copy()
     for _ in range(5):
-        ops.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
+        rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
     assert gaussians[:30].sha256() == before
     assert np.array_equal(adam.steps[:30], counted)
     assert (adam.steps[30:] > 5).any()
@@ -184,8 +183,8 @@ def test_case_26_more_pairs_than_memory_are_an_error_not_a_crash() -> None:
     camera, gaussians = camera_at(32768, 32768), scene(600, seed=0)
     gaussians.log_scales[:] = 3
     for call in (
-        lambda: ops.accumulate_weights(gaussians, camera, np.zeros((32768, 32768), np.uint16), near_su=NEAR),
-        lambda: ops.values_gradient(gaussians, camera, np.zeros((32768, 32768, 1), np.float32), near_su=NEAR),
+        lambda: rasterizer.accumulate_weights(gaussians, camera, np.zeros((32768, 32768), np.uint16), near_su=NEAR),
+        lambda: rasterizer.values_gradient(gaussians, camera, np.zeros((32768, 32768, 1), np.float32), near_su=NEAR),
     ):
         with pytest.raises(OutOfResources, match="fewer Gaussians or smaller images"):
             call()
@@ -198,21 +197,21 @@ def test_case_26_the_budget_holds_when_everything_wants_to_split() -> None:
     options = dataclasses.replace(OPTIONS, max_gaussians=250, steps=120)
     fit(start, views, options, watch=lambda _, gaussians: counts.append(len(gaussians)))
     assert max(counts) <= 250
-    assert density.scheduled_count(10**6, 2**40, 1.0) == 2**40
+    assert densify.scheduled_count(10**6, 2**40, 1.0) == 2**40
 
 
 def test_case_27_poisoned_statistics_choose_nothing() -> None:
     gaussians, n = scene(50, seed=0), 50
     sums = np.resize(np.array([np.nan, np.inf, -np.inf, -1, 0, 1e38, 1], np.float32), n)
     counts = np.resize(np.array([0, 1, 2, 0, -1], np.int32), n)
-    need = density.splitting_need(sums, counts)
+    need = densify.growth_score(sums, counts)
     assert (np.isfinite(need) & (need >= 0)).all()
-    keep = density.contributing(sums, counts)
+    keep = densify.contributing(sums, counts)
     assert keep.dtype == bool
-    renewal = density.renewed(gaussians, np.ones(n, bool), need, 70)
-    assert renewal.gaussians.finite_rows.all()
-    assert n <= len(renewal.gaussians) <= 70
-    assert set(renewal.rows[renewal.n_continued :]) <= set(np.flatnonzero(need > 0))
+    densified = densify.densify(gaussians, np.ones(n, bool), need, 70)
+    assert densified.gaussians.finite_rows.all()
+    assert n <= len(densified.gaussians) <= 70
+    assert set(densified.rows[densified.n_continued :]) <= set(np.flatnonzero(need > 0))
 
 
 def test_case_28_fast_math_is_forbidden() -> None:
@@ -242,9 +241,9 @@ def test_case_28_the_import_time_self_test_notices_fast_math(
 def test_case_29_training_does_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every array of a whole training, by 1 to 16 threads."""
     start, views, _ = training_scene()
-    options, honest, seen = dataclasses.replace(OPTIONS, steps=60), ops.train_step, set()
+    options, honest, seen = dataclasses.replace(OPTIONS, steps=60), rasterizer.train_step, set()
     for threads in (1, 2, 3, 8, 16):
-        monkeypatch.setattr(fit_module, "train_step", lambda *a, t=threads, **k: honest(*a, **k, threads=t))
+        monkeypatch.setattr(trainer, "train_step", lambda *a, t=threads, **k: honest(*a, **k, threads=t))
         seen.add(fit(start, views, options).gaussians.sha256())
     assert len(seen) == 1
 

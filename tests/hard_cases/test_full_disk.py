@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from killed_runs import assert_whole, film_room, small_options
 
-from cotton3dg import needs, pipeline
+from cotton3dg import pipeline, resource_checks
 from cotton3dg.errors import OutOfResources
 from cotton3dg.workspace import Workspace
 
@@ -57,7 +57,7 @@ def test_case_50_on_a_full_disk_a_stage_ends_with_a_reason_and_the_old_result_st
     options = small_options(workspace)
     with pytest.raises(OutOfResources, match=r"frames needs about .* MiB of disk and .* MiB are free"):
         pipeline.run(workspace, options, ("frames",))
-    monkeypatch.setattr(needs, "needed_disk_mib", lambda *_: 0)
+    monkeypatch.setattr(resource_checks, "needed_disk_mib", lambda *_: 0)
     pipeline.run(workspace, options, pipeline.selected("frames", stage))
     before = assert_whole(workspace)
     for free_kib in rooms_kib:

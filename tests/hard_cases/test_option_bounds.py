@@ -10,7 +10,7 @@ from training_scene import OPTIONS, training_scene
 
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import STAGE_OPTIONS, SimulateOptions, TrainOptions, resolve
-from cotton3dg.splat.fit import RECORDED_EVERY, fit, renewal_steps
+from cotton3dg.splat.trainer import RECORDED_EVERY, densification_steps, fit
 from cotton3dg.stages.train import hold_out
 
 BOUNDS = [
@@ -65,7 +65,7 @@ def test_case_53_the_shortest_trainings_end(steps, n_views) -> None:
     result = fit(start, views, replace(OPTIONS, steps=steps))
     assert result.history[-1]["step"] == steps
     assert result.gaussians.finite_rows.all()
-    assert renewal_steps(steps, n_views).step > 0
+    assert densification_steps(steps, n_views).step > 0
 
 
 def test_case_53_the_smallest_budget_is_that_of_the_start() -> None:

@@ -23,9 +23,9 @@ from cotton3dg.files.checkpoint import read_training, write_training
 from cotton3dg.files.images import read_image, write_image
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import fit as fit_module
-from cotton3dg.splat.fit import Training, fit, renewal_steps
-from cotton3dg.splat.ops import train_step
+from cotton3dg.splat import trainer
+from cotton3dg.splat.rasterizer import train_step
+from cotton3dg.splat.trainer import Training, densification_steps, fit
 from cotton3dg.stages import train
 from cotton3dg.workspace import Workspace
 
@@ -37,7 +37,7 @@ def saved_at(steps: set[int], folder: Path, monkeypatch: pytest.MonkeyPatch, opt
     """An undisturbed training of the made scene that writes its state down after each of `steps`; its result."""
     start, views, _ = training_scene()
     start = replace(start, sh=np.pad(start.sh, ((0, 0), (0, 8), (0, 0))))
-    monkeypatch.setattr(fit_module, "SAVED_EVERY_S", 0.0)
+    monkeypatch.setattr(trainer, "SAVED_EVERY_S", 0.0)
 
     def save(training: Training) -> None:
         if training.step in steps:
@@ -49,8 +49,8 @@ def saved_at(steps: set[int], folder: Path, monkeypatch: pytest.MonkeyPatch, opt
 def test_case_51_resume_from_any_step_ends_in_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stop points around density control, a rising SH degree, a history entry, the first and the last step."""
     _, views, _ = training_scene()
-    renewals = list(renewal_steps(LONG.steps, len(views)))
-    first, last = renewals[0], renewals[-1]
+    densifications = list(densification_steps(LONG.steps, len(views)))
+    first, last = densifications[0], densifications[-1]
     steps = {1, 2, 46, 50, 60, 90, 137, first - 1, first, first + 1, last - 1, last, last + 1, 299, 300}
     assert len(steps) >= 10
     straight = saved_at(steps, tmp_path, monkeypatch, LONG)
@@ -177,7 +177,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, spoilt: set[int]) -> None:
             options["background"] = (np.nan, 0.0, 0.0)
         return train_step(*arguments, **options)
 
-    monkeypatch.setattr(fit_module, "train_step", spoiling)
+    monkeypatch.setattr(trainer, "train_step", spoiling)
 
 
 def test_case_54_training_goes_on_and_keeps_what_the_step_was_given(

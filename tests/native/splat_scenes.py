@@ -6,10 +6,10 @@ import numpy as np
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 NEAR = 0.05
-RATES = ops.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
+RATES = rasterizer.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
 SPECIAL = np.array(
     [0, -0.0, 1e-45, -1e-45, 1e-38, 1e-30, -1e-30, 1e-20, 1e-6, 1, -1, 50, -50, 90, -90, 1e6, 1e30, -1e30]
     + [3e38, -3e38, np.inf, -np.inf, np.nan],
@@ -60,17 +60,17 @@ def target_of(camera: Camera, seed: int = 0) -> np.ndarray:
 
 def step(
     gaussians: Gaussians, camera: Camera, **options
-) -> tuple[ops.StepReport, ops.AdamState, ops.DensityStatistics]:
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(len(gaussians))
+) -> tuple[rasterizer.StepReport, rasterizer.AdamState, rasterizer.DensityStatistics]:
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(len(gaussians))
     options = {"sh_degree": 3, "learning_rates": RATES, "near_su": NEAR, "target": target_of(camera)} | options
-    return ops.train_step(gaussians, adam, statistics, camera, **options), adam, statistics
+    return rasterizer.train_step(gaussians, adam, statistics, camera, **options), adam, statistics
 
 
 def all_finite(*arrays: np.ndarray) -> bool:
     return all(np.isfinite(a).all() for a in arrays)
 
 
-def assert_step_stays_finite(gaussians: Gaussians, camera: Camera, **options) -> ops.StepReport:
+def assert_step_stays_finite(gaussians: Gaussians, camera: Camera, **options) -> rasterizer.StepReport:
     """Takes a step; what was finite before must be finite after."""
     before = [a.copy() for a in arrays_of(gaussians)]
     report, adam, statistics = step(gaussians, camera, **options)

@@ -11,11 +11,11 @@ from splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 
 def matrix(gaussians: Gaussians, camera: Camera, pixels: np.ndarray, threads: int = 0) -> sparse.csr_matrix:
-    rays = ops.ray_weights(gaussians, camera, pixels, near_su=NEAR, threads=threads)
+    rays = rasterizer.ray_weights(gaussians, camera, pixels, near_su=NEAR, threads=threads)
     return sparse.csr_matrix((rays.weights, rays.rows, rays.starts), shape=(len(pixels), len(gaussians)))
 
 
@@ -37,10 +37,10 @@ def test_products_are_renders_and_their_gradients(instruction_set) -> None:
     values = rng.uniform(0, 1, (400, 4)).astype(np.float32)
     v_image = rng.normal(size=(50, 70, 4)).astype(np.float32)
     weights = matrix(gaussians, camera, all_pixels(camera))
-    rendered = ops.render_values(gaussians, camera, values, near_su=NEAR)
+    rendered = rasterizer.render_values(gaussians, camera, values, near_su=NEAR)
     assert np.abs(weights @ values - rendered.image.reshape(-1, 4)).max() <= 1e-6
     np.testing.assert_allclose(1 - weights.sum(axis=1).A1, rendered.transmittance.ravel(), atol=2e-6)
-    gradient = ops.values_gradient(gaussians, camera, v_image, near_su=NEAR)
+    gradient = rasterizer.values_gradient(gaussians, camera, v_image, near_su=NEAR)
     v = v_image.reshape(-1, 4)
     rounding = 1e-6 * (weights.T @ np.abs(v)) + 1e-9  # of a sum is relative to that of the absolute terms
     assert (np.abs(weights.T @ v - gradient) <= rounding).all()
@@ -54,12 +54,12 @@ def test_any_pixels_in_any_order(instruction_set) -> None:
     pixels[:4] = [[36, 28], [0, 0], [36, 28], [36, 0]]
     some = matrix(gaussians, camera, pixels).toarray()
     assert np.array_equal(some, everything[pixels[:, 1] * 37 + pixels[:, 0]])
-    assert len(ops.ray_weights(gaussians, camera, np.zeros((0, 2), int)).rows) == 0
+    assert len(rasterizer.ray_weights(gaussians, camera, np.zeros((0, 2), int)).rows) == 0
 
 
 def test_rays_go_front_to_back_whatever_the_threads() -> None:
     camera, gaussians = camera_at(64, 48), scene(300, seed=5)
-    one, three = (ops.ray_weights(gaussians, camera, all_pixels(camera), threads=n) for n in (1, 3))
+    one, three = (rasterizer.ray_weights(gaussians, camera, all_pixels(camera), threads=n) for n in (1, 3))
     for name in ("starts", "rows", "weights"):
         assert np.array_equal(getattr(one, name), getattr(three, name))
     depths = camera.project(gaussians.means)[1][one.rows]
@@ -84,11 +84,11 @@ def test_pixels_outside_the_image_are_refused() -> None:
     camera, gaussians = camera_at(20, 17), scene(5, seed=7)
     for pixel in ([20, 0], [0, 17], [-1, 3]):
         with pytest.raises(ValueError, match="in the image"):
-            ops.ray_weights(gaussians, camera, np.array([pixel]))
+            rasterizer.ray_weights(gaussians, camera, np.array([pixel]))
     with pytest.raises(ValueError, match="integers"):
-        ops.ray_weights(gaussians, camera, np.zeros((1, 2)))
+        rasterizer.ray_weights(gaussians, camera, np.zeros((1, 2)))
     with pytest.raises(ValueError, match="pixels"):
-        ops.ray_weights(gaussians, camera, np.zeros((1, 3), int))
+        rasterizer.ray_weights(gaussians, camera, np.zeros((1, 3), int))
     with pytest.raises(TypeError, match="means"):
         _native.ray_weights(
             tuple(a.astype(np.float16) for a in arrays_of(gaussians)),

@@ -31,7 +31,7 @@ from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import Cotton3dgError
 from cotton3dg.files import annotations, arrays, bolls, checkpoint, colmap, images, ply, prompt_table, yolo_labels
 from cotton3dg.options import read_toml, resolve
-from cotton3dg.splat.fit import Training
+from cotton3dg.splat.trainer import Training
 
 LIMIT_S, LIMIT_BYTES = 2.0, 256 * 2**20
 TRACED_SHARE = 0.1

@@ -13,8 +13,8 @@ from training_scene import OPTIONS, training_scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians, rotations
-from cotton3dg.splat import ops
-from cotton3dg.splat.fit import fit
+from cotton3dg.splat import rasterizer
+from cotton3dg.splat.trainer import fit
 
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 CAMERA = camera_at(90, 70)
@@ -23,7 +23,7 @@ N_RUNS, N_HASHED = (1, 2500) if "COTTON3DG_REPLACED" in os.environ else (10, 500
 
 
 def gradients_of(gaussians: Gaussians, camera: Camera = CAMERA, **options) -> list[np.ndarray]:
-    found = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR, **options)
+    found = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR, **options)
     assert found.finite
     return [getattr(found, name) for name in NAMES]
 
@@ -31,7 +31,7 @@ def gradients_of(gaussians: Gaussians, camera: Camera = CAMERA, **options) -> li
 def test_permuting_gaussians_of_distinct_depth_changes_no_bit() -> None:
     gaussians = scene(1000, seed=6)
     order = np.random.default_rng(0).permutation(1000)
-    reference, permuted = (ops.render(g, CAMERA, near_su=NEAR) for g in (gaussians, gaussians[order]))
+    reference, permuted = (rasterizer.render(g, CAMERA, near_su=NEAR) for g in (gaussians, gaussians[order]))
     assert len(np.unique(gaussians.means[:, 2])) == 1000
     assert np.array_equal(permuted.image, reference.image)
     assert np.array_equal(permuted.depth, reference.depth)
@@ -48,7 +48,7 @@ def test_invisible_gaussians_change_no_bit() -> None:
     hidden.log_scales[60:80, 1] = np.nan
     hidden.quats[80:] = 0
     both = Gaussians(*(np.concatenate(pair) for pair in zip(arrays_of(hidden), arrays_of(gaussians), strict=True)))
-    reference, rendered = (ops.render(g, CAMERA, near_su=NEAR) for g in (gaussians, both))
+    reference, rendered = (rasterizer.render(g, CAMERA, near_su=NEAR) for g in (gaussians, both))
     assert rendered.n_visible == reference.n_visible
     assert np.array_equal(rendered.image, reference.image)
     for before, after in zip(gradients_of(gaussians), gradients_of(both), strict=True):
@@ -72,7 +72,7 @@ def test_scaling_the_scene_by_a_power_of_two_changes_no_bit_of_what_can_be_scale
     gaussians = scene(300, seed=5)
     gaussians.log_scales[:] = -80
     larger, camera = scaled(gaussians, CAMERA, exponent)
-    reference, rendered = ops.render(gaussians, CAMERA), ops.render(larger, camera)
+    reference, rendered = rasterizer.render(gaussians, CAMERA), rasterizer.render(larger, camera)
     assert rendered.culled == reference.culled
     assert np.array_equal(rendered.image, reference.image)
     assert np.array_equal(rendered.depth, reference.depth * np.float32(2.0**exponent))
@@ -94,7 +94,7 @@ def test_scaling_in_double_leaves_only_the_rounding_of_the_logarithm(exponent: i
 def test_view_dependence_that_is_not_there_changes_no_bit(degree: int) -> None:
     gaussians = scene(300, seed=8)
     gaussians.sh[:, 1:] = 0
-    plain, full = (ops.render(gaussians, CAMERA, sh_degree=d, near_su=NEAR) for d in (0, degree))
+    plain, full = (rasterizer.render(gaussians, CAMERA, sh_degree=d, near_su=NEAR) for d in (0, degree))
     assert np.array_equal(full.image, plain.image)
     before, after = gradients_of(gaussians, sh_degree=0), gradients_of(gaussians, sh_degree=degree)
     for name, a, b in zip(NAMES, before, after, strict=True):
@@ -123,7 +123,7 @@ def test_turning_the_world_changes_next_to_nothing(seed: int, record_property) -
     pose = CAMERA.cam_from_scene.copy()
     pose[:, :3] = pose[:, :3] @ turn.T
     camera = replace(CAMERA, cam_from_scene=pose)
-    reference, rendered = (ops.render(g, c, near_su=NEAR) for g, c in ((gaussians, CAMERA), (turned, camera)))
+    reference, rendered = (rasterizer.render(g, c, near_su=NEAR) for g, c in ((gaussians, CAMERA), (turned, camera)))
     difference = np.abs(rendered.image - reference.image).max(-1)
     flips = difference > 1e-4
     record_property("turned world, largest difference (<= 1e-4)", float(difference[~flips].max()))
@@ -144,13 +144,13 @@ def test_one_hash_for_any_number_of_threads_and_ten_runs() -> None:
 
 
 def hash_of_everything(gaussians: Gaussians, camera: Camera, ids: np.ndarray, values: np.ndarray, threads: int) -> str:
-    rendered = ops.render(gaussians, camera, threads=threads, near_su=NEAR)
-    weights = ops.accumulate_weights(gaussians, camera, ids, threads=threads, near_su=NEAR)
-    blended = ops.render_values(gaussians, camera, values, threads=threads, near_su=NEAR).image
-    v_values = ops.values_gradient(gaussians, camera, blended, threads=threads, near_su=NEAR)
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(len(gaussians))
+    rendered = rasterizer.render(gaussians, camera, threads=threads, near_su=NEAR)
+    weights = rasterizer.accumulate_weights(gaussians, camera, ids, threads=threads, near_su=NEAR)
+    blended = rasterizer.render_values(gaussians, camera, values, threads=threads, near_su=NEAR).image
+    v_values = rasterizer.values_gradient(gaussians, camera, blended, threads=threads, near_su=NEAR)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(len(gaussians))
     for _ in range(2):
-        report = ops.train_step(
+        report = rasterizer.train_step(
             gaussians, adam, statistics, camera, target_of(camera), sh_degree=3, learning_rates=RATES,
             threads=threads, near_su=NEAR,
         )  # fmt: skip

@@ -24,7 +24,7 @@ from splat_scenes import (
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 
 N_SCENES = int(os.environ.get("COTTON3DG_SCENES", "1000"))
 PART = 50
@@ -33,7 +33,7 @@ NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 
 
 def assert_gradients_stay_finite(gaussians: Gaussians, camera: Camera) -> None:
-    gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
     assert gradients.finite
     assert all_finite(*(getattr(gradients, name) for name in NAMES))
 
@@ -43,7 +43,7 @@ def assert_gradients_stay_finite(gaussians: Gaussians, camera: Camera) -> None:
 def test_poison_grid(slot: str, size: int, value: np.float32) -> None:
     """Every number that a Gaussian consists of, times every special value: it harms at most that Gaussian."""
     camera = camera_at(40, 30)
-    clean = ops.render(scene(20, seed=0)[1:], camera, near_su=NEAR)
+    clean = rasterizer.render(scene(20, seed=0)[1:], camera, near_su=NEAR)
     for k in range(size):
         check_poisoned(slot, k, value, camera, clean)
 
@@ -51,15 +51,15 @@ def test_poison_grid(slot: str, size: int, value: np.float32) -> None:
 @pytest.mark.parametrize("value", SPECIAL)
 def test_poison_grid_of_colours(value: np.float32) -> None:
     camera = camera_at(40, 30)
-    clean = ops.render(scene(20, seed=0)[1:], camera, near_su=NEAR)
+    clean = rasterizer.render(scene(20, seed=0)[1:], camera, near_su=NEAR)
     for k in range(48):
         check_poisoned("sh", k, value, camera, clean)
 
 
-def check_poisoned(slot: str, k: int, value: np.float32, camera: Camera, clean: ops.Rendered) -> None:
+def check_poisoned(slot: str, k: int, value: np.float32, camera: Camera, clean: rasterizer.Rendered) -> None:
     gaussians = scene(20, seed=0)
     getattr(gaussians, slot).reshape(20, -1)[0, k] = value
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert all_finite(rendered.image, rendered.transmittance, rendered.depth)
     assert rendered.n_visible + sum(rendered.culled.values()) == 20
     if not np.isfinite(value):
@@ -81,7 +81,7 @@ def test_valid_extremes_stay_visible() -> None:
         gaussians.opacity_logits[:] = logit
         gaussians.log_scales[:] = log_scale
         gaussians.quats[:] *= quat
-        rendered = ops.render(gaussians, camera, near_su=NEAR)
+        rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
         assert rendered.n_visible == 1
         assert rendered.transmittance.min() < 0.5, (log_scale, quat, logit)
 
@@ -101,7 +101,7 @@ def test_random_poisoned_scenes_stay_finite(first: int) -> None:
             poisoned = rng.random(array.shape) < rng.choice([0.002, 0.05, 0.5])
             array[poisoned] = rng.choice(SPECIAL, poisoned.sum())
         camera = random_camera(rng)
-        rendered = ops.render(gaussians, camera, near_su=NEAR)
+        rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
         assert all_finite(rendered.image, rendered.transmittance, rendered.depth), seed
         assert rendered.n_visible + sum(rendered.culled.values()) == len(gaussians), seed
         assert_step_stays_finite(gaussians, camera, sh_degree=gaussians.sh_degree)

@@ -7,7 +7,7 @@ import numpy as np
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.files.images import write_ids
 from cotton3dg.files.ply import write_gaussians
-from cotton3dg.splat.ops import render_values
+from cotton3dg.splat.rasterizer import render_values
 from cotton3dg.workspace import Workspace
 
 CENTRES = np.array([[0, 0, 3.0], [0.5, 0, 2.0], [-0.35, 0.35, 1.5], [0.05, 0.55, 1.45], [0, -0.6, 1.0]])

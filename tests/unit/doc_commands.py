@@ -10,7 +10,7 @@ import typer
 from tiny_plant import ROOT
 
 from cotton3dg.cli import app
-from cotton3dg.flags import parsed_overrides
+from cotton3dg.cli_arguments import parsed_overrides
 from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected
 

@@ -16,7 +16,7 @@ from cotton3dg.files.scale import scale_facts
 from cotton3dg.options import STAGE_OPTIONS, as_dict, resolve
 from cotton3dg.pipeline import stage_inputs, stage_options
 from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.splat.ops import render, render_values
+from cotton3dg.splat.rasterizer import render, render_values
 from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
 from cotton3dg.workspace import Workspace
 

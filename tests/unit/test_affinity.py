@@ -16,7 +16,7 @@ from cotton3dg.lifting.affinity import (
 )
 from cotton3dg.lifting.lift import ViewWeights
 from cotton3dg.lifting.prompts import PromptView, grown, prompted
-from cotton3dg.splat.ops import accumulate_weights, render_values
+from cotton3dg.splat.rasterizer import accumulate_weights, render_values
 
 
 @pytest.fixture(scope="module")

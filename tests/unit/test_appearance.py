@@ -5,7 +5,7 @@ import pytest
 from table_scene import orbit, plant_scene
 
 from cotton3dg.splat.appearance import boll_colours, depth_colours, with_bolls
-from cotton3dg.splat.ops import render, render_values
+from cotton3dg.splat.rasterizer import render, render_values
 
 
 def test_every_boll_has_a_colour_of_its_own_and_none_is_grey() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
-from cotton3dg.splat.dense import dense_points, neighbouring_pairs
+from cotton3dg.splat.flow_points import dense_points, neighbouring_pairs
 from cotton3dg.splat.initialise import (
     FILL_OPACITY,
     FILL_REACH,

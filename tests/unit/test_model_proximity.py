@@ -9,7 +9,7 @@ from cotton3dg.core.scene import Gaussians
 from cotton3dg.evaluation.masks import score_masks
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.masks.detect_lint import detect_lint
-from cotton3dg.masks.model_proximity import Nearness
+from cotton3dg.masks.model_proximity import ModelProximity
 from cotton3dg.masks.voxel_voting import LintVolume
 
 
@@ -35,21 +35,21 @@ def views():
 
 
 def test_bolls_are_near_and_the_wall_and_the_table_are_not(model, views) -> None:
-    nearness = Nearness(model, volume(), 2.0)
+    proximity = ModelProximity(model, volume(), 2.0)
     for camera, (_, ids) in list(zip(*views, strict=True))[::6]:
-        shares, places = nearness.seen(camera)
+        shares, places = proximity.seen(camera)
         inside = ndimage.binary_erosion(ids > 0, iterations=2)
         assert np.percentile(shares[inside], 5) > 0.9  # the stem hides some
         assert shares[~ndimage.binary_dilation(ids > 0, iterations=12)].max() < 0.1
         away = np.linalg.norm(places[inside][:, None] - BOLLS, axis=2).min(axis=1)
         assert away.max() < 1.3 * RADIUS
-        assert (nearness.bolls(places[inside]) == ids[inside]).mean() > 0.97
+        assert (proximity.bolls(places[inside]) == ids[inside]).mean() > 0.97
 
 
 def test_a_damaged_gaussian_is_nowhere_near(model, views) -> None:
     damaged = Gaussians(model.means.copy(), model.quats, model.log_scales, model.opacity_logits, model.sh)
     damaged.means[::500] = np.nan
-    shares, places = Nearness(damaged, volume(), 2.0).seen(views[0][0])
+    shares, places = ModelProximity(damaged, volume(), 2.0).seen(views[0][0])
     assert np.isfinite(shares).all() and np.isfinite(places).all()
 
 

@@ -15,7 +15,7 @@ from cotton3dg.lifting.probability import (
     trained,
     view_of_rays,
 )
-from cotton3dg.splat.ops import render_values, values_gradient
+from cotton3dg.splat.rasterizer import render_values, values_gradient
 
 SIZE = (60, 50)
 

@@ -7,10 +7,10 @@ import pytest
 from training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
 from cotton3dg.errors import StageFailed
-from cotton3dg.splat import fit as fit_module
-from cotton3dg.splat.fit import fit, image_order, learning_rates, renewal_steps, resolutions, surroundings
+from cotton3dg.splat import trainer
 from cotton3dg.splat.metrics import PLANT_REGION, focus
-from cotton3dg.splat.ops import StepReport
+from cotton3dg.splat.rasterizer import StepReport
+from cotton3dg.splat.trainer import densification_steps, fit, image_order, learning_rates, resolutions, surroundings
 from cotton3dg.splat.views import View
 
 
@@ -55,14 +55,14 @@ def test_a_start_above_the_budget_is_refused() -> None:
 
 def spoilt_steps(monkeypatch: pytest.MonkeyPatch, spoilt: set[int]) -> None:
     """Let the steps with these numbers end in a loss that is not finite."""
-    honest, calls = fit_module.train_step, iter(range(10**6))
+    honest, calls = trainer.train_step, iter(range(10**6))
 
     def step(gaussians, *arguments, **options):
         if next(calls) in spoilt:
             return StepReport(np.nan, np.nan, np.nan, 0, 0, {}, finite=False)
         return honest(gaussians, *arguments, **options)
 
-    monkeypatch.setattr(fit_module, "train_step", step)
+    monkeypatch.setattr(trainer, "train_step", step)
 
 
 def test_steps_with_a_non_finite_loss_are_counted_with_their_image(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,9 +126,9 @@ def test_resolution_grows_to_full_size() -> None:
 
 @pytest.mark.parametrize(("steps", "n_views"), [(1, 1), (10, 100), (3000, 87), (30000, 130)])
 def test_density_is_controlled_at_most_once_an_epoch(steps: int, n_views: int) -> None:
-    renewals = renewal_steps(steps, n_views)
-    assert renewals.step >= n_views
-    assert all(0 < step <= steps for step in renewals)
+    densifications = densification_steps(steps, n_views)
+    assert densifications.step >= n_views
+    assert all(0 < step <= steps for step in densifications)
 
 
 def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> None:
@@ -149,12 +149,12 @@ def test_what_is_far_from_the_focus_takes_longer_steps(monkeypatch: pytest.Monke
     assert around.radius_su == pytest.approx(PLANT_REGION * radius_su)
     assert around.most_means > around.most_log_scales > 1
     assert surroundings(cameras, 499).most_means == 1
-    honest, seen = fit_module.train_step, set()
+    honest, seen = trainer.train_step, set()
 
     def step(*arguments, learning_rates, **options):
         seen.add(learning_rates.surroundings)
         return honest(*arguments, learning_rates=learning_rates, **options)
 
-    monkeypatch.setattr(fit_module, "train_step", step)
+    monkeypatch.setattr(trainer, "train_step", step)
     fit(start, views, dataclasses.replace(OPTIONS, steps=500))
     assert seen == {around}

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Gaussians, rotations
-from cotton3dg.splat.density import (
+from cotton3dg.splat.densify import (
     SPLIT_SHRINKAGE,
     contributing,
+    densify,
     fade,
-    renewed,
+    growth_score,
     scheduled_count,
     split,
-    splitting_need,
     worth_keeping,
 )
 
@@ -41,37 +41,37 @@ def test_split_keeps_mean_second_moment_and_shrinks_the_longest_axis_only() -> N
 def test_the_neediest_are_split_until_the_count_is_met() -> None:
     gaussians = some_gaussians(10)
     need = np.arange(10.0)
-    renewal = renewed(gaussians, np.ones(10, bool), need, 13)
-    assert len(renewal.gaussians) == 13
-    assert (renewal.n_split, renewal.n_pruned) == (3, 0)
-    assert sorted(set(renewal.rows[renewal.n_continued :])) == [7, 8, 9]
-    np.testing.assert_array_equal(renewal.gaussians.means[: renewal.n_continued], gaussians.means[:7])
-    np.testing.assert_array_equal(renewal.gaussians.sh, gaussians.sh[renewal.rows])
+    densified = densify(gaussians, np.ones(10, bool), need, 13)
+    assert len(densified.gaussians) == 13
+    assert (densified.n_split, densified.n_pruned) == (3, 0)
+    assert sorted(set(densified.rows[densified.n_continued :])) == [7, 8, 9]
+    np.testing.assert_array_equal(densified.gaussians.means[: densified.n_continued], gaussians.means[:7])
+    np.testing.assert_array_equal(densified.gaussians.sh, gaussians.sh[densified.rows])
 
 
 @pytest.mark.parametrize("count", [0, 1, 5, 10, 11, 20, 100])
 def test_the_budget_is_never_exceeded(count: int) -> None:
     gaussians = some_gaussians(10)
-    renewal = renewed(gaussians, np.arange(10) != 3, np.full(10, 1e30), count)
-    assert len(renewal.gaussians) <= count
-    assert len(renewal.gaussians) == min(count, 18)
-    assert 3 not in renewal.rows
+    densified = densify(gaussians, np.arange(10) != 3, np.full(10, 1e30), count)
+    assert len(densified.gaussians) <= count
+    assert len(densified.gaussians) == min(count, 18)
+    assert 3 not in densified.rows
 
 
 def test_poisoned_needs_and_gaussians_are_never_chosen() -> None:
     gaussians = some_gaussians(6)
     gaussians.means[5, 0] = np.nan
     need = np.array([np.nan, np.inf, -np.inf, -1.0, 0.0, 1.0])
-    renewal = renewed(gaussians, np.ones(6, bool), need, 100)
-    assert len(renewal.gaussians) == 5
-    assert renewal.n_pruned == 1
-    assert renewal.gaussians.finite_rows.all()
+    densified = densify(gaussians, np.ones(6, bool), need, 100)
+    assert len(densified.gaussians) == 5
+    assert densified.n_pruned == 1
+    assert densified.gaussians.finite_rows.all()
 
 
 def test_need_is_finite_and_not_negative() -> None:
     sums = np.array([1.0, 2.0, np.nan, np.inf, -1.0, 5.0, 1e38], np.float32)
     counts = np.array([2.0, 0.0, 1.0, 1.0, 1.0, np.nan, 1e-30], np.float32)
-    need = splitting_need(sums, counts)
+    need = growth_score(sums, counts)
     assert np.isfinite(need).all()
     assert (need >= 0).all()
     assert need[0] == 0.5

@@ -9,7 +9,7 @@ import sys
 import pytest
 from finished_scene import finished_workspace
 
-from cotton3dg import needs, pipeline
+from cotton3dg import pipeline, resource_checks
 from cotton3dg.errors import OutOfResources
 from cotton3dg.options import STAGE_OPTIONS, resolve
 
@@ -22,10 +22,12 @@ def workspace(tmp_path_factory):
 @pytest.mark.parametrize("stage", list(STAGE_OPTIONS))
 def test_a_stage_that_the_disk_has_no_room_for_does_not_start(workspace, monkeypatch, stage):
     written = sum(path.stat().st_size for path in workspace.folder(stage).rglob("*") if path.is_file())
-    needed_mib = needs.needed_disk_mib(workspace, stage, resolve(stage))
-    assert written / needs.MIB < needed_mib < 1000
+    needed_mib = resource_checks.needed_disk_mib(workspace, stage, resolve(stage))
+    assert written / resource_checks.MIB < needed_mib < 1000
     usage = shutil.disk_usage(workspace.root)
-    monkeypatch.setattr(needs.shutil, "disk_usage", lambda _: usage._replace(free=int((needed_mib - 1) * needs.MIB)))
+    monkeypatch.setattr(
+        resource_checks.shutil, "disk_usage", lambda _: usage._replace(free=int((needed_mib - 1) * resource_checks.MIB))
+    )
     with pytest.raises(OutOfResources, match=rf"{stage} needs about \d+ MiB of disk and \d+ MiB are free; free some"):
         pipeline.run(workspace, pipeline.stage_options(workspace), (stage,), force=True)
     assert workspace.read_record(stage)["exit_code"] == 7
@@ -49,16 +51,16 @@ def test_a_stage_that_the_disk_has_no_room_for_does_not_start(workspace, monkeyp
     ],
 )
 def test_running_out_of_memory_is_known_whichever_library_says_it(error, is_memory):
-    assert needs.is_out_of_memory(error) == is_memory
+    assert resource_checks.is_out_of_memory(error) == is_memory
     outer = ValueError("something else")
     outer.__cause__ = error
-    assert needs.is_out_of_memory(outer) == is_memory
+    assert resource_checks.is_out_of_memory(outer) == is_memory
 
 
 @pytest.mark.parametrize("kind", ["RLIMIT_AS", "RLIMIT_DATA"])
 def test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start(tmp_path, kind):
     (tmp_path / "video.mp4").touch()
-    limit = needs.LEAST_MEMORY_MIB[getattr(resource, kind)] * needs.MIB - 1
+    limit = resource_checks.LEAST_MEMORY_MIB[getattr(resource, kind)] * resource_checks.MIB - 1
     run = subprocess.run(
         [sys.executable, "-m", "cotton3dg.cli", "run", str(tmp_path)],
         preexec_fn=lambda: resource.setrlimit(getattr(resource, kind), (limit, limit)),
@@ -98,7 +100,7 @@ except Exception as error:
     ],
 )
 def test_case_55_memory_that_runs_out_in_a_stage_is_told(workspace, take):
-    limit = 4000 * needs.MIB
+    limit = 4000 * resource_checks.MIB
     run = subprocess.run(
         [sys.executable, "-c", HUNGRY.format(take=take), str(workspace.root)],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),

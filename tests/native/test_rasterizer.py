@@ -14,7 +14,7 @@ import torch
 from splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
 
 from cotton3dg import _native
-from cotton3dg.splat import ops
+from cotton3dg.splat import rasterizer
 from cotton3dg.splat.autograd import rasterize_values
 from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
 
@@ -25,7 +25,7 @@ def test_weights_are_those_that_rendering_uses() -> None:
     rng = np.random.default_rng(0)
     ids = (rng.integers(0, 9, (50, 70)) * rng.integers(0, 2, (50, 70))).astype(np.uint16)
     ids[:20, :20] = 700
-    found = ops.accumulate_weights(gaussians, camera, ids, near_su=NEAR)
+    found = rasterizer.accumulate_weights(gaussians, camera, ids, near_su=NEAR)
     order = np.lexsort((found.ids, found.rows))
     assert np.array_equal(order, np.arange(len(order)))
     assert len(set(zip(found.rows.tolist(), found.ids.tolist(), strict=True))) == len(found.rows)
@@ -33,9 +33,9 @@ def test_weights_are_those_that_rendering_uses() -> None:
     dense[found.rows, found.ids] = found.weights
     for mask_id in (1, 5, 700):
         indicator = (ids == mask_id).astype(np.float32)[..., None]
-        expected = ops.values_gradient(gaussians, camera, indicator, near_su=NEAR)[:, 0]
+        expected = rasterizer.values_gradient(gaussians, camera, indicator, near_su=NEAR)[:, 0]
         np.testing.assert_allclose(dense[:, mask_id], expected, rtol=1e-5, atol=1e-6)
-    rendered = ops.render(gaussians, camera, near_su=NEAR)
+    rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert found.total.sum() == pytest.approx(float((1 - rendered.transmittance).sum()), rel=1e-5)
     assert all(found.ids > 0)
 
@@ -49,8 +49,8 @@ def test_instruction_sets_agree() -> None:
     try:
         for name in _native.instruction_sets():
             _native.use_instruction_set(name)
-            rendered = ops.render(gaussians, camera, near_su=NEAR)
-            gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+            rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
+            gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
             results.append({"image": rendered.image, "depth": rendered.depth} | asdict(gradients))
     finally:
         _native.use_instruction_set(chosen)
@@ -86,9 +86,9 @@ def test_wrong_arrays_are_refused() -> None:
     with pytest.raises(ValueError, match="sh_degree"):
         _native.render(arrays_of(gaussians), view, 4, black, 1)
     with pytest.raises(ValueError, match="target"):
-        ops.loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
+        rasterizer.loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
     with pytest.raises(ValueError, match="weight"):
-        ops.loss_and_gradients(gaussians, camera, target_of(camera), weight=np.zeros((10, 10), np.float32))
+        rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), weight=np.zeros((10, 10), np.float32))
     with pytest.raises(ValueError, match="positive"):
         native_view(camera, near_su=0.0)
 
@@ -100,7 +100,7 @@ def test_autograd_of_values() -> None:
     image = rasterize_values(values, gaussians, camera, np.ones(2, np.float32), near_su=NEAR)
     v_image = torch.rand(18, 24, 2)
     (image * v_image).sum().backward()
-    expected = ops.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)
+    expected = rasterizer.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)
     np.testing.assert_array_equal(values.grad.numpy(), expected)
 
 
@@ -110,13 +110,13 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
     rates, gaussians = replace(RATES, surroundings=surroundings), scene(60, seed=12)
     gaussians.means[:20] *= np.float32(0.1)
     gaussians.means[50:, 2] = -9  # behind the first camera
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
     moments = [[np.zeros(a.shape) for a in arrays_of(gaussians)] for _ in range(2)]
     expected, steps = [a.astype(np.float64) for a in arrays_of(gaussians)], np.zeros(60, int)
     for number in range(4):
         camera = camera_at(24, 18, angle=number)
         options = {"sh_degree": 3, "near_su": NEAR}
-        gradients = ops.loss_and_gradients(gaussians, camera, target_of(camera), **options)
+        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), **options)
         seen = gradients.weight > 0
         steps += seen
         start = expected[0].copy()
@@ -128,7 +128,7 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
             stepped = reference.adam(*(a[seen] for a in state), steps[seen], rate[seen], rates)
             for array, new in zip((expected[i], moments[0][i], moments[1][i]), stepped, strict=True):
                 array[seen] = new
-        ops.train_step(gaussians, adam, statistics, camera, target_of(camera), learning_rates=rates, **options)
+        rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), learning_rates=rates, **options)
         for array, twin in zip(arrays_of(gaussians), expected, strict=True):
             np.testing.assert_allclose(array, twin, rtol=2e-6, atol=2e-6)
             twin[...] = array  # a rounding must not become another gradient in the next view
@@ -138,13 +138,13 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
 def test_training_fits_an_image() -> None:
     """Adam on a made view: the loss falls to well under half, and the statistics count what was seen."""
     camera = camera_at(48, 32)
-    target = (np.clip(ops.render(scene(60, seed=12), camera, near_su=NEAR).image, 0, 1) * 255).astype(np.uint8)
+    target = (np.clip(rasterizer.render(scene(60, seed=12), camera, near_su=NEAR).image, 0, 1) * 255).astype(np.uint8)
     gaussians = scene(60, seed=12)
     gaussians.means[:] += np.random.default_rng(0).normal(0, 0.05, (60, 3)).astype(np.float32)
     gaussians.sh[:, 0] += 0.3
-    adam, statistics = ops.AdamState.zeros(gaussians), ops.DensityStatistics.zeros(60)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
     losses = [
-        ops.train_step(
+        rasterizer.train_step(
             gaussians, adam, statistics, camera, target, sh_degree=0, learning_rates=RATES, near_su=NEAR
         ).loss
         for _ in range(150)

@@ -30,7 +30,7 @@ _SPLIT_OFFSET = np.sqrt(1 - SPLIT_SHRINKAGE**-2)
 
 
 @dataclass(frozen=True)
-class Renewal:
+class Densified:
     """Gaussians after density control, and where they come from."""
 
     gaussians: Gaussians
@@ -42,7 +42,7 @@ class Renewal:
     n_split: int
 
 
-def renewed(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count: int) -> Renewal:
+def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count: int) -> Densified:
     """Drop what is not kept, then split the neediest Gaussians until there are `count`.
 
     Args:
@@ -62,7 +62,7 @@ def renewed(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
     rows = np.concatenate([whole, parents, parents])
     first, second = split(gaussians[parents])
     parts = [gaussians[whole], first, second]
-    return Renewal(concatenated(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
+    return Densified(concatenated(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
 
 
 def worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:
@@ -121,7 +121,7 @@ def concatenated(parts: list[Gaussians]) -> Gaussians:
     )
 
 
-def splitting_need(abs_grad_px: NDArray, count: NDArray) -> NDArray[np.float64]:
+def growth_score(abs_grad_px: NDArray, count: NDArray) -> NDArray[np.float64]:
     """(N,) mean absolute gradient of the loss by a Gaussian's position in the images that saw it.
 
     Args:

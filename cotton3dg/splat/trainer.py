@@ -19,9 +19,9 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..errors import StageFailed
 from ..options import TrainOptions
-from . import density
+from . import densify
 from .metrics import PLANT_REGION, focus
-from .ops import StepReport, train_step
+from .rasterizer import StepReport, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
 
@@ -34,7 +34,7 @@ LEVEL_SHARES = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
 DENSIFY_FROM, DENSIFY_UNTIL = 0.05, 0.6
 """Shares of the steps between which the number of Gaussians changes."""
 
-N_RENEWALS = 25
+N_DENSIFICATIONS = 25
 """How often it changes, unless that would be more than once for each image."""
 
 PAPER_STEPS = 30_000
@@ -124,7 +124,7 @@ class Training:
     @staticmethod
     def of(start: Gaussians) -> Training:
         """The beginning, with arrays of its own."""
-        own = Fit(density.concatenated([start]))
+        own = Fit(densify.concatenated([start]))
         return Training(own, AdamState.zeros(start), DensityStatistics.zeros(len(start)), len(start))
 
 
@@ -163,7 +163,7 @@ def fit(
     _, radius_su = focus(cameras)
     around = surroundings(cameras, options.steps)
     stages = resolutions(views, options.steps)
-    renewals = renewal_steps(options.steps, len(views))
+    densifications = densification_steps(options.steps, len(views))
     order = image_order(len(views), options.steps, options.seed)
     result = training.fit
     saved = time.perf_counter()
@@ -186,16 +186,16 @@ def fit(
         if not report.finite and keep_rejected and not result.rejected:
             keep_rejected(training, view)
         _note(result, report, step, view.camera.name, options.steps)
-        if step + 1 in renewals:
-            share = (renewals.index(step + 1) + 1) / len(renewals)
-            count = density.scheduled_count(training.n_start, options.max_gaussians, share)
-            renewal = _renewal(result.gaussians, training.statistics, cameras, count)
-            if len(renewal.gaussians) == 0:
+        if step + 1 in densifications:
+            share = (densifications.index(step + 1) + 1) / len(densifications)
+            count = densify.scheduled_count(training.n_start, options.max_gaussians, share)
+            densified = _densify(result.gaussians, training.statistics, cameras, count)
+            if len(densified.gaussians) == 0:
                 raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
-            result.n_pruned += renewal.n_pruned
-            result.n_split += renewal.n_split
-            result.gaussians = renewal.gaussians
-            training.adam = training.adam[renewal.rows[: renewal.n_continued]].extended(2 * renewal.n_split)
+            result.n_pruned += densified.n_pruned
+            result.n_split += densified.n_split
+            result.gaussians = densified.gaussians
+            training.adam = training.adam[densified.rows[: densified.n_continued]].extended(2 * densified.n_split)
             training.statistics = DensityStatistics.zeros(len(result.gaussians))
         if (step + 1) % RECORDED_EVERY == 0 or step + 1 == options.steps:
             result.history.append(
@@ -221,7 +221,7 @@ def fit(
             saved = time.perf_counter()
     keep = _worth_keeping(result.gaussians, training.statistics, cameras)
     # Whoever has not been looked for in every view cannot be called hidden.
-    if keep.any() and options.steps - (renewals[-1] if renewals else 0) >= len(views):
+    if keep.any() and options.steps - (densifications[-1] if densifications else 0) >= len(views):
         result.n_pruned += int((~keep).sum())
         result.gaussians = result.gaussians[keep]
     return result
@@ -240,9 +240,9 @@ def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
     return list(zip(untils, factors, strict=True))
 
 
-def renewal_steps(steps: int, n_views: int) -> range:
+def densification_steps(steps: int, n_views: int) -> range:
     """Numbers of finished steps after which the density is controlled."""
-    interval = max(n_views, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_RENEWALS))
+    interval = max(n_views, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS))
     return range(round(DENSIFY_FROM * steps) + interval, round(DENSIFY_UNTIL * steps) + 1, interval)
 
 
@@ -303,23 +303,23 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
             )
 
 
-def _renewal(
+def _densify(
     gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], count: int
-) -> density.Renewal:
+) -> densify.Densified:
     """Density control that favours the plant: what the cameras look at is what gets measured."""
     centre, radius_su = focus(cameras)
     distances = np.linalg.norm(gaussians.means - centre, axis=1)
     inside = distances <= PLANT_REGION * radius_su
-    need = density.splitting_need(statistics.abs_grad_px, statistics.count) * np.where(inside, PLANT_NEED, 1.0)
+    need = densify.growth_score(statistics.abs_grad_px, statistics.count) * np.where(inside, PLANT_NEED, 1.0)
     largest = np.where(inside, LARGEST_IN_PLANT * radius_su, LARGEST_IN_ROOM * distances)
     oversized = np.exp(gaussians.log_scales.max(axis=1)) / largest
     # Anything oversized comes before anything else, the worst first; 1e6 only has to exceed every gradient.
     need = np.where(oversized > 1, 1e6 * oversized, need)
-    return density.renewed(gaussians, _worth_keeping(gaussians, statistics, cameras), need, count)
+    return densify.densify(gaussians, _worth_keeping(gaussians, statistics, cameras), need, count)
 
 
 def _worth_keeping(gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
     _, radius_su = focus(cameras)
     centres = np.array([camera.centre for camera in cameras])
-    keep = density.worth_keeping(gaussians, centres, CLOSEST * radius_su)
-    return keep & density.contributing(statistics.weight, statistics.count)
+    keep = densify.worth_keeping(gaussians, centres, CLOSEST * radius_su)
+    return keep & densify.contributing(statistics.weight, statistics.count)

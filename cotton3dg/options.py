@@ -210,6 +210,9 @@ class SimulateOptions:
     seed: int = option(0, "another seed is another plant in another room", at_least=0)
     bolls: int = option(0, "open bolls; 0 = 8 to 20, drawn", at_least=0, at_most=60)
     clustered: float = option(0.0, "share of the bolls that touch others near the top", at_least=0.0, at_most=1.0)
+    contact: float = option(
+        0.90, "least distance of the centres of touching bolls, in their diameters", at_least=0.5, at_most=0.97
+    )
     stem_cm: float = option(0.0, "length of the stem; 0 = 56 to 80, drawn", unit="cm", at_least=0.0, at_most=120.0)
     frames: int = option(80, "images of the video, a little more than one turn", at_least=2, at_most=2000)
     width: int = option(640, "width of the video", unit="px", at_least=64, at_most=3840)

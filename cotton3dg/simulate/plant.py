@@ -52,14 +52,14 @@ class PlantMeshes:
 
 
 @dataclass(frozen=True)
-class _Branch:
+class Branch:
     curve: Float64
     bolls: int
     touching: bool
 
 
 @dataclass(frozen=True)
-class _Site:
+class Site:
     """Where a boll grows: the node that bears it, the middle and the axis of its lint."""
 
     node: Float64
@@ -73,7 +73,7 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 
     Args:
         options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
-            the top, and `stem_cm` (0 = 56 to 80, drawn).
+            the top, `contact`, how close these are, and `stem_cm` (0 = 56 to 80, drawn).
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
@@ -81,28 +81,29 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     diameters = np.clip(rng.normal(0.047, 0.007, count), 0.034, 0.062)
     base = np.append(rng.uniform(-0.04, 0.04, 2), 0.0)
     drawn = rng.uniform(0.56, 0.80)
-    stem = _stem(rng, base, options.stem_cm / 100 or drawn)
-    branches = _branches(rng, stem, count, round(options.clustered * count))
+    stem = stem_curve(rng, base, options.stem_cm / 100 or drawn)
+    branches = fruiting_branches(rng, stem, count, round(options.clustered * count))
 
     obstacles = np.concatenate([stem, *(branch.curve for branch in branches)])
-    sites: list[_Site] = []
+    sites: list[Site] = []
     for branch in branches:
-        neighbours: list[_Site] = []
+        neighbours: list[Site] = []
         for place in range(branch.bolls):
-            site = _site(rng, branch, place, float(diameters[len(sites)]), sites, neighbours, obstacles)
+            diameter = float(diameters[len(sites)])
+            site = boll_site(rng, branch, place, diameter, sites, neighbours, obstacles, options.contact)
             sites.append(site)
             if branch.touching:
                 neighbours.append(site)
 
     leaves, petioles = _leaves(rng, noise, stem)
-    twigs = [_twig(branch.curve, 0.0034, 0.0019) for branch in branches]
-    wood = merged([_twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(_peduncle(site) for site in sites), *petioles])
+    twigs = [twig(branch.curve, 0.0034, 0.0019) for branch in branches]
+    wood = merged([twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(peduncle(site) for site in sites), *petioles])
     roots = wood.vertices[:, 2].clip(min=0)
-    wood = _weathered(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
-    return PlantMeshes(wood, _weathered(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
+    wood = weathered(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
+    return PlantMeshes(wood, weathered(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
 
 
-def _stem(rng: np.random.Generator, base: Float64, height: float) -> Float64:
+def stem_curve(rng: np.random.Generator, base: Float64, height: float) -> Float64:
     """A slightly bent, slightly zigzagging curve; its knots are the nodes, 4 to 5 cm apart."""
     nodes = round(height / 0.045)
     up = np.linspace(0, 1, nodes + 1)
@@ -112,7 +113,7 @@ def _stem(rng: np.random.Generator, base: Float64, height: float) -> Float64:
     return smooth_curve(base + np.column_stack([sideways, up * height]), 0.004)
 
 
-def _branches(rng: np.random.Generator, stem: Float64, count: int, clustered: int) -> list[_Branch]:
+def fruiting_branches(rng: np.random.Generator, stem: Float64, count: int, clustered: int) -> list[Branch]:
     """The stem's tip and fruiting branches that bear `count` bolls, `clustered` of them in touching groups on top."""
     groups: list[int] = []
     while sum(groups) < clustered:
@@ -129,12 +130,12 @@ def _branches(rng: np.random.Generator, stem: Float64, count: int, clustered: in
     turn = rng.uniform(0, 2 * np.pi)
     bearers = [(load, False) for load in loads] + [(group, True) for group in groups]
     heights = np.linspace(0.30, 0.97, max(len(bearers) - 1, 1)) + rng.uniform(-0.015, 0.015, max(len(bearers) - 1, 1))
-    branches = [_Branch(stem[-12:], *bearers[-1])] if bearers else []
+    branches = [Branch(stem[-12:], *bearers[-1])] if bearers else []
     for order, (height, (load, touching)) in enumerate(zip(heights, bearers[:-1], strict=False)):
         node = stem[round(min(height, 0.99) * (len(stem) - 1))]
         azimuth = turn + order * 2 * np.pi * 3 / 8 + rng.normal(0, 0.25)
         length = (0.26 - 0.19 * height) * rng.uniform(0.75, 1.2) * (1.25 if load > 1 else 1.0)
-        branches.append(_Branch(_branch_curve(rng, node, azimuth, length), load, touching))
+        branches.append(Branch(_branch_curve(rng, node, azimuth, length), load, touching))
     return branches
 
 
@@ -152,18 +153,22 @@ def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, lengt
     return smooth_curve(points, 0.004)
 
 
-def _site(
+def boll_site(
     rng: np.random.Generator,
-    branch: _Branch,
+    branch: Branch,
     place: int,
     diameter: float,
-    sites: list[_Site],
-    neighbours: list[_Site],
+    sites: list[Site],
+    neighbours: list[Site],
     obstacles: Float64,
-) -> _Site:
+    contact: float = 0.90,
+) -> Site:
     """The best of 300 random places at the branch's tip (or, for a second boll, half way along it).
 
     A good place keeps the boll clear of the others (or, in a cluster, just touching a neighbour) and of the wood.
+
+    Args:
+        contact: least distance of the centres of touching bolls, in their mean diameter.
     """
     tries = 300
     at_tip = place == 0 or branch.touching
@@ -173,9 +178,9 @@ def _site(
     gaps = np.full(len(sites), 1.12)
     if neighbours:
         beside = neighbours[int(rng.integers(len(neighbours)))]
-        reach = 0.5 * (diameter + beside.diameter) * rng.uniform(0.90, 0.97, (tries, 1))
+        reach = 0.5 * (diameter + beside.diameter) * rng.uniform(contact, 0.97, (tries, 1))
         centres = beside.centre + reach * unit(rng.normal(0, 1, (tries, 3)) + 0.4 * along)
-        gaps[[i for i, site in enumerate(sites) if any(site is other for other in neighbours)]] = 0.90
+        gaps[[i for i, site in enumerate(sites) if any(site is other for other in neighbours)]] = contact
     else:
         centres = node + directions * (LINT_CENTRE * diameter + rng.uniform(0.012, 0.03, (tries, 1)))
 
@@ -189,17 +194,17 @@ def _site(
     badness += np.maximum(0.55 * diameter - closest, 0)
     best = int(np.argmin(badness))
     axis = unit(unit(centres[best] - node) + rng.normal(0, 0.12, 3))
-    return _Site(node, centres[best], axis, diameter)
+    return Site(node, centres[best], axis, diameter)
 
 
-def _twig(curve: Float64, thick: float, thin: float, sides: int = 12) -> Mesh:
+def twig(curve: Float64, thick: float, thin: float, sides: int = 12) -> Mesh:
     """A tapered branch, swollen at its foot."""
     s = np.linspace(0, 1, len(curve))
     radii = thick + (thin - thick) * s + 0.35 * thin * np.exp(-s * len(curve) / 3)
     return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), sides)
 
 
-def _peduncle(site: _Site) -> Mesh:
+def peduncle(site: Site) -> Mesh:
     foot = site.centre - site.axis * LINT_CENTRE * site.diameter
     bend = 0.5 * (site.node + foot) - 0.15 * np.linalg.norm(foot - site.node) * site.axis
     curve = smooth_curve([site.node, bend, foot], 0.003)
@@ -207,7 +212,7 @@ def _peduncle(site: _Site) -> Mesh:
     return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), 10)
 
 
-def _boll(rng: np.random.Generator, noise: SolidNoise, site: _Site) -> Boll:
+def _boll(rng: np.random.Generator, noise: SolidNoise, site: Site) -> Boll:
     """Lint and bur of one boll; the lint's mean diameter is close to the site's, but exact only in the truth."""
     d = site.diameter
     locks = int(rng.choice([4, 5], p=[0.65, 0.35]))
@@ -215,8 +220,8 @@ def _boll(rng: np.random.Generator, noise: SolidNoise, site: _Site) -> Boll:
     pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
     foot = site.centre - site.axis * LINT_CENTRE * d
     lint = merged([_lock(rng, noise, angle, locks, d) for angle in angles]).moved(pose, foot)
-    bur = merged([_cup(d), *(_carpel(rng, angle, d) for angle in angles)]).moved(pose, foot)
-    return Boll(_weathered(lint, noise, 0.05), _weathered(bur, noise, 0.5))
+    bur = merged([cup(d), *(carpel(rng, angle, d) for angle in angles)]).moved(pose, foot)
+    return Boll(weathered(lint, noise, 0.05), weathered(bur, noise, 0.5))
 
 
 def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, locks: int, d: float) -> Mesh:
@@ -236,7 +241,7 @@ def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, locks: int,
     return Mesh(shape, triangles, colours)
 
 
-def _carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
+def carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
     """One dry valve of the bur: a pointed, cupped blade that opens outwards and curls at its tip."""
     s, w = np.meshgrid(np.linspace(0, 1, 16), np.linspace(-1, 1, 9), indexing="ij")
     width = d * 0.21 * np.sin(np.pi * s**0.8).clip(0) ** 0.8 + 0.012 * d * (1 - s)
@@ -252,7 +257,7 @@ def _carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
     return replace(mesh, colours=np.where(inside[:, None], BUR_INSIDE, BUR))
 
 
-def _cup(d: float) -> Mesh:
+def cup(d: float) -> Mesh:
     """The receptacle that the carpels spring from."""
     sphere, triangles = icosphere(2)
     return Mesh(sphere * (0.11 * d, 0.11 * d, 0.07 * d) + (0, 0, 0.03 * d), triangles, np.tile(BUR, (len(sphere), 1)))
@@ -269,11 +274,11 @@ def _leaves(rng: np.random.Generator, noise: SolidNoise, stem: Float64) -> tuple
         foot = node + out * reach + (0, 0, rng.uniform(0.0, 0.03))
         curve = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
         petioles.append(tube(curve, np.full(len(curve), 0.0012), np.tile(WOOD, (len(curve), 1)), 8))
-        blades.append(_leaf(rng, noise).moved(rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, -0.3)]))), foot))
+        blades.append(leaf(rng, noise).moved(rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, -0.3)]))), foot))
     return merged(blades), petioles
 
 
-def _leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+def leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
     """A lobed blade along z, rolled inwards by drought."""
     length = rng.uniform(0.055, 0.09)
     s, w = np.meshgrid(np.linspace(0, 1, 32), np.linspace(-1, 1, 25), indexing="ij")
@@ -286,7 +291,7 @@ def _leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
     return sheet(flat, np.tile(LEAF, (*s.shape, 1)), 0.0008)
 
 
-def _weathered(mesh: Mesh, noise: SolidNoise, strength: float) -> Mesh:
+def weathered(mesh: Mesh, noise: SolidNoise, strength: float) -> Mesh:
     """Blotches of 15 mm and specks of 3 mm and less in the colour."""
     specks = sum(noise(mesh.vertices, wavelength) for wavelength in (0.015, 0.006, 0.0025)) / 3
     return replace(mesh, colours=(mesh.colours * np.exp(strength * specks)[:, None]).clip(0, 0.9))

@@ -1,0 +1,29 @@
+"""What a network of bolls learns from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+UNKNOWN = 255
+"""Class of pixels that teach nothing, e.g. lint too blurred to be counted."""
+CLASSES = ("other", "lint", "bur", "wood", "leaf")
+LINT = 1
+
+
+@dataclass(frozen=True)
+class TrainingPicture:
+    """An image with what its pixels show."""
+
+    image: NDArray[np.uint8]
+    """(H, W, 3) sRGB."""
+    classes: NDArray[np.uint8]
+    """(H, W) index into `CLASSES`, or `UNKNOWN`."""
+    ids: NDArray[np.uint16]
+    """(H, W) boll whose lint is seen, 1 ... B; 0 = none."""
+    centres_px: NDArray[np.float32]
+    """(B, 2) x, y of the middle of boll b + 1, seen or not."""
+    diameters_px: NDArray[np.float32]
+    """(B,) its width."""

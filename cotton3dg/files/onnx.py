@@ -1,0 +1,86 @@
+"""ONNX files of feed-forward networks, written without the onnx package: the few message types that these need.
+
+The format: https://github.com/onnx/onnx/blob/main/onnx/onnx.proto.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_TENSOR_KINDS = {"float32": 1, "int64": 7, "float16": 10}
+_FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
+
+
+def model(
+    nodes: Sequence[bytes],
+    constants: Mapping[str, NDArray[Any]],
+    inputs: Mapping[str, Sequence[int | str]],
+    outputs: Mapping[str, Sequence[int | str]],
+    *,
+    name: str = "network",
+    opset: int = 13,
+    notes: Mapping[str, str] | None = None,
+) -> bytes:
+    """The bytes of an ONNX file.
+
+    Args:
+        nodes: from `node`, in order of execution.
+        inputs, outputs: shapes of these tensors; a text stands for a side of any length.
+        notes: metadata of the model.
+    """
+    graph = b"".join(field(1, item) for item in nodes) + field(2, name.encode())
+    graph += b"".join(field(5, _tensor(key, values)) for key, values in constants.items())
+    graph += b"".join(field(11, _value(key, shape)) for key, shape in inputs.items())
+    graph += b"".join(field(12, _value(key, shape)) for key, shape in outputs.items())
+    metadata = [field(14, field(1, key.encode()) + field(2, text.encode())) for key, text in (notes or {}).items()]
+    return field(1, 8) + field(7, graph) + field(8, field(1, b"") + field(2, opset)) + b"".join(metadata)
+
+
+def node(kind: str, inputs: Sequence[str], output: str, **attributes: int | float | str | Sequence[int]) -> bytes:
+    """An operation that makes the tensor `output`, by which it is also named."""
+    coded = b"".join(field(1, name.encode()) for name in inputs) + field(2, output.encode())
+    coded += field(3, output.encode()) + field(4, kind.encode())
+    return coded + b"".join(field(5, _attribute(name, content)) for name, content in attributes.items())
+
+
+def field(number: int, content: int | bytes) -> bytes:
+    """A protobuf field: a whole number, or bytes with their length."""
+    if isinstance(content, int):
+        return varint(number << 3) + varint(content)
+    return varint(number << 3 | 2) + varint(len(content)) + content
+
+
+def varint(number: int) -> bytes:
+    """A whole number, seven bits a byte, lowest first."""
+    coded = b""
+    while True:
+        number, low = number >> 7, number & 0x7F
+        coded += bytes([low | (0x80 if number else 0)])
+        if not number:
+            return coded
+
+
+def _attribute(name: str, content: int | float | str | Sequence[int]) -> bytes:
+    head = field(1, name.encode())
+    if isinstance(content, int):
+        return head + field(3, content) + field(20, _INT)
+    if isinstance(content, float):
+        return head + varint(2 << 3 | 5) + np.float32(content).tobytes() + field(20, _FLOAT)
+    if isinstance(content, str):
+        return head + field(4, content.encode()) + field(20, _STRING)
+    return head + b"".join(field(8, item) for item in content) + field(20, _INTS)
+
+
+def _tensor(name: str, values: NDArray[Any]) -> bytes:
+    dims = b"".join(field(1, side) for side in values.shape)
+    return dims + field(2, _TENSOR_KINDS[values.dtype.name]) + field(8, name.encode()) + field(9, values.tobytes())
+
+
+def _value(name: str, shape: Sequence[int | str]) -> bytes:
+    sides = [field(1, side) if isinstance(side, int) else field(2, side.encode()) for side in shape]
+    dims = b"".join(field(1, side) for side in sides)
+    return field(1, name.encode()) + field(2, field(1, field(1, 1) + field(2, dims)))

@@ -1,0 +1,232 @@
+"""Open bolls in one image by the bolls' network, run by OpenCV.
+
+Every pixel that looks like lint votes for where the middle of its boll lies; where votes meet is a boll, and the pixels
+that voted for it are its mask (Hough voting; the heads are those of Panoptic-DeepLab, see `bolls_network`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.training_picture import CLASSES, LINT
+from ..errors import BadInput, MissingInput
+
+Float32 = NDArray[np.float32]
+OFFSET_PX = 32.0
+STRIDE = 32
+IMAGE_SIDE = 960
+"""px, longer side of what the network sees; larger images are scaled down, smaller ones are not scaled up."""
+SURE = 0.5
+"""Probability of lint from which a pixel is lint."""
+VOTE_SPREAD = 0.10
+"""Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""
+APART = 0.45
+"""Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
+LEAST_SHARE = 0.06
+"""Share of its disc that a boll must show."""
+REACH = 0.7
+"""Farthest distance, in diameters, from a middle of a vote for it."""
+OCTAVES = range(-2, 4)
+"""Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What the network says of each pixel of an image, at half the size that the network saw."""
+
+    probabilities: Float32
+    """(C, h, w) of each of `CLASSES`."""
+    votes: Float32
+    """(2, h, w) x, y of the middle of the pixel's boll, px of the image."""
+    borders: Float32
+    """(h, w) probability that another boll is next to the pixel."""
+    diameters: Float32
+    """(h, w) width of the pixel's boll, px of the image."""
+    scale: float
+    """Pixels of the image to one of the maps."""
+    image_shape: tuple[int, int]
+
+    @property
+    def lint(self) -> Float32:
+        """(h, w) probability of lint."""
+        return self.probabilities[LINT]
+
+
+class BollNetwork:
+    """Weights ready to run."""
+
+    def __init__(self, weights: bytes, name: str):
+        """
+        Raises:
+            BadInput: the weights are no network, or one that does not speak of bolls.
+        """
+        try:
+            self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
+        except cv2.error as error:
+            raise BadInput(f"{name} is no network that OpenCV reads; {REMEDY}") from error
+        if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != len(CLASSES) + 4:
+            raise BadInput(f"{name} is no network of bolls; {REMEDY}")
+
+    def maps(self, image: NDArray[np.uint8]) -> Maps:
+        """What the network says of an (H, W, 3) sRGB image."""
+        height, width = image.shape[:2]
+        factor = min(1.0, IMAGE_SIDE / max(height, width))
+        seen = image
+        if factor < 1:
+            size = max(round(width * factor), 1), max(round(height * factor), 1)
+            seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        rows, columns = seen.shape[:2]
+        below, right = -rows % STRIDE, -columns % STRIDE
+        padded = cv2.copyMakeBorder(seen, 0, below, 0, right, cv2.BORDER_REPLICATE)
+        raw = self._raw(padded.transpose(2, 0, 1)[None].astype(np.float32))[0]
+        raw = raw[:, : -(-rows // 2), : -(-columns // 2)]
+        logits = raw[: len(CLASSES)]
+        powers = np.exp(logits - logits.max(axis=0))
+        y, x = np.mgrid[: raw.shape[1], : raw.shape[2]].astype(np.float32)
+        scale = max(height / rows, width / columns)
+        way = raw[len(CLASSES) : len(CLASSES) + 2] * np.float32(OFFSET_PX * scale)
+        middle = np.stack([x + 0.5, y + 0.5]) * np.float32(2 * scale)
+        return Maps(
+            probabilities=powers / powers.sum(axis=0),
+            votes=middle + way,
+            borders=1 / (1 + np.exp(-raw[len(CLASSES) + 2])),
+            diameters=np.exp2(raw[len(CLASSES) + 3].clip(-3, 5)) * np.float32(OFFSET_PX * scale),
+            scale=2 * scale,
+            image_shape=(height, width),
+        )
+
+    def _raw(self, blob: Float32, name: str = "the network") -> Float32:
+        try:
+            self._net.setInput(np.ascontiguousarray(blob))
+            maps = self._net.forward()
+        except cv2.error as error:
+            raise BadInput(f"{name} does not take images; {REMEDY}") from error
+        if maps.ndim != 4 or maps.shape[2] != blob.shape[2] // 2:
+            raise BadInput(f"{name} is no network of bolls; {REMEDY}")
+        return np.asarray(maps, np.float32)
+
+
+REMEDY = "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
+
+
+def open_bolls(weights: Path | None = None) -> BollNetwork:
+    """The network of a file, or the one that the program brings.
+
+    Raises:
+        MissingInput: there is no such file.
+        BadInput: it holds no network of bolls.
+    """
+    if weights is None:
+        return _shipped()
+    if not weights.is_file():
+        raise MissingInput(f"{weights} is not there; {REMEDY}")
+    return BollNetwork(weights.read_bytes(), weights.name)
+
+
+@cache
+def _shipped() -> BollNetwork:
+    file = resources.files(__package__) / "bolls.onnx"
+    try:
+        return BollNetwork(file.read_bytes(), "bolls.onnx")
+    except FileNotFoundError as error:
+        raise MissingInput(
+            "bolls.onnx, which comes with cotton3dg, is not there; install it again, or use --backend lint"
+        ) from error
+
+
+def detect_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Masks of the bolls in one image.
+
+    Args:
+        image: (H, W, 3) sRGB.
+    Returns:
+        ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
+    """
+    maps = network.maps(image)
+    return group(maps)
+
+
+def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Bolls where votes meet, and the pixels that voted for each."""
+    rows, columns = np.nonzero(maps.lint > SURE)
+    if not len(rows):
+        return np.zeros(maps.image_shape, np.uint16), {}
+    votes = maps.votes[:, rows, columns].T
+    diameters = maps.diameters[rows, columns]
+    middles, sizes = _middles(votes, diameters, maps)
+    owners = _owners(votes, middles, sizes)
+    ids = np.zeros(maps.lint.shape, np.uint16)
+    ids[rows, columns] = owners
+    return ids_of_image(ids, maps)
+
+
+def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
+    """(B, 2) places where enough votes meet, most first, and (B,) the size that these votes tell."""
+    shape = maps.lint.shape
+    # A boll seen whole gives votes of weight 1 in all.
+    weights = (maps.scale**2 / (np.pi / 4 * diameters**2)).astype(np.float32)
+    heat = np.zeros(shape, np.float32)
+    octaves = np.round(np.log2(diameters / (OFFSET_PX * maps.scale / 2))).clip(OCTAVES[0], OCTAVES[-1])
+    x, y = (votes / maps.scale).T
+    inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
+    for octave in OCTAVES:
+        chosen = inside & (octaves == octave)
+        if chosen.any():
+            sigma = VOTE_SPREAD * OFFSET_PX * 2.0**octave / 2
+            part = np.zeros(shape, np.float32)
+            np.add.at(part, (y[chosen].astype(int), x[chosen].astype(int)), weights[chosen])
+            # Scaled so that votes that agree give their sum at the peak.
+            heat += cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
+    peaks = (heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE)
+    rows, columns = np.nonzero(peaks)
+    order = np.argsort(-heat[rows, columns], kind="stable")
+    places = np.stack([columns + 0.5, rows + 0.5], axis=1)[order].astype(np.float32) * np.float32(maps.scale)
+    middles: list[Float32] = []
+    sizes: list[float] = []
+    for place in places:
+        near = np.linalg.norm(votes - place, axis=1) < VOTE_SPREAD * 2 * diameters
+        if not near.any():
+            continue
+        size = float(np.median(diameters[near]))
+        if all(
+            np.linalg.norm(place - other) > APART * max(size, own) for other, own in zip(middles, sizes, strict=True)
+        ):
+            middles.append(place)
+            sizes.append(size)
+    return np.array(middles, np.float32).reshape(-1, 2), np.array(sizes, np.float32)
+
+
+def _owners(votes: Float32, middles: Float32, sizes: Float32) -> NDArray[np.uint16]:
+    """(N,) number of the middle, from 1, that each vote is nearest to, in diameters; 0 = none within reach."""
+    owners = np.zeros(len(votes), np.uint16)
+    least = np.full(len(votes), REACH, np.float32)
+    for number, (middle, size) in enumerate(zip(middles, sizes, strict=True), start=1):
+        distances = np.linalg.norm(votes - middle, axis=1) / size
+        closer = distances < least
+        owners[closer], least[closer] = number, distances[closer]
+    return owners
+
+
+def ids_of_image(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Ids at the size of the image, edged where the probability of lint, interpolated, is one half; and scores."""
+    height, width = maps.image_shape
+    size = (width, height)
+    large = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+    lint = cv2.resize(maps.lint, size, interpolation=cv2.INTER_LINEAR)
+    near = cv2.dilate(large, np.ones((5, 5), np.uint8))
+    large = np.where(lint > SURE, np.where(large > 0, large, near), 0).astype(np.uint16)
+    scores = {}
+    for boll in np.unique(large[large > 0]):
+        own = large == boll
+        if own.sum() < 9:
+            large[own] = 0
+        else:
+            scores[int(boll)] = round(float(lint[own].mean()), 3)
+    return large, scores

@@ -1,0 +1,179 @@
+"""The bolls' network: from an image to classes, and for lint to the middle, the size and the borders of its boll.
+
+A small encoder and decoder (He et al. 2016 for the blocks, Lin et al. 2017 for the way back up) with the heads of
+Panoptic-DeepLab (Cheng et al. 2020): what each pixel is, and how far away the middle of its boll lies. Departures: no
+map of middles is predicted, the pixels' own votes make one; the middle is that of the whole boll in space, seen or not,
+so that views agree on it; and each pixel says how large its boll is. Torch trains it; OpenCV runs it (`bolls.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..files import onnx
+
+WIDTHS = (20, 40, 72, 112, 144)
+"""Channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the image."""
+BLOCKS = (0, 1, 2, 2, 1)
+"""Residual blocks there."""
+CLASS_COUNT = 5
+CHANNELS = CLASS_COUNT + 4
+"""Classes, x and y of the way to the middle, border, size: in this order."""
+OFFSET_PX = 32.0
+"""What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
+STRIDE = 32
+"""Sides of an image must be multiples of this."""
+
+
+class _Block(nn.Module):
+    """Two 3 x 3 convolutions beside a shortcut."""
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.first, self.second = _Conv(width, width), _Conv(width, width, active=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(x + self.second(self.first(x)))
+
+
+class _Conv(nn.Module):
+    """A convolution, normalised over the batch, and a ReLU."""
+
+    def __init__(self, incoming: int, outgoing: int, side: int = 3, stride: int = 1, active: bool = True):
+        super().__init__()
+        self.conv = nn.Conv2d(incoming, outgoing, side, stride, side // 2, bias=False)
+        self.norm = nn.BatchNorm2d(outgoing)
+        self.active = active
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = self.norm(self.conv(x))
+        return functional.relu(x) if self.active else x
+
+    def folded(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Weights and biases of the one convolution that this is once it no longer learns."""
+        norm = self.norm
+        scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+        weight = self.conv.weight * scale[:, None, None, None]
+        bias = norm.bias - norm.running_mean * scale
+        return weight.detach().numpy(), bias.detach().numpy()
+
+
+class BollsNetwork(nn.Module):
+    """(B, 3, H, W) RGB in 0..255, sides multiples of `STRIDE` -> (B, CHANNELS, H/2, W/2)."""
+
+    def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS):
+        super().__init__()
+        self.stem = _Conv(3, widths[0], stride=2)
+        self.down = nn.ModuleList(_Conv(a, b, stride=2) for a, b in pairwise(widths))
+        self.blocks = nn.ModuleList(
+            nn.ModuleList(_Block(w) for _ in range(n)) for w, n in zip(widths, blocks, strict=True)
+        )
+        self.across = nn.ModuleList(_Conv(b, a, side=1) for a, b in pairwise(widths))
+        self.up = nn.ModuleList(_Conv(w, w) for w in widths[:-1])
+        self.head = nn.Conv2d(widths[0], CHANNELS, 3, padding=1)
+
+    def forward(self, image: Tensor) -> Tensor:
+        x = self.stem((image - 128) / 64)
+        levels = []
+        for level, blocks in enumerate(self.blocks):
+            if level:
+                x = self.down[level - 1](x)
+            for block in blocks:
+                x = block(x)
+            levels.append(x)
+        for level in reversed(range(len(levels) - 1)):
+            coarse = functional.interpolate(self.across[level](x), scale_factor=2, mode="bilinear", align_corners=False)
+            x = self.up[level](levels[level] + coarse)
+        return self.head(x)
+
+
+@dataclass
+class _Graph:
+    """An ONNX graph as it grows."""
+
+    nodes: list[bytes]
+    constants: dict[str, NDArray]
+    half: bool
+
+    def constant(self, name: str, values: NDArray) -> str:
+        self.constants[name] = values.astype(np.float16) if self.half else values.astype(np.float32)
+        return name
+
+    def conv(self, x: str, layer: _Conv, name: str, active: bool | None = None) -> str:
+        weight, bias = layer.folded()
+        side, stride = weight.shape[2], layer.conv.stride[0]
+        return self._conv(x, weight, bias, name, side, stride, layer.active if active is None else active)
+
+    def _conv(self, x: str, weight: NDArray, bias: NDArray, name: str, side: int, stride: int, active: bool) -> str:
+        inputs = [x, self.constant(name + ".w", weight), self.constant(name + ".b", bias)]
+        target = name + ".c" if active else name
+        self.nodes.append(
+            onnx.node(
+                "Conv",
+                inputs,
+                target,
+                kernel_shape=[side, side],
+                strides=[stride, stride],
+                pads=[side // 2] * 4,
+                dilations=[1, 1],
+                group=1,
+            )
+        )
+        return self.apply("Relu", [target], name) if active else name
+
+    def apply(self, kind: str, inputs: list[str], name: str, **attributes: str) -> str:
+        self.nodes.append(onnx.node(kind, inputs, name, **attributes))
+        return name
+
+
+def to_onnx(network: BollsNetwork, *, half: bool = False, notes: dict[str, str] | None = None) -> bytes:
+    """The network as an ONNX file that OpenCV runs.
+
+    Args:
+        half: weights in 16 bits, which take half of the space.
+        notes: metadata of the model.
+    """
+    network.eval()
+    graph = _Graph([], {}, half)
+    graph.constants["up.scales"] = np.array([1, 1, 2, 2], np.float32)
+    # Not folded into the first convolution: its border of zeros stands for 128 in the image.
+    graph.constants["shift"] = np.full((1, 1, 1, 1), -128, np.float32)
+    graph.constants["gain"] = np.full((1, 1, 1, 1), 1 / 64, np.float32)
+    x = graph.apply("Mul", [graph.apply("Add", ["image", "shift"], "shifted"), "gain"], "scaled")
+    x = graph.conv(x, network.stem, "stem")
+    levels = []
+    for level, blocks in enumerate(network.blocks):
+        if level:
+            x = graph.conv(x, network.down[level - 1], f"down{level}")
+        for k, block in enumerate(blocks):
+            name = f"block{level}.{k}"
+            inner = graph.conv(graph.conv(x, block.first, name + ".1"), block.second, name + ".2")
+            x = graph.apply("Relu", [graph.apply("Add", [x, inner], name + ".sum")], name)
+        levels.append(x)
+    for level in reversed(range(len(levels) - 1)):
+        across = graph.conv(x, network.across[level], f"across{level}")
+        wide = graph.apply(
+            "Resize",
+            [across, "", "up.scales"],
+            f"wide{level}",
+            mode="linear",
+            coordinate_transformation_mode="half_pixel",
+        )
+        x = graph.conv(graph.apply("Add", [levels[level], wide], f"sum{level}"), network.up[level], f"up{level}")
+    weight, bias = network.head.weight.detach().numpy(), network.head.bias.detach().numpy()
+    graph._conv(x, weight, bias, "maps", 3, 1, False)
+    return onnx.model(
+        graph.nodes,
+        graph.constants,
+        {"image": (1, 3, "height", "width")},
+        {"maps": (1, CHANNELS, "half_height", "half_width")},
+        name="bolls",
+        notes=notes,
+    )

@@ -1,0 +1,219 @@
+"""Plates: small pictures of a training scene, kept apart by light source, to be lit and laid over backgrounds later.
+
+Light is linear, so a scene that was seen once under each of a few lamps can be shown in any mixture of them: at noon,
+dim, from behind, in two colours. A plate costs a fraction of a second, a picture made of it a few milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import cv2
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from .mesh import Float64, unit
+from .training_scenes import LINT, TrainingScene, build_scene
+
+Float32 = NDArray[np.float32]
+PLATE_PX = 288
+"""Side of a plate; crops of it are what networks see."""
+SUPERSAMPLING = 2
+LIGHTS = 4
+"""Two lamps, the sky above, and light from all around."""
+HEMISPHERE_RAYS = 24
+LAMP_SAMPLES = 8
+WRAP = 0.25
+"""Lint lets light through: its shade begins this much (cosine) beyond the terminator."""
+BOLL_PX = (15.0, 220.0)
+"""Widths of bolls in the plates, drawn on a logarithmic scale."""
+
+
+@dataclass(frozen=True)
+class Plate:
+    light: NDArray[np.uint8]
+    """(LIGHTS, H, W, 3) linear light, weighted with `cover`: square roots, 255 = the root of the light's brightest."""
+    brightest: Float32
+    """(LIGHTS,) linear light."""
+    cover: NDArray[np.uint8]
+    """(H, W) share of the pixel that the scene covers, of 255."""
+    classes: NDArray[np.uint8]
+    """(H, W) `CLASSES` of what covers the pixel's middle; 0 where nothing does."""
+    ids: NDArray[np.uint8]
+    """(H, W) boll whose lint covers the pixel's middle; 0 = none."""
+    centres_px: NDArray[np.float32]
+    """(B, 2) x, y of the middle of boll b + 1, seen or not."""
+    diameters_px: NDArray[np.float32]
+    """(B,)"""
+
+    def lit(self, power: Float32) -> Float32:
+        """(H, W, 3) linear light under a mixture of the lights, (LIGHTS, 3) RGB."""
+        total = np.zeros((*self.cover.shape, 3), np.float32)
+        for light, brightest, colour in zip(self.light, self.brightest, power, strict=True):
+            root = light.astype(np.float32)
+            total += root * root * (colour * (brightest / 65025)).astype(np.float32)
+        return total
+
+
+@dataclass(frozen=True)
+class LitScene:
+    scene: TrainingScene
+    rays: o3d.t.geometry.RaycastingScene
+    radiance: Float32
+    """(LIGHTS, V, 3) that each vertex sends out under each light."""
+
+
+def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
+    """Let each light shine once on everything; what it hits sends light on, once."""
+    rays = o3d.t.geometry.RaycastingScene()
+    mesh = scene.mesh
+    vertices, triangles = mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)
+    rays.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
+    normals = mesh.normals().astype(np.float32)
+    starts = vertices + 0.0006 * normals
+    wrap = np.where(scene.classes == LINT, np.float32(WRAP), np.float32(0))
+    direct = np.zeros((LIGHTS, len(vertices)), np.float32)
+    for lamp in range(2):
+        direct[lamp] = _from_lamp(rays, starts, normals, wrap, _lamp_directions(rng))
+    albedo = mesh.colours.astype(np.float32)
+    hits, ups = [], []
+    for towards in _hemisphere(normals, HEMISPHERE_RAYS):
+        bundle = np.concatenate([starts, towards], axis=1)
+        found = rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
+        free = ~np.isfinite(found["t_hit"].numpy())
+        hits.append(np.where(free, -1, found["primitive_ids"].numpy().astype(np.int64)))
+        ups.append(towards[:, 2])
+        direct[2] += free * (0.25 + 0.75 * (towards[:, 2] > 0)) / HEMISPHERE_RAYS
+        direct[3] += free / np.float32(HEMISPHERE_RAYS)
+    sent = direct[:, :, None] * albedo
+    bounced = np.zeros_like(sent)
+    first = mesh.triangles[:, 0]
+    for hit in hits:
+        lit = np.flatnonzero(hit >= 0)
+        bounced[:, lit] += sent[:, first[hit[lit]]] / np.float32(HEMISPHERE_RAYS)
+    return LitScene(scene, rays, (sent + bounced * albedo).astype(np.float32))
+
+
+def _lamp_directions(rng: np.random.Generator) -> Float32:
+    """(LAMP_SAMPLES, 3) towards a lamp far away: the sun (small), a window or a row of tubes (large); mostly above."""
+    to = unit(rng.normal(0, 1, 3) * (1, 1, 0.7) + (0, 0, 0.45))
+    size = rng.choice([0.03, 0.15, 0.45])
+    return unit(to + size * rng.normal(0, 1, (LAMP_SAMPLES, 3))).astype(np.float32)
+
+
+def _from_lamp(
+    rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Float32, wrap: Float32, directions: Float32
+) -> Float32:
+    total = np.zeros(len(starts), np.float32)
+    for towards in directions:
+        cosines = ((normals @ towards + wrap) / (1 + wrap)).clip(min=0)
+        lit = np.flatnonzero(cosines > 0)
+        bundle = np.concatenate([starts[lit], np.broadcast_to(towards, (len(lit), 3))], axis=1)
+        total[lit] += ~rays.test_occlusions(o3d.core.Tensor.from_numpy(bundle)).numpy() * cosines[lit]
+    return total / np.float32(len(directions))
+
+
+def _hemisphere(normals: Float32, count: int) -> list[Float32]:
+    """`count` times (V, 3) directions, cosine-weighted around each normal: a Fibonacci spiral."""
+    k = np.arange(count)
+    radius, angle = np.sqrt((k + 0.5) / count), k * np.pi * (3 - np.sqrt(5))
+    helper = np.where(np.abs(normals[:, 1:2]) < 0.9, [[0, 1, 0]], [[1, 0, 0]]).astype(np.float32)
+    x = np.cross(helper, normals)
+    x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
+    y = np.cross(normals, x)
+    spiral = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], axis=1)
+    return [a * x + b * y + c * normals for a, b, c in spiral.astype(np.float32)]
+
+
+@dataclass(frozen=True)
+class _View:
+    centre: Float64
+    rotation: Float64
+    """(3, 3) camera from scene, OpenCV axes."""
+    focal_px: float
+
+
+def _look_at(target: Float64, width_m: float, width_px: float, rng: np.random.Generator) -> _View:
+    """A camera that shows what is `width_m` wide at the target `width_px` wide, off the plate's middle."""
+    distance = rng.uniform(0.5, 2.2)
+    slope = np.clip(rng.normal(0.15, 0.35), -0.9, 1.1)
+    azimuth = rng.uniform(0, 2 * np.pi)
+    out = np.array([np.cos(azimuth) * np.cos(slope), np.sin(azimuth) * np.cos(slope), np.sin(slope)])
+    focal = width_px * distance / width_m
+    forward = -out
+    level = unit(np.cross(forward, (0, 0, 1.0)))
+    roll = rng.normal(0, 0.15)
+    right = np.cos(roll) * level + np.sin(roll) * np.cross(forward, level)
+    down = np.cross(forward, right)
+    off = rng.uniform(-0.4, 0.4, 2) * PLATE_PX / focal * distance
+    return _View(target + distance * out + off[0] * right + off[1] * down, np.stack([right, down, forward]), focal)
+
+
+def render_plate(lit: LitScene, rng: np.random.Generator) -> Plate:
+    """A plate of a scene from somewhere, at some size."""
+    scene = lit.scene
+    target = scene.targets[int(rng.integers(len(scene.targets)))]
+    wide = float(np.median(scene.diameters)) if len(scene.diameters) else 0.045
+    view = _look_at(target, wide, float(np.exp(rng.uniform(*np.log(BOLL_PX)))), rng)
+    n, size = SUPERSAMPLING, PLATE_PX
+    grid = (np.arange(size * n, dtype=np.float32) + 0.5) / n - 0.5 * size
+    x, y = np.meshgrid(grid / view.focal_px, grid / view.focal_px)
+    directions = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3) @ view.rotation.astype(np.float32)
+    bundle = np.concatenate(
+        [np.broadcast_to(view.centre.astype(np.float32), directions.shape), directions], axis=1, dtype=np.float32
+    )
+    found = lit.rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
+    hit = np.isfinite(found["t_hit"].numpy())
+    where = np.flatnonzero(hit)
+    triangles = found["primitive_ids"].numpy()[where].astype(np.int64)
+    u, v = found["primitive_uvs"].numpy()[where].T[..., None]
+    corners = scene.mesh.triangles[triangles]
+    light = np.zeros((LIGHTS, len(hit), 3), np.float32)
+    for number in range(LIGHTS):
+        a, b, c = (lit.radiance[number][corners[:, k]] for k in range(3))
+        light[number, where] = (1 - u - v) * a + u * b + v * c
+    shape = (size * n, size * n)
+    shrunk = np.stack([cv2.resize(p.reshape(*shape, 3), (size, size), interpolation=cv2.INTER_AREA) for p in light])
+    brightest = np.maximum(shrunk.reshape(LIGHTS, -1).max(axis=1), 1e-6)
+    roots = np.sqrt(shrunk / brightest[:, None, None, None])
+    cover = cv2.resize(hit.reshape(shape).astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
+    classes, ids = np.zeros(len(hit), np.uint8), np.zeros(len(hit), np.uint8)
+    classes[where] = scene.classes[corners[:, 0]]
+    ids[where] = scene.boll_ids[triangles]
+    middle = np.s_[n // 2 :: n, n // 2 :: n]
+    local = (scene.centres - view.centre) @ view.rotation.T
+    depth = np.maximum(local[:, 2:], 1e-3)
+    return Plate(
+        light=np.round(255 * roots).astype(np.uint8),
+        brightest=brightest,
+        cover=np.round(255 * cover).astype(np.uint8),
+        classes=classes.reshape(shape)[middle].copy(),
+        ids=ids.reshape(shape)[middle].copy(),
+        centres_px=(local[:, :2] / depth * view.focal_px + 0.5 * size).astype(np.float32),
+        diameters_px=(scene.diameters / depth[:, 0] * view.focal_px).astype(np.float32),
+    )
+
+
+def render_plates(seed: int, count: int) -> list[Plate]:
+    """`count` plates of the scene of a seed."""
+    rng = np.random.default_rng([seed, 12])
+    lit = light_scene(build_scene(seed), rng)
+    return [render_plate(lit, rng) for _ in range(count)]
+
+
+def save_plates(path: Path, plates: Sequence[Plate]) -> None:
+    """Write the plates of a scene, not compressed, for they are read more often than written."""
+    arrays = {f"{item.name}_{k}": getattr(plate, item.name) for k, plate in enumerate(plates) for item in fields(Plate)}
+    partial = path.with_suffix(".partial.npz")
+    np.savez(partial, **arrays)
+    partial.replace(path)
+
+
+def load_plates(path: Path) -> list[Plate]:
+    """The plates that `save_plates` wrote."""
+    with np.load(path, allow_pickle=False) as arrays:
+        count = len(arrays.files) // len(fields(Plate))
+        return [Plate(**{item.name: arrays[f"{item.name}_{k}"] for item in fields(Plate)}) for k in range(count)]

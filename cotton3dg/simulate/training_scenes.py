@@ -1,0 +1,248 @@
+"""Scenes for networks to learn from: a varied plant, leaves, closed bolls, and white things that are no lint.
+
+All meshes of a scene are merged; every vertex has a class, every triangle the boll whose lint it belongs to. Metres,
+z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.training_picture import CLASSES
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, sheet, smooth_curve, tube, unit
+from .plant import (
+    LEAF,
+    WOOD,
+    Branch,
+    Site,
+    boll_site,
+    fruiting_branches,
+    leaf,
+    peduncle,
+    stem_curve,
+    twig,
+    weathered,
+)
+from .varied_bolls import closed_boll, draw_kind, grow_boll
+
+OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))
+
+
+@dataclass(frozen=True)
+class TrainingScene:
+    """Everything that stands before the background."""
+
+    mesh: Mesh
+    classes: NDArray[np.uint8]
+    """(V,) index into `CLASSES`."""
+    boll_ids: NDArray[np.uint16]
+    """(T,) boll whose lint a triangle belongs to, 1, 2, ...; 0 = none."""
+    centres: Float64
+    """(B, 3) m, middle of each boll's lint."""
+    diameters: Float64
+    """(B,) m, of a ball with the volume of the lint's bounding ellipsoid."""
+    targets: Float64
+    """(K, 3) m, what is worth looking at: bolls, and things that may be taken for some."""
+
+
+class _Parts:
+    """Meshes of a scene as they come, with their classes."""
+
+    def __init__(self) -> None:
+        self.meshes: list[Mesh] = []
+        self.classes: list[int] = []
+        self.bolls: list[int] = []
+        self.targets: list[Float64] = []
+
+    def add(self, mesh: Mesh, kind: int, boll: int = 0, target: bool = False) -> None:
+        self.meshes.append(mesh)
+        self.classes.append(kind)
+        self.bolls.append(boll)
+        if target:
+            self.targets.append(mesh.vertices.mean(axis=0))
+
+
+def build_scene(seed: int) -> TrainingScene:
+    """The scene of a seed; one in eight has no open boll."""
+    rng = np.random.default_rng([seed, 11])
+    noise = SolidNoise(rng)
+    parts = _Parts()
+    count = 0 if rng.random() < 0.12 else int(rng.integers(1, 13))
+    closed = int(rng.integers(1, 6)) if rng.random() < (0.9 if not count else 0.3) else 0
+    clustered = rng.choice([0.0, rng.uniform(0.3, 1.0)])
+    contact = rng.uniform(0.66, 0.97)
+    base = np.zeros(3)
+    stem = stem_curve(rng, base, rng.uniform(0.25, 0.5) if count < 7 else rng.uniform(0.4, 0.8))
+    branches = fruiting_branches(rng, stem, max(count + closed, 1), round(clustered * count))
+    sites = _sites(rng, stem, branches, count + closed, contact)
+    wood = np.array(WOOD) * rng.uniform(0.5, 2.2) * rng.uniform(0.85, 1.15, 3)
+    twigs = [twig(branch.curve, 0.0034, 0.0019) for branch in branches]
+    grown = merged([twig(stem, 0.0075, 0.0026, sides=16), *twigs, *(peduncle(site) for site in sites)])
+    parts.add(weathered(replace(grown, colours=np.tile(wood, (len(grown.vertices), 1))), noise, 0.5), WOOD_CLASS)
+
+    open_sites = set(rng.permutation(len(sites))[:count].tolist()) if closed else set(range(len(sites)))
+    kind = draw_kind(rng)
+    ids = 0
+    for number, site in enumerate(sites if count + closed else []):
+        if number in open_sites:
+            ids += 1
+            boll = grow_boll(rng, noise, site, kind if rng.random() < 0.5 else draw_kind(rng))
+            parts.add(boll.lint, LINT, ids, target=True)
+            parts.add(boll.bur, BUR)
+        else:
+            parts.add(closed_boll(rng, noise, site), BUR, target=True)
+    _add_leaves(parts, rng, noise, stem, branches)
+    plant = np.concatenate([mesh.vertices for mesh in parts.meshes])
+    _add_things(parts, rng, noise, plant)
+    return _assembled(parts, ids)
+
+
+def _sites(rng: np.random.Generator, stem: Float64, branches: list[Branch], count: int, contact: float) -> list[Site]:
+    """Where bolls grow; of the sizes of one plant."""
+    typical = rng.uniform(0.036, 0.058)
+    obstacles = np.concatenate([stem, *(branch.curve for branch in branches)])
+    sites: list[Site] = []
+    for branch in branches:
+        neighbours: list[Site] = []
+        for place in range(branch.bolls):
+            if len(sites) == count:
+                return sites
+            diameter = float(typical * np.clip(rng.normal(1, 0.14), 0.6, 1.4))
+            site = boll_site(rng, branch, place, diameter, sites, neighbours, obstacles, contact)
+            sites.append(site)
+            if branch.touching:
+                neighbours.append(site)
+    return sites
+
+
+def _add_leaves(
+    parts: _Parts, rng: np.random.Generator, noise: SolidNoise, stem: Float64, branches: list[Branch]
+) -> None:
+    """None to many leaves on stem and branches, dry, reddish or green."""
+    count = int(rng.choice([0, 2, 6, 16], p=[0.25, 0.35, 0.25, 0.15]) * rng.uniform(0.6, 1.5))
+    green = rng.random() * np.array([0.12, 0.22, 0.04]) * rng.uniform(0.7, 2.0)
+    curves = [stem, *(branch.curve for branch in branches)]
+    for _ in range(count):
+        curve = curves[int(rng.integers(len(curves)))]
+        node = curve[int(rng.uniform(0.2, 1.0) * (len(curve) - 1))]
+        azimuth = rng.uniform(0, 2 * np.pi)
+        out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        foot = node + out * rng.uniform(0.02, 0.08) + (0, 0, rng.uniform(-0.01, 0.03))
+        stalk = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
+        parts.add(tube(stalk, np.full(len(stalk), 0.0012), np.tile(WOOD, (len(stalk), 1)), 8), WOOD_CLASS)
+        freshness = rng.random()
+        blade = leaf(rng, noise)
+        colour = (1 - freshness) * np.array(LEAF) * rng.uniform(0.3, 1.6) + freshness * (green + 0.02)
+        blade = replace(blade, colours=np.tile(colour, (len(blade.vertices), 1)))
+        size = rng.uniform(0.8, 1.0 + freshness)
+        pose = rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, 0.3)])))
+        mesh = replace(blade, vertices=blade.vertices * size).moved(pose, foot)
+        parts.add(weathered(mesh, noise, 0.4), LEAF_CLASS)
+
+
+def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plant: Float64) -> None:
+    """What else stands about: white more often than not, beside, before or behind the plant."""
+    low, high = plant.min(axis=0), plant.max(axis=0)
+    if rng.random() < 0.35:
+        parts.add(_table_top(rng, noise), OTHER)
+    shapes: list[Callable[..., Mesh]] = [_ball, _mug, _tag, _cloth, _tubes, _box]
+    for _ in range(int(rng.choice([0, 1, 3, 6], p=[0.4, 0.25, 0.2, 0.15]))):
+        shape = shapes[int(rng.integers(len(shapes)))]
+        white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
+        colour = white if rng.random() < 0.7 else rng.uniform(0.03, 0.8, 3)
+        angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.35)
+        middle = np.array([np.cos(angle) * away, np.sin(angle) * away, rng.uniform(low[2], high[2])])
+        mesh = shape(rng, noise, colour).moved(
+            rotation_to(rng.normal(0, 1, 3) if rng.random() < 0.5 else (0, 0, 1)), middle
+        )
+        # A thing inside a boll would be neither.
+        if np.linalg.norm(np.array(parts.targets or [np.full(3, 9.0)]) - middle, axis=1).min() > 0.07:
+            parts.add(weathered(mesh, noise, rng.uniform(0, 0.15)), OTHER, target=True)
+
+
+def _ball(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
+    sphere, triangles = icosphere(4)
+    rough = 1 + rng.choice([0, 0.03]) * noise(sphere * 0.03, 0.01)
+    return Mesh(sphere * rng.uniform(0.012, 0.05) * rough[:, None], triangles, np.tile(colour, (len(sphere), 1)))
+
+
+def _mug(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
+    height, radius = rng.uniform(0.05, 0.12), rng.uniform(0.02, 0.045)
+    axis = np.linspace(0, height, 12)[:, None] * (0, 0, 1.0)
+    body = tube(axis, np.full(12, radius), np.tile(colour, (12, 1)), 32)
+    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
+    bow = np.stack(
+        [radius + 0.4 * height * np.cos(turn) * 0.6, 0 * turn, 0.5 * height * (1 + 0.7 * np.sin(turn))], axis=1
+    )
+    handle = tube(bow, np.full(12, 0.004), np.tile(colour, (12, 1)), 10)
+    return merged([body, handle])
+
+
+def _tag(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
+    """A paper tag, label or sheet, with print on it."""
+    width, height = rng.uniform(0.015, 0.12), rng.uniform(0.02, 0.15)
+    s, t = np.meshgrid(np.linspace(-0.5, 0.5, 48), np.linspace(-0.5, 0.5, 48), indexing="ij")
+    bend = rng.uniform(-0.3, 0.3) * width * (4 * s**2)
+    surface = np.stack([width * s, bend, height * t], axis=-1)
+    paper = np.tile(colour, (*s.shape, 1))
+    lines = rng.integers(0, 8)
+    for _ in range(lines):
+        row, start, length = rng.integers(4, 44), rng.integers(4, 20), rng.integers(6, 24)
+        paper[start : start + length, row : row + rng.integers(1, 4)] *= rng.uniform(0.05, 0.5)
+    return sheet(surface, paper, 0.0008)
+
+
+def _cloth(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
+    """A crumpled cloth or a wad of paper."""
+    size = rng.uniform(0.04, 0.2)
+    s, t = np.meshgrid(np.linspace(-0.5, 0.5, 56), np.linspace(-0.5, 0.5, 56), indexing="ij")
+    flat = np.stack([size * s, 0 * s, size * t], axis=-1)
+    where = flat.reshape(-1, 3) + rng.uniform(0, 1, 3)
+    for axis in range(3):
+        folds = noise(where + axis, 0.6 * size) + 0.5 * noise(where - axis, 0.25 * size)
+        flat[..., axis] += rng.uniform(0.05, 0.25) * size * folds.reshape(s.shape)
+    return sheet(flat, np.tile(colour, (*s.shape, 1)), 0.001)
+
+
+def _tubes(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
+    length = rng.uniform(0.05, 0.4)
+    axis = np.linspace(-0.5 * length, 0.5 * length, 20)[:, None] * (0, 0, 1.0)
+    bend = rng.uniform(0, 0.1) * length * np.cos(np.linspace(0, np.pi, 20))[:, None] * (1, 0, 0)
+    return tube(axis + bend, np.full(20, rng.uniform(0.002, 0.03)), np.tile(colour, (20, 1)), 24)
+
+
+def _box(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
+    """A carton, book or polystyrene block; its faces are fine enough to take shadows."""
+    sphere, triangles = icosphere(4)
+    cube = sphere / np.abs(sphere).max(axis=1, keepdims=True)
+    return Mesh(cube * rng.uniform(0.01, 0.06, 3), triangles, np.tile(colour, (len(sphere), 1)))
+
+
+def _table_top(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+    s, t = np.meshgrid(np.linspace(-0.5, 0.5, 160), np.linspace(-0.5, 0.5, 100), indexing="ij")
+    surface = np.stack([1.2 * s, 0.6 * t, 0 * s - 0.002], axis=-1)
+    tint = rng.uniform(0.1, 0.85) * rng.uniform(0.8, 1.0, 3)
+    blotches = 1 + 0.3 * noise(surface.reshape(-1, 3), 0.08).reshape(s.shape)
+    return sheet(surface, (tint * blotches[..., None]).clip(0, 0.92), 0.01)
+
+
+def _assembled(parts: _Parts, bolls: int) -> TrainingScene:
+    whole = merged(parts.meshes)
+    counts = [len(mesh.vertices) for mesh in parts.meshes]
+    faces = [len(mesh.triangles) for mesh in parts.meshes]
+    lint = {number: mesh.vertices for number, mesh in zip(parts.bolls, parts.meshes, strict=True) if number}
+    boxes = np.array([np.ptp(lint[number], axis=0) for number in range(1, bolls + 1)]).reshape(-1, 3)
+    centres = [0.5 * (lint[n].min(axis=0) + lint[n].max(axis=0)) for n in range(1, bolls + 1)]
+    targets = parts.targets or [whole.vertices.mean(axis=0)]
+    return TrainingScene(
+        mesh=replace(whole, colours=whole.colours.clip(0, 0.95)),
+        classes=np.repeat(parts.classes, counts).astype(np.uint8),
+        boll_ids=np.repeat(parts.bolls, faces).astype(np.uint16),
+        centres=np.array(centres).reshape(-1, 3),
+        diameters=np.cbrt(boxes.prod(axis=1)),
+        targets=np.array(targets),
+    )

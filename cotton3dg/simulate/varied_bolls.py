@@ -1,0 +1,162 @@
+"""Open bolls of every kind that plants bear: tight, fluffy, drooping, torn by storms, half open, yellowed, dirty.
+
+The plants of `simulate` bear one kind, whose size and truth are exact. Networks learn from these, so here nothing is
+measured and everything varies. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, unit
+from .plant import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weathered
+
+
+@dataclass(frozen=True)
+class BollKind:
+    """What the locks of one boll have in common; lengths in its diameters."""
+
+    locks: int
+    width: float
+    """Half-width of a lock."""
+    length: float
+    """Half-length of a lock."""
+    spread: float
+    """Distance of the locks from the axis."""
+    lean: float
+    """rad by which locks lean outwards."""
+    droop: float
+    """How far the locks' ends hang down."""
+    puff: float
+    fray: float
+    lint: tuple[float, float, float]
+    """Linear RGB albedo."""
+    trash: float
+    """Share of the lint under bits of leaf."""
+    openness: float
+    """1 = the carpels lie flat, 0 = they stand up around the lint."""
+
+
+def draw_kind(rng: np.random.Generator) -> BollKind:
+    """A kind at random, common ones most often."""
+    name = rng.choice(
+        ["usual", "tight", "fluffy", "drooping", "torn", "half_open"], p=[0.36, 0.12, 0.2, 0.16, 0.08, 0.08]
+    )
+    width, length, spread, lean = 0.245, 0.345, 0.235, rng.uniform(0.15, 0.40)
+    droop, puff, fray, openness = 0.0, 0.28, 1.0, rng.uniform(0.6, 1.0)
+    if name == "tight":
+        width, length, spread, lean, puff = 0.22, 0.33, 0.2, rng.uniform(0.0, 0.15), 0.15
+    elif name == "fluffy":
+        width, length, spread, lean = rng.uniform(0.29, 0.36), rng.uniform(0.36, 0.46), 0.22, rng.uniform(0.1, 0.5)
+        puff, fray = rng.uniform(0.2, 0.5), rng.uniform(1, 2.5)
+    elif name == "drooping":
+        droop, puff, fray = rng.uniform(0.3, 2.2), rng.uniform(0.2, 0.45), rng.uniform(1, 2.5)
+        width, length = rng.uniform(0.24, 0.32), rng.uniform(0.36, 0.6)
+    elif name == "torn":
+        droop, puff, fray = rng.uniform(0.0, 1.2), rng.uniform(0.3, 0.7), rng.uniform(2, 4)
+        spread, lean = rng.uniform(0.2, 0.4), rng.uniform(0.2, 0.9)
+    elif name == "half_open":
+        width, length, spread, lean = 0.19, 0.28, 0.17, 0.05
+        openness = rng.uniform(0.0, 0.4)
+    cream, dull = rng.beta(1.2, 4), rng.beta(1.2, 5)
+    lint = np.array(LINT) * rng.uniform(0.92, 1.1) * (1 - 0.45 * dull) * (1, 1 - 0.10 * cream, 1 - 0.35 * cream)
+    return BollKind(
+        locks=int(rng.choice([3, 4, 5], p=[0.12, 0.55, 0.33])),
+        width=width * rng.uniform(0.9, 1.1),
+        length=length * rng.uniform(0.9, 1.1),
+        spread=spread * rng.uniform(0.85, 1.15),
+        lean=lean,
+        droop=droop,
+        puff=puff * rng.uniform(0.6, 1.3),
+        fray=fray * rng.uniform(0.6, 1.4),
+        lint=(float(lint[0]), float(lint[1]), float(lint[2])),
+        trash=float(rng.choice([0, 0.005, 0.02, 0.08], p=[0.6, 0.22, 0.12, 0.06])),
+        openness=openness,
+    )
+
+
+def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: BollKind, finesse: int = 4) -> Boll:
+    """Lint and bur of a boll at its site.
+
+    Args:
+        finesse: subdivisions of the icosahedron that a lock is made of.
+    """
+    d = site.diameter
+    pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
+    foot = site.centre - site.axis * LINT_CENTRE * d
+    down = pose.T @ (0.0, 0.0, -1.0)
+    angles = 2 * np.pi * (np.arange(kind.locks) + rng.normal(0, 0.08, kind.locks)) / kind.locks
+    torn_off = rng.random(kind.locks) < 0.06
+    if torn_off.all():
+        torn_off[0] = False
+    locks = [_lock(rng, noise, angle, d, kind, down) for angle, gone in zip(angles, torn_off, strict=True) if not gone]
+    lint = merged(locks).moved(pose, foot)
+    carpels = [_raised(carpel(rng, angle, d), kind.openness, angle, d) for angle in angles]
+    bur = merged([cup(d), *carpels]).moved(pose, foot)
+    bur = replace(bur, colours=(bur.colours * rng.uniform(0.5, 1.8) * rng.uniform(0.85, 1.15, 3)).clip(0, 0.7))
+    return Boll(_soiled(rng, noise, weathered(lint, noise, 0.05), kind.trash), weathered(bur, noise, 0.5))
+
+
+def closed_boll(rng: np.random.Generator, noise: SolidNoise, site: Site) -> Mesh:
+    """A boll that has not opened, green to brown, in its bracts; all of it counts as bur."""
+    d = 0.75 * site.diameter
+    sphere, triangles = icosphere(3)
+    z = sphere[:, 2:]
+    ripe = rng.random()
+    colour = (1 - ripe) * np.array([0.16, 0.24, 0.07]) + ripe * np.array([0.16, 0.09, 0.05])
+    shape = sphere * (0.42 * d, 0.42 * d, 0.55 * d) * (1 - 0.25 * z.clip(0) ** 2) + (0, 0, 0.5 * d)
+    body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.4), (len(sphere), 1)))
+    angles = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
+    bracts = [_raised(carpel(rng, angle, 1.5 * d), rng.uniform(0.0, 0.6), angle, d) for angle in angles]
+    green = rng.uniform(0.5, 1.5) * np.array([0.20, 0.26, 0.08])
+    bracts = [replace(bract, colours=0.5 * bract.colours + 0.5 * green) for bract in bracts]
+    pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
+    whole = merged([body, *bracts]).moved(pose, site.centre - site.axis * LINT_CENTRE * site.diameter)
+    return weathered(whole, noise, 0.4)
+
+
+def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, kind: BollKind, down: Float64) -> Mesh:
+    """One lock: a frayed ellipsoid whose upper part, where it droops, follows a curve towards the ground."""
+    sphere, triangles = icosphere(4)
+    half = np.array([kind.width, kind.width * rng.uniform(0.85, 1.1), kind.length]) * d * rng.uniform(0.88, 1.12, 3)
+    where = sphere * half + rng.uniform(0, 1, 3)
+    puffs = np.abs(noise(where, 0.42 * d))
+    fray = kind.fray * (0.035 * noise(where, 0.11 * d) + 0.022 * noise(where, 0.045 * d))
+    shape = sphere * half * (0.92 + kind.puff * (puffs - 0.08) + fray)[:, None]
+    lean = rotation_to((np.sin(kind.lean + rng.normal(0, 0.08)), 0, 1))
+    shape = shape @ lean.T + (kind.spread * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.08))
+    cos, sin = np.cos(angle), np.sin(angle)
+    shape = shape @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    if kind.droop:
+        # The end that is farthest along gravity and outwards hangs: it moves down by the square of how far it is.
+        outwards = unit(down + 0.6 * np.array([cos, sin, 0.0]) + rng.normal(0, 0.2, 3))
+        reach = shape @ outwards
+        reach = ((reach - reach.min()) / np.ptp(reach)).clip(0, 1)
+        hang = kind.droop * d * rng.uniform(0.5, 1.2)
+        narrow = 1 - 0.35 * min(kind.droop, 1) * reach[:, None] ** 2
+        middle = shape.mean(axis=0)
+        shape = middle + (shape - middle) * narrow + hang * reach[:, None] ** 2 * down
+        shape += 0.10 * d * noise(shape + 3.0, 0.8 * d)[:, None] * reach[:, None] * rng.normal(0, 1, 3)
+    colours = np.array(kind.lint) * (0.93 + 0.14 * puffs.clip(0, 0.5) + 0.5 * fray / max(kind.fray, 1))[:, None]
+    return Mesh(shape, triangles, colours.clip(0, 0.95))
+
+
+def _raised(mesh: Mesh, openness: float, angle: float, d: float) -> Mesh:
+    """A carpel turned up towards the boll's axis about its foot: by 70 degrees where it is not open at all."""
+    turn = np.deg2rad(70) * (1 - openness)
+    tangent = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    hinge = 0.05 * d * np.array([np.cos(angle), np.sin(angle), 0.0])
+    k = np.array([[0, -tangent[2], tangent[1]], [tangent[2], 0, -tangent[0]], [-tangent[1], tangent[0], 0]])
+    rotation = np.eye(3) - np.sin(turn) * k + (1 - np.cos(turn)) * k @ k
+    return replace(mesh, vertices=(mesh.vertices - hinge) @ rotation.T + hinge)
+
+
+def _soiled(rng: np.random.Generator, noise: SolidNoise, lint: Mesh, share: float) -> Mesh:
+    """Lint with bits of leaf and dust where a fine noise is highest."""
+    if not share:
+        return lint
+    specks = noise(lint.vertices + rng.uniform(0, 1, 3), 0.007) + 0.5 * noise(lint.vertices, 0.003)
+    dirty = specks > np.quantile(specks, 1 - share)
+    return replace(lint, colours=np.where(dirty[:, None], (0.16, 0.10, 0.05), lint.colours))

@@ -146,10 +146,10 @@ def _reference(layers: Sequence[_Layer]) -> float:
     return max(float(np.quantile(lint, 0.95)), 1e-3) if len(lint) else 0.5
 
 
-def _developed(rng: np.random.Generator, light: Float32, reference: float) -> NDArray[np.uint8]:
+def _developed(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
     """What a phone makes of the light: exposure, white balance, tone, blur, noise, sharpening, compression."""
     exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.85 else rng.uniform(np.log(0.06), np.log(2.5)))
-    light = light * np.float32(exposed / reference)
+    light: Float32 = seen * np.float32(exposed / reference)
     cast = np.exp(rng.normal(0, 0.10) * np.array([1, 0, -1]) + rng.normal(0, 0.05) * np.array([0.5, -1, 0.5]))
     light = light * cast.astype(np.float32)
     size = light.shape[0]
@@ -164,11 +164,12 @@ def _developed(rng: np.random.Generator, light: Float32, reference: float) -> ND
     if rng.random() < 0.6:
         electrons = np.exp(rng.uniform(np.log(150), np.log(8000)))
         sigma = np.sqrt(light.clip(0) / np.float32(electrons) + np.float32(1e-6))
-        light = light + sigma * rng.standard_normal(light.shape, np.float32)
-    image: Float32 = 255 * light.clip(0, 1) ** np.float32(1 / 2.2)
+        light = light + (sigma * rng.standard_normal(light.shape, np.float32)).astype(np.float32)
+    image = 255 * light.clip(0, 1) ** np.float32(1 / 2.2)
     if rng.random() < 0.5:  # contrast: an S about the middle
         bent = image / 255
-        image = 255 * (bent + np.float32(rng.uniform(-0.6, 1.2)) * bent * (1 - bent) * (2 * bent - 1))
+        strength = np.float32(rng.uniform(-0.6, 1.2))
+        image = (255 * (bent + strength * bent * (1 - bent) * (2 * bent - 1))).astype(np.float32)
     if rng.random() < 0.4:
         grey = image.mean(axis=2, keepdims=True)
         image = grey + (image - grey) * np.float32(rng.uniform(0.4, 1.5))

@@ -6,9 +6,9 @@ that voted for it are its mask (Hough voting; the heads are those of Panoptic-De
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 import cv2
@@ -119,6 +119,9 @@ class BollNetwork:
         return np.asarray(maps, np.float32)
 
 
+SHIPPED_FILE = Path(__file__).with_name("bolls.onnx")
+"""The weights that the program brings; beside them, with .sha256 in its name, what they must add up to."""
+REINSTALL = "install cotton3dg again, or use --backend lint"
 REMEDY = "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
 
 
@@ -147,13 +150,14 @@ def shipped_weights() -> tuple[bytes, str]:
     Raises:
         MissingInput: it is gone, or not what it was.
     """
-    file = resources.files(__package__) / "bolls.onnx"
     try:
-        return file.read_bytes(), "bolls.onnx"
+        weights = SHIPPED_FILE.read_bytes()
+        wanted = SHIPPED_FILE.with_name(f"{SHIPPED_FILE.name}.sha256").read_text(encoding="ascii").split()[0]
     except FileNotFoundError as error:
-        raise MissingInput(
-            "bolls.onnx, which comes with cotton3dg, is not there; install it again, or use --backend lint"
-        ) from error
+        raise MissingInput(f"{error.filename}, which comes with cotton3dg, is not there; {REINSTALL}") from error
+    if hashlib.sha256(weights).hexdigest() != wanted:
+        raise BadInput(f"{SHIPPED_FILE}, which comes with cotton3dg, is damaged; {REINSTALL}")
+    return weights, SHIPPED_FILE.name
 
 
 def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:

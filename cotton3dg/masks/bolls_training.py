@@ -23,8 +23,6 @@ WARM_UP = 100
 FALL = 0.3
 """Share of the steps in which the learning rate falls."""
 WEIGHT_DECAY = 1e-4
-CLASS_WEIGHTS = (1.0, 2.0, 1.5, 1.5, 1.5)
-"""Lint matters most, and most of a picture is none of the plant."""
 TERMS = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
 BORDER_PX = 2
 """Distance from another boll within which a pixel of lint is on the border."""
@@ -94,10 +92,9 @@ def losses(maps: Tensor, classes: Tensor, wanted: Tensor, border: Tensor) -> dic
     """Each term of the loss for (B, CHANNELS, H/2, W/2) maps and full-size targets."""
     maps = functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)
     logits = maps[:, : len(CLASSES)]
-    weights = torch.tensor(CLASS_WEIGHTS, device=maps.device)
     known = classes.long().masked_fill(classes == NOT_LINT, UNKNOWN)
-    summed = functional.cross_entropy(logits, known, weights, ignore_index=UNKNOWN, reduction="sum")
-    total = weights[known[known != UNKNOWN]].sum()
+    summed = functional.cross_entropy(logits, known, ignore_index=UNKNOWN, reduction="sum")
+    total = (known != UNKNOWN).sum()
     bare = classes == NOT_LINT
     if bare.any():
         # Some class that is not lint: what is left of the probability.

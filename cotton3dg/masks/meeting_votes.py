@@ -111,8 +111,11 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     places, diameters, weights, view_of, cells = (a[inside] for a in (places, diameters, weights, view_of, cells))
     heat = np.bincount(np.ravel_multi_index(tuple(cells.T), shape), weights, minlength=int(shape.prod()))
     heat = heat.reshape(shape).astype(np.float32)
-    heat = ndimage.gaussian_filter(heat, SPREAD * usual / pitch)
-    peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > heat.max() * 1e-3))
+    sigma = SPREAD * usual / pitch
+    # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth of it is left.
+    heat = ndimage.gaussian_filter(heat, sigma) * np.float32((2 * np.pi) ** 1.5 * sigma**3)
+    least = LEAST_SUPPORT * len(votes)
+    peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > 0.2 * least))
     order = np.argsort(-heat[tuple(peaks.T)], kind="stable")
     tree = cKDTree(places)
     found: list[tuple[Float32, float, float, int]] = []
@@ -129,7 +132,7 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
         support = float(weights[near].sum())
         size = _weighted_median(diameters[near], weights[near])
         apart = all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in found)
-        if apart and views >= min(LEAST_VIEWS, len(votes)) and support >= LEAST_SUPPORT * len(votes):
+        if apart and views >= min(LEAST_VIEWS, len(votes)) and support >= least:
             found.append((place.astype(np.float32), size, support, views))
     if not found:
         return nothing

@@ -16,6 +16,10 @@ from .render import linear
 Float32 = NDArray[np.float32]
 
 
+BARE = 0.12
+"""Share of the pictures without a plant: most of what a camera sees is none."""
+
+
 @dataclass(frozen=True)
 class _Layer:
     light: Float32
@@ -29,15 +33,16 @@ class _Layer:
 def compose(
     rng: np.random.Generator, plates: Sequence[Plate], backgrounds: NDArray[np.uint8], size: int
 ) -> TrainingPicture:
-    """A picture made of one to three plates and a background.
+    """A picture made of one to three plates and a background, or of a background alone.
 
     Args:
         backgrounds: (B, H, W, 3) sRGB.
         size: px, side of the picture.
     """
     power = _draw_power(rng)
-    layers = [_placed(rng, _drawn(rng, plates), power, size)]
-    while len(layers) < 3 and rng.random() < 0.3:
+    bare = rng.random() < BARE
+    layers = [] if bare else [_placed(rng, _drawn(rng, plates), power, size)]
+    while not bare and len(layers) < 3 and rng.random() < 0.3:
         layers.append(_placed(rng, _drawn(rng, plates), power, size))
     behind = _background(rng, backgrounds[int(rng.integers(len(backgrounds)))], size)
     reference = _reference(layers)
@@ -140,9 +145,10 @@ def _background(rng: np.random.Generator, picture: NDArray[np.uint8], size: int)
 
 def _reference(layers: Sequence[_Layer]) -> float:
     """Brightness of the lint that is lit best, or of the layers where there is none."""
-    lint = np.concatenate([layer.light[layer.classes == LINT].mean(axis=1) for layer in layers])
+    nothing = np.zeros(0, np.float32)
+    lint = np.concatenate([nothing, *(layer.light[layer.classes == LINT].mean(axis=1) for layer in layers)])
     if len(lint) < 50:
-        lint = np.concatenate([layer.light[layer.cover > 0.5].mean(axis=1) for layer in layers])
+        lint = np.concatenate([nothing, *(layer.light[layer.cover > 0.5].mean(axis=1) for layer in layers)])
     return max(float(np.quantile(lint, 0.95)), 1e-3) if len(lint) else 0.5
 
 

@@ -22,7 +22,7 @@ from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256, json_text
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from ..masks.bolls import open_bolls
+from ..masks.bolls import SHIPPED_FILE, open_bolls
 from ..masks.detect_bolls import detect_bolls
 from ..masks.detect_lint import detect_lint
 from ..masks.grounding_dino import find_boxes, open_grounding_dino
@@ -66,6 +66,8 @@ def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
     the model, where `bolls` and `lint` look at it."""
     texts = (options.weights, options.detector, options.prompts, options.source)
     named = [_found_file(workspace, text) for text in texts if text]
+    if options.backend == "bolls" and not options.weights:
+        named.append(SHIPPED_FILE)
     by_model = options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.prompts)
     return [*named, workspace.gaussians_ply] if by_model else named
 

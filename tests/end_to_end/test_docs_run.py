@@ -25,7 +25,8 @@ SHORTER = {
     "simulate": " ".join(f"--{name} {value}" for name, value in FILM.items()),
     "best.onnx": f"--image-size {SIDE} --tile 96",
     "best.pt": "--image-size 160",
-    "masks-train": "--image-size 160 --epochs 1 --batch 4",
+    "masks-train model": "--image-size 160 --epochs 1 --batch 4",
+    "masks-train mine": "--steps 2 --batch 2",
 }
 # Part of a line -> what else runs it.
 ELSEWHERE = {
@@ -45,10 +46,11 @@ ELSEWHERE = {
     "make study-set": "test_accuracy_tools.py",
     "make segmentation-sweep": "test_accuracy_tools.py",
     "make error-budget": "test_accuracy_tools.py",
+    "make bolls-network": "test_bolls_backend.py",
     "effect_decisions.py": "test_accuracy_tools.py",
     "mkdir plant_017": "examples/one_plant.sh in test_examples.py",
 }
-YOLO = ("best.pt", "masks-train")
+YOLO = ("best.pt", "--network yolo")
 
 
 def lines(page):

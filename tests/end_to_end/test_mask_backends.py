@@ -161,7 +161,12 @@ def test_yolo_is_trained_exported_and_used_with_and_without_ultralytics(plant, t
     export(workspace)
     model = tmp_path / "model"
     options = MasksTrainOptions(
-        annotations=str(workspace.root / "annotations"), weights="yolo11n-seg.yaml", image_size=160, epochs=1, batch=4
+        network="yolo",
+        annotations=str(workspace.root / "annotations"),
+        weights="yolo11n-seg.yaml",
+        image_size=160,
+        epochs=1,
+        batch=4,
     )
     best = train(model, options)
     document = json.loads((model / "training.json").read_text())

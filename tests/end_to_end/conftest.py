@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from finished_scene import finished_workspace
-from tiny_plant import FILM, OPTIONS, ROOT, in_shell
+from scenes.finished_scene import finished_workspace
+from scenes.tiny_plant import FILM, OPTIONS, ROOT, in_shell
 
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.options import resolve

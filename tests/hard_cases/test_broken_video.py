@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from room_scene import HEIGHT, WIDTH, render, textures
+from scenes.room_scene import HEIGHT, WIDTH, render, textures
 
 from cotton3dg import pipeline
 from cotton3dg.files import video

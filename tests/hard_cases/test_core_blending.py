@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import splatting
 import torch
-from splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, native_view, scene, target_of
+from scenes.splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, native_view, scene, target_of
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians

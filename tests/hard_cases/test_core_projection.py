@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import splatting
 import torch
-from splat_scenes import (
+from scenes.splat_scenes import (
     NEAR,
     all_finite,
     arrays_of,

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from splat_scenes import NEAR, RATES, all_finite, arrays_of, camera_at, scene, step, target_of
-from training_scene import OPTIONS, quality_db, training_scene
+from scenes.splat_scenes import NEAR, RATES, all_finite, arrays_of, camera_at, scene, step, target_of
+from scenes.training_scene import OPTIONS, quality_db, training_scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians

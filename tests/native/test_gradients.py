@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import splatting
 import torch
-from splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
+from scenes.splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians

@@ -11,7 +11,7 @@ import adam as reference
 import numpy as np
 import pytest
 import torch
-from splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
 
 from cotton3dg import _native
 from cotton3dg.splat import rasterizer

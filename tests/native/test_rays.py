@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import splatting
 import torch
+from scenes.splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 from scipy import sparse
-from splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from splat_scenes import NEAR, RATES, arrays_of, camera_at, double, native_view, scene, target_of
-from training_scene import OPTIONS, training_scene
+from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, double, native_view, scene, target_of
+from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians, rotations

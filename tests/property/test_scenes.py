@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 import pytest
-from splat_scenes import (
+from scenes.splat_scenes import (
     NEAR,
     SPECIAL,
     all_finite,

@@ -4,7 +4,7 @@ import csv
 import re
 
 import pytest
-from doc_commands import (
+from scenes.doc_commands import (
     COMMANDS,
     PAGES,
     SCRIPTS,
@@ -16,8 +16,8 @@ from doc_commands import (
     prose_code,
     stage_option_names,
 )
-from finished_scene import finished_workspace
-from tiny_plant import ROOT
+from scenes.finished_scene import finished_workspace
+from scenes.tiny_plant import ROOT
 
 from cotton3dg.files.tables import BOLLS, TRAITS
 from cotton3dg.options import STAGE_OPTIONS, resolve

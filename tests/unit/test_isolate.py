@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from table_scene import (
+from scenes.table_scene import (
     BOLL_RADIUS_CM,
     BOLLS_CM,
     FOOT_CM,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
-from boll_scene import cameras, masks_of, model
+from scenes.boll_scene import cameras, masks_of, model
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.lifting.probability import (

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from table_scene import gaussians_at, joined
+from scenes.table_scene import gaussians_at, joined
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.geometry.boxes import fibonacci_directions

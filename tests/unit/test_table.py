@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from scenes.table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 from scipy.spatial.transform import Rotation
-from table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes

@@ -36,7 +36,8 @@ GUARDS: dict[str, tuple[Change, ...]] = {
         Change("project.cpp", "project", "for (double @number : @numbers) @all &= finite(@number);", "(void)@numbers;"),
         Change(
             "project.cpp", "write_values",
-            "@usable &= scene.sh ? @to[@c] <= Real(kMaxColour) && @to[@c] >= Real(-kMaxColour) : @to[@c] - @to[@c] == 0;",
+            "@usable &= scene.sh ? @to[@c] <= Real(kMaxColour) && @to[@c] >= Real(-kMaxColour) "
+            ": @to[@c] - @to[@c] == 0;",
             "",
         ),
     ),

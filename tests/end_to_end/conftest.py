@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from scenes.finished_scene import finished_workspace
+from scenes.made_once import made_once
 from scenes.tiny_plant import FILM, OPTIONS, ROOT, in_shell
 
 from cotton3dg.commands.simulate import simulate
@@ -16,21 +17,24 @@ from cotton3dg.workspace import Workspace
 @pytest.fixture(scope="session")
 def filmed(tmp_path_factory) -> Path:
     """Folder of a simulated plant with its truth."""
-    folder = tmp_path_factory.mktemp("filmed") / "plant_017"
-    simulate(folder, resolve("simulate", FILM))
-    return folder
+    return made_once(tmp_path_factory, "filmed", lambda folder: simulate(folder, resolve("simulate", FILM)))
 
 
 @pytest.fixture(scope="session")
 def first_run(filmed, tmp_path_factory) -> tuple[Workspace, str]:
     """A plant finished by examples/one_plant.sh, and what that said; tests must not change it."""
-    folder = tmp_path_factory.mktemp("finished") / "plant_017"
-    folder.mkdir()
-    (folder / "cotton3dg.toml").write_text(OPTIONS)
-    shutil.copyfile(filmed / "truth.json", folder / "truth.json")
-    done = in_shell(ROOT / "examples" / "one_plant.sh", filmed / "video.mp4", folder, cwd=folder.parent)
-    assert done.returncode == 0, done.stderr
-    return Workspace(folder), done.stdout
+
+    def make(folder: Path) -> None:
+        plant = folder / "plant_017"
+        plant.mkdir()
+        (plant / "cotton3dg.toml").write_text(OPTIONS)
+        shutil.copyfile(filmed / "truth.json", plant / "truth.json")
+        done = in_shell(ROOT / "examples" / "one_plant.sh", filmed / "video.mp4", plant, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        (folder / "said.txt").write_text(done.stdout)
+
+    folder = made_once(tmp_path_factory, "finished", make)
+    return Workspace(folder / "plant_017"), (folder / "said.txt").read_text()
 
 
 @pytest.fixture
@@ -43,9 +47,8 @@ def tiny_plant(first_run, tmp_path) -> Workspace:
 @pytest.fixture(scope="session")
 def reported(tmp_path_factory) -> Workspace:
     """A plant made by code, with its page; tests must not change it."""
-    workspace = finished_workspace(tmp_path_factory.mktemp("batch") / "plant_017")
-    make_report(workspace)
-    return workspace
+    batch = made_once(tmp_path_factory, "batch", lambda folder: make_report(finished_workspace(folder / "plant_017")))
+    return Workspace(batch / "plant_017")
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The poison grid and random scenes, forward and backward: what must hold for every Gaussian model there is.
 
-COTTON3DG_SCENES sets how many random scenes are drawn; 1000 unless told, 10,000 for a full run.
+COTTON3DG_SCENES sets how many random scenes are drawn; 1000 unless told, 10,000 for a full run. `make test` draws the
+first 100 of them.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.splat import rasterizer
 
 N_SCENES = int(os.environ.get("COTTON3DG_SCENES", "1000"))
-PART = 50
-"""Random scenes a test."""
+QUICK, PART = 100, 50
+"""Random scenes that are drawn in any case, and those of one test."""
+PARTS = [pytest.param(first, marks=pytest.mark.slow if first >= QUICK else ()) for first in range(0, N_SCENES, PART)]
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 
 
@@ -91,7 +93,7 @@ def random_camera(rng: np.random.Generator) -> Camera:
     return camera_at(*size, angle=rng.uniform(-3, 3), distance=float(rng.choice([0.0, 0.5, 3.0, 30.0])))
 
 
-@pytest.mark.parametrize("first", range(0, N_SCENES, PART))
+@pytest.mark.parametrize("first", PARTS)
 def test_random_poisoned_scenes_stay_finite(first: int) -> None:
     """Any mixture of special values in all slots, seen from inside and outside."""
     for seed in range(first, min(first + PART, N_SCENES)):
@@ -107,7 +109,7 @@ def test_random_poisoned_scenes_stay_finite(first: int) -> None:
         assert_step_stays_finite(gaussians, camera, sh_degree=gaussians.sh_degree)
 
 
-@pytest.mark.parametrize("first", range(0, N_SCENES, PART))
+@pytest.mark.parametrize("first", PARTS)
 def test_random_scenes_in_float_match_double(first: int, record_property) -> None:
     """Valid scenes: pixels that differ are rare, and gradients agree wherever no pixel flips."""
     flipped = pixels = compared = 0

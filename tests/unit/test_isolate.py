@@ -1,5 +1,6 @@
 """Telling the plant from everything else, and measuring it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,9 @@ from scenes.table_scene import (
 )
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.core.measurements import Scale
-from cotton3dg.traits.isolate import connected, isolate_plant, stem_axis, table_coordinates
+from cotton3dg.core.columns import columns_of
+from cotton3dg.core.measurements import PlantTraits, Scale
+from cotton3dg.traits.isolate import Plant, connected, isolate_plant, stem_axis, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
 
 UP = POSE.rotation[:, 2]
@@ -101,6 +103,21 @@ def test_height_and_canopy_of_the_plant():
     assert (size.length_cm + size.width_cm) / 2 == pytest.approx(spread.mean(), rel=0.15)
     assert size.length_cm >= size.width_cm
     assert size.height_obb_cm > 55
+
+
+def test_the_height_is_what_its_description_says():
+    """A cloud of known balls, lying along the table's long side, one higher than the other."""
+    (described,) = [one.description for one in columns_of(PlantTraits) if one.name == "plant_height_cm"]
+    words = re.search(r"third-highest Gaussian reaches with an opacity of ([\d.]+)", described)
+    assert words
+    opacity, sigma_cm, tops_cm = 0.8, 0.5, np.array([30.0, 42, 40, 25, 44, 10, 5])
+    places = np.column_stack([np.linspace(-20, 20, len(tops_cm)), np.zeros(len(tops_cm)), tops_cm])
+    cloud = gaussians_at(places, sigma_cm, opacity=opacity)
+    plant = Plant(np.ones(len(cloud), bool), POSE.scene(np.zeros((1, 3)))[0], stem_found=True)
+    size = measure_silhouette(cloud, plant, SCALE)
+    reach_cm = sigma_cm * np.sqrt(2 * np.log(opacity / float(words[1])))
+    # The highest of the points on an ellipsoid lies a little below its top.
+    assert size.height_cm == pytest.approx(40 + reach_cm, abs=0.05 * reach_cm)
 
 
 def test_bolls_have_their_volume_place_and_diameter():

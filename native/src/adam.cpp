@@ -119,10 +119,8 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         update_geometry(a, row, bias, gradient, rates);
 
         const Statistics& s = a.statistics;
-        s.grad_px[row] += gradient[row_gradient::grad_px];
         s.abs_grad_px[row] += gradient[row_gradient::abs_grad_px];
         s.weight[row] += weight;
-        s.max_radius_px[row] = s.max_radius_px[row] > a.radii_px[row] ? s.max_radius_px[row] : a.radii_px[row];
         ++s.count[row];
     }
 }

@@ -62,7 +62,6 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         const Pack reach = sqrt(maximum(cut2, Pack{}) / kScale2);
         const Pack half_x = reach * sqrt(f.xx), half_y = reach * sqrt(f.yy);
         const Pack r = sqrt(kScale2 / f.yy), p = sqrt(kScale2 * f.yy / f.det), q = -p * f.xy / f.yy;
-        const Pack mid = 0.5 * (f.xx + f.yy), radius = 3 * sqrt(mid + sqrt(maximum(mid * mid - f.det, Pack{})));
         // The block test runs in the kernels' precision: widen it by the rounding error of u and v within reach.
         const Pack slack = (sizeof(Real) == 4 ? 1e-6 : 1e-14) *
                            (p * (half_x + kTile) + absolute(q) * (half_y + kTile) + r * (half_y + kTile));
@@ -117,7 +116,6 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
             record[field::cut_radius2] = Real(padded2[lane]);
             record[field::depth] = Real(depth);
             out.rects[row] = rect;
-            out.radii_px[row] = float(radius[lane]);
             count.rect_tiles += rect.area();
             visible[count.visible++] = uint32_t(row);
         }

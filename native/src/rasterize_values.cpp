@@ -46,14 +46,8 @@ typename Kernels<Real>::ValuesBackward values_backward(int channels) {
     switch (channels) {
         case 1:
             return values_backward_tile<Real, 1>;
-        case 3:
-            return values_backward_tile<Real, 3>;
         case 4:
             return values_backward_tile<Real, 4>;
-        case 16:
-            return values_backward_tile<Real, 16>;
-        case 32:
-            return values_backward_tile<Real, 32>;
         default:
             return nullptr;
     }

@@ -69,7 +69,6 @@ struct Projection {
     Real* records;
     int stride;
     TileRect* rects;
-    float* radii_px;    // 3 standard deviations of the longer axis
     uint32_t* visible;  // chunk [begin, end) writes its visible rows, ascending, from visible[begin] on
 };
 
@@ -113,26 +112,15 @@ enum : int { g, gu, gv, guu, guv, gvv, value0, value1, value2, abs_x, abs_y, wei
 }
 
 // Row of the gradient by the parameters of one visible Gaussian; `colour` is the gradient by the colour where that is
-// positive. grad_px and abs_grad_px are the lengths of the (absolute) gradient by the projected mean in the units of
-// Kerbl et al.: pixels times half the image size. `unit` is the direction in which the camera sees the mean.
+// positive. abs_grad_px is the length of the sum of the pixels' absolute gradients by the projected mean in the units
+// of Kerbl et al.: pixels times half the image size. `unit` is the direction in which the camera sees the mean.
 namespace row_gradient {
-enum : int {
-    mean = 0,
-    quat = 3,
-    log_scale = 7,
-    logit = 10,
-    colour = 11,
-    weight = 14,
-    grad_px,
-    abs_grad_px,
-    unit,
-    size = 20
-};
+enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, abs_grad_px, unit, size = 20 };
 }
 
 // Sums over views for density control, (N,) each.
 struct Statistics {
-    float *grad_px, *abs_grad_px, *max_radius_px, *weight;
+    float *abs_grad_px, *weight;
     int32_t* count;
 };
 
@@ -143,7 +131,6 @@ struct LossSums {
 template <class Real>
 struct LossBand {
     const Real *image, *target;  // one channel, H x W
-    const float* weight;         // H x W or null
     int width, height, row_begin, row_end;
     Real *d_mean, *d_square, *d_product;  // H x loss_row(W): derivatives of the SSIM by the local moments
     Real* v_image;
@@ -183,7 +170,6 @@ struct AdamRows {
     const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]
     int32_t bias_count;
     Statistics statistics;
-    const float* radii_px;
 };
 
 }  // namespace cotton

@@ -62,16 +62,11 @@ GUARDS: dict[str, tuple[Change, ...]] = {
         "@blend.alpha[@j] < Real(kAlphaCap) ? fnma(@odds, @rest, @here) : V{}",
         "fnma(@odds, @rest, @here)",
     ),),
-    "gradients are checked before the step": (
-        Change(
-            "project_backward.cpp", "project_backward",
-            "for (int @k = 0; @k < row_gradient::abs_grad_px; @k += kLanes<Real>) @sum += load(@row + @k) * Real(0);",
-            "",
-        ),
-        Change(
-            "project_backward.cpp", "project_backward", "@sum += @row[row_gradient::abs_grad_px] * Real(0);", ""
-        ),
-    ),
+    "gradients are checked before the step": (Change(
+        "project_backward.cpp", "project_backward",
+        "for (int @k = 0; @k < row_gradient::unit; @k += kLanes<Real>) @sum += load(@row + @k) * Real(0);",
+        "",
+    ),),
     "Adam's gradients are clamped": (Change(
         "adam.cpp", "update",
         "minimum(maximum(@gradient, V{} - kLargestGradient), V{} + kLargestGradient)",

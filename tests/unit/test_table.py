@@ -113,6 +113,7 @@ def test_a_far_start_settles_where_a_near_one_does(images):
     assert far.width == pytest.approx(near.width, rel=0.001)
 
 
+@pytest.mark.slow
 def test_a_half_hidden_table_is_measured_rightly_or_refused():
     """A box stands on one end: the points end there and so does what the photos show of the long sides."""
     cameras = orbit(14, 320, 180)

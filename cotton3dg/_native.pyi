@@ -33,18 +33,50 @@ def accumulate_weights(
 def ray_weights(
     gaussians: Arrays, view: View, pixels: NDArray[Any], threads: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any]]: ...
+
+class LearningRates:
+    def __init__(
+        self,
+        *,
+        means: float,
+        quats: float,
+        log_scales: float,
+        opacity_logits: float,
+        sh0: float,
+        sh_rest: float,
+        beta1: float,
+        beta2: float,
+        epsilon: float,
+    ) -> None: ...
+
+class Surroundings:
+    def __init__(
+        self,
+        *,
+        centre: tuple[float, float, float],
+        radius_su: float,
+        growth: float,
+        most_means: float,
+        most_log_scales: float,
+    ) -> None: ...
+
+class OptimiserState:
+    def __init__(self, *, gaussians: Arrays, first: Arrays, second: Arrays, steps: NDArray[Any]) -> None: ...
+
+class Statistics:
+    def __init__(self, *, abs_grad_px: NDArray[Any], weight: NDArray[Any], count: NDArray[Any]) -> None: ...
+
 def train_step(
-    gaussians: Arrays,
-    first: Arrays,
-    second: Arrays,
-    steps: NDArray[Any],
-    statistics: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
+    *,
+    state: OptimiserState,
+    statistics: Statistics,
     view: View,
     sh_degree: int,
     background: NDArray[Any],
     target: NDArray[Any],
     dssim: float,
-    rates: NDArray[Any],
+    rates: LearningRates,
+    surroundings: Surroundings,
     threads: int,
 ) -> dict[str, Any]: ...
 

@@ -205,25 +205,26 @@ def train_step(
         ValueError: an array of wrong dtype, shape or memory order.
         OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
     """
-    view = _view(gaussians, camera, near_su)
-    return StepReport(
-        **_within_memory(
-            lambda: _native.train_step(
-                arrays_of(gaussians),
-                arrays_of(adam.first),
-                arrays_of(adam.second),
-                adam.steps,
-                statistics.as_arrays(),
-                view,
-                sh_degree,
-                np.array(background, np.float32),
-                np.ascontiguousarray(target),
-                dssim,
-                learning_rates.as_array(),
-                threads,
-            )
-        )
+    rates = {name: value for name, value in vars(learning_rates).items() if name != "surroundings"}
+    step = partial(
+        _native.train_step,
+        state=_native.OptimiserState(
+            gaussians=arrays_of(gaussians),
+            first=arrays_of(adam.first),
+            second=arrays_of(adam.second),
+            steps=adam.steps,
+        ),
+        statistics=_native.Statistics(**vars(statistics)),
+        view=_view(gaussians, camera, near_su),
+        sh_degree=sh_degree,
+        background=np.array(background, np.float32),
+        target=np.ascontiguousarray(target),
+        dssim=dssim,
+        rates=_native.LearningRates(**rates),
+        surroundings=_native.Surroundings(**vars(learning_rates.surroundings)),
+        threads=threads,
     )
+    return StepReport(**_within_memory(step))
 
 
 def _contiguous(gaussians: Gaussians) -> _native.Arrays:

@@ -53,28 +53,6 @@ class LearningRates:
     epsilon: float = 1e-15
     surroundings: Surroundings = NO_SURROUNDINGS
 
-    def as_array(self) -> Float32:
-        """(16,) in the order of the fields."""
-        return np.array(
-            [
-                self.means,
-                self.quats,
-                self.log_scales,
-                self.opacity_logits,
-                self.sh0,
-                self.sh_rest,
-                self.beta1,
-                self.beta2,
-                self.epsilon,
-                *self.surroundings.centre,
-                self.surroundings.radius_su,
-                self.surroundings.growth,
-                self.surroundings.most_means,
-                self.surroundings.most_log_scales,
-            ],
-            np.float32,
-        )
-
 
 @dataclass
 class AdamState:
@@ -122,7 +100,3 @@ class DensityStatistics:
         """Nothing seen yet."""
         abs_grad_px, weight = np.zeros((2, count), np.float32)
         return DensityStatistics(abs_grad_px, weight, np.zeros(count, np.int32))
-
-    def as_arrays(self) -> tuple[Float32, Float32, NDArray[np.int32]]:
-        """In the order of the fields."""
-        return self.abs_grad_px, self.weight, self.count

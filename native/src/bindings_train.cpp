@@ -1,54 +1,73 @@
 // The Python module cotton3dg._native: the optimiser step.
 #include "bindings_train.h"
 
+#include <pybind11/stl.h>
+
+#include <array>
+
 namespace cotton {
 namespace {
 
-Moments moments(GaussianArrays<float>& arrays) {
+GaussianPointers pointers(GaussianArrays<float>& arrays) {
     return {arrays.means.mutable_data(), arrays.quats.mutable_data(), arrays.log_scales.mutable_data(),
             arrays.opacity_logits.mutable_data(), arrays.sh.mutable_data()};
 }
 
-py::dict train_step(const py::tuple& gaussians, const py::tuple& first, const py::tuple& second,
-                    const py::object& steps, const py::tuple& statistics, const View& view, int sh_degree,
-                    const py::object& background, const py::object& target, double dssim, const py::object& rates,
-                    int threads) {
-    GaussianArrays<float> arrays(gaussians), first_arrays(first), second_arrays(second);
-    const int64_t n = arrays.count();
-    if (first_arrays.count() != n || second_arrays.count() != n || first_arrays.sh.shape(1) != arrays.sh.shape(1) ||
-        second_arrays.sh.shape(1) != arrays.sh.shape(1)) {
-        throw py::value_error("the moments must have the shapes of the Gaussians");
+// What a step changes: the parameters, Adam's two moments of them, and how many steps each row has taken.
+struct OptimiserState {
+    GaussianArrays<float> parameters, first, second;
+    Array<int32_t> steps;
+
+    OptimiserState(const py::tuple& gaussians, const py::tuple& first_moments, const py::tuple& second_moments,
+                   const py::object& step_counts)
+        : parameters(gaussians), first(first_moments), second(second_moments) {
+        const int64_t n = parameters.count();
+        if (first.count() != n || second.count() != n || first.sh.shape(1) != parameters.sh.shape(1) ||
+            second.sh.shape(1) != parameters.sh.shape(1)) {
+            throw py::value_error("the moments must have the shapes of the Gaussians");
+        }
+        steps = checked<int32_t>(step_counts, "steps", {n});
     }
-    auto step_counts = checked<int32_t>(steps, "steps", {n});
-    if (statistics.size() != 3) throw py::value_error("three statistics arrays are needed");
-    auto abs_grad = checked<float>(statistics[0], "abs_grad_px", {n}),
-         weights = checked<float>(statistics[1], "weight", {n});
-    auto seen = checked<int32_t>(statistics[2], "count", {n});
-    const auto r = checked<float>(rates, "rates", {16});
+};
+
+// Sums for density control, which a step adds to.
+struct StatisticsArrays {
+    Array<float> abs_grad_px, weight;
+    Array<int32_t> count;
+
+    StatisticsArrays(const py::object& gradients, const py::object& weights, const py::object& counts) {
+        abs_grad_px = checked<float>(gradients, "abs_grad_px", {-1});
+        weight = checked<float>(weights, "weight", {abs_grad_px.shape(0)});
+        count = checked<int32_t>(counts, "count", {abs_grad_px.shape(0)});
+    }
+};
+
+py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const View& view, int sh_degree,
+                    const py::object& background, const py::object& target, double dssim, const LearningRates& rates,
+                    const Surroundings& surroundings, int threads) {
+    if (statistics.count.shape(0) != state.parameters.count())
+        throw py::value_error("the statistics must have as many rows as there are Gaussians");
     const auto backdrop = checked<float>(background, "background", {3});
     const Target photograph = checked_target(target, dssim, view.width, view.height);
-    const Scene<float> scene = arrays.scene_with_sh(sh_degree);
-    AdamRows adam_rows = {};
-    adam_rows.means = arrays.means.mutable_data();
-    adam_rows.quats = arrays.quats.mutable_data();
-    adam_rows.log_scales = arrays.log_scales.mutable_data();
-    adam_rows.opacity_logits = arrays.opacity_logits.mutable_data();
-    adam_rows.sh = arrays.sh.mutable_data();
-    adam_rows.sh_stored = scene.sh_stored;
-    adam_rows.sh_degree = sh_degree;
-    adam_rows.first = moments(first_arrays);
-    adam_rows.second = moments(second_arrays);
-    adam_rows.steps = step_counts.mutable_data();
-    adam_rows.rates = {r.at(0), r.at(1), r.at(2), r.at(3), r.at(4), r.at(5), r.at(6), r.at(7), r.at(8)};
-    adam_rows.surroundings = {{r.at(9), r.at(10), r.at(11)}, r.at(12), r.at(13), r.at(14), r.at(15)};
-    adam_rows.statistics = {abs_grad.mutable_data(), weights.mutable_data(), seen.mutable_data()};
+    const Scene<float> scene = state.parameters.scene_with_sh(sh_degree);
+    AdamRows rows = {};
+    rows.parameters = pointers(state.parameters);
+    rows.sh_stored = scene.sh_stored;
+    rows.sh_degree = sh_degree;
+    rows.first = pointers(state.first);
+    rows.second = pointers(state.second);
+    rows.steps = state.steps.mutable_data();
+    rows.rates = rates;
+    rows.surroundings = surroundings;
+    rows.statistics = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
+                       statistics.count.mutable_data()};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;
     {
         py::gil_scoped_release release;
         gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
-        if (gradient.finite) adam_step(frame, gradient, adam_rows);
+        if (gradient.finite) adam_step(frame, gradient, rows);
     }
     py::dict report = report_of(gradient.report);
     report["finite"] = gradient.finite;
@@ -60,8 +79,27 @@ py::dict train_step(const py::tuple& gaussians, const py::tuple& first, const py
 }  // namespace
 
 void bind_training(py::module_& m) {
-    m.def("train_step", train_step, "gaussians"_a, "first"_a, "second"_a, "steps"_a, "statistics"_a, "view"_a,
-          "sh_degree"_a, "background"_a, "target"_a, "dssim"_a, "rates"_a, "threads"_a);
+    py::class_<LearningRates>(m, "LearningRates")
+        .def(py::init([](float means, float quats, float log_scales, float opacity_logits, float sh0, float sh_rest,
+                         float beta1, float beta2, float epsilon) {
+                 return LearningRates{means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon};
+             }),
+             py::kw_only(), "means"_a, "quats"_a, "log_scales"_a, "opacity_logits"_a, "sh0"_a, "sh_rest"_a, "beta1"_a,
+             "beta2"_a, "epsilon"_a);
+    py::class_<Surroundings>(m, "Surroundings")
+        .def(py::init([](const std::array<float, 3>& centre, float radius_su, float growth, float most_means,
+                         float most_log_scales) {
+                 return Surroundings{{centre[0], centre[1], centre[2]}, radius_su, growth, most_means, most_log_scales};
+             }),
+             py::kw_only(), "centre"_a, "radius_su"_a, "growth"_a, "most_means"_a, "most_log_scales"_a);
+    py::class_<OptimiserState>(m, "OptimiserState")
+        .def(py::init<const py::tuple&, const py::tuple&, const py::tuple&, const py::object&>(), py::kw_only(),
+             "gaussians"_a, "first"_a, "second"_a, "steps"_a);
+    py::class_<StatisticsArrays>(m, "Statistics")
+        .def(py::init<const py::object&, const py::object&, const py::object&>(), py::kw_only(), "abs_grad_px"_a,
+             "weight"_a, "count"_a);
+    m.def("train_step", train_step, py::kw_only(), "state"_a, "statistics"_a, "view"_a, "sh_degree"_a, "background"_a,
+          "target"_a, "dssim"_a, "rates"_a, "surroundings"_a, "threads"_a);
 }
 
 }  // namespace cotton

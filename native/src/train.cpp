@@ -56,6 +56,9 @@ Real* render_planar(Frame<Real>& frame, const Scene<Real>& scene, const View& vi
     return image;
 }
 
+constexpr double kNoBias = 1e-8;        // less than this of a moment is the start's: its correction is 1 in float
+constexpr size_t kMostBiased = 100000;  // steps, however near to 1 beta is
+
 // Up to the step from which both corrections are 1 in float.
 std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
     std::vector<BiasCorrection> table = {{1, 1}};
@@ -64,7 +67,7 @@ std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
         first *= rates.beta1;
         second *= rates.beta2;
         table.push_back({float(1 / (1 - first)), float(1 / (1 - second))});
-    } while ((first > 1e-8 || second > 1e-8) && table.size() < 100000);
+    } while ((first > kNoBias || second > kNoBias) && table.size() < kMostBiased);
     return table;
 }
 

@@ -30,12 +30,12 @@ STEPS = 4
 """Steps in each turn."""
 GUARDS: dict[str, tuple[Change, ...]] = {
     "parameters that are not finite are culled": (Change(
-        "project.cpp", "project", "if (!(@flags[@lane] == 0))", "if (false)"
+        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
     ),),
     "projections and colours that are not finite are culled": (
-        Change("project.cpp", "project", "for (double @number : @numbers) @all &= finite(@number);", "(void)@numbers;"),
+        Change("project.h", "project", "for (double @number : @numbers) @all &= finite(@number);", "(void)@numbers;"),
         Change(
-            "project.cpp", "write_values",
+            "project.h", "write_values",
             "@usable &= scene.sh ? @to[@c] <= Real(kMaxColour) && @to[@c] >= Real(-kMaxColour) "
             ": @to[@c] - @to[@c] == 0;",
             "",
@@ -58,27 +58,27 @@ GUARDS: dict[str, tuple[Change, ...]] = {
         "(void)@a, (void)@b, (void)@c; @f.det = @f.xx * @f.yy - @f.xy * @f.xy;",
     ),),
     "a saturated alpha has no gradient": (Change(
-        "rasterize.cpp", "backward",
+        "rasterize.h", "backward",
         "@blend.alpha[@j] < Real(kAlphaCap) ? fnma(@odds, @rest, @here) : V{}",
         "fnma(@odds, @rest, @here)",
     ),),
     "gradients are checked before the step": (Change(
-        "project_backward.cpp", "project_backward",
+        "project_backward.h", "project_backward",
         "for (int @k = 0; @k < row_gradient::unit; @k += kLanes<Real>) @sum += load(@row + @k) * Real(0);",
         "",
     ),),
     "Adam's gradients are clamped": (Change(
-        "adam.cpp", "update",
+        "adam.h", "update",
         "minimum(maximum(@gradient, V{} - kLargestGradient), V{} + kLargestGradient)",
         "@gradient",
     ),),
     "SSIM is at most 1": (
         Change(
-            "loss.cpp", "loss_forward",
+            "loss.h", "loss_forward",
             "maximum(@blurred[2] - @m11 - @m22, V{}) + Real(kC2)", "@blurred[2] - @m11 - @m22 + Real(kC2)",
         ),
         Change(
-            "loss.cpp", "loss_forward",
+            "loss.h", "loss_forward",
             "minimum(2 * (@blurred[3] - @m12) + Real(kC2), @b2)", "2 * (@blurred[3] - @m12) + Real(kC2)",
         ),
     ),

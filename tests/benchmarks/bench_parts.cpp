@@ -164,12 +164,10 @@ void benchmark(FILE* file, int threads, int repeats) {
     scene.opacity_logits = parameters[3].data(), scene.sh = parameters[4].data();
     scene.sh_stored = int(coefficients), scene.sh_degree = degree, scene.channels = 3;
     const auto moments = [](std::vector<float>* m) {
-        return Moments{m[0].data(), m[1].data(), m[2].data(), m[3].data(), m[4].data()};
+        return GaussianPointers{m[0].data(), m[1].data(), m[2].data(), m[3].data(), m[4].data()};
     };
     AdamRows rows = {};
-    const Moments p = moments(parameters);
-    rows.means = p.means, rows.quats = p.quats, rows.log_scales = p.log_scales;
-    rows.opacity_logits = p.opacity_logits, rows.sh = p.sh;
+    rows.parameters = moments(parameters);
     rows.sh_stored = int(coefficients), rows.sh_degree = degree;
     rows.first = moments(first), rows.second = moments(second);
     rows.steps = steps.data();

@@ -41,7 +41,7 @@ class Mutation:
 
 MUTATIONS = (
     Mutation("alpha cap of 0.999 backward only", (Change(
-        "rasterize.cpp", "backward",
+        "rasterize.h", "backward",
         "const Blend<Real>& @blend = @blends[@block];",
         "Blend<Real> @blend = @blends[@block];\n"
         "for (int j = 0; j < kVectors<Real>; ++j) {\n"
@@ -49,16 +49,16 @@ MUTATIONS = (
         "}",
     ),)),
     Mutation("parameters that are not finite are not culled", (Change(
-        "project.cpp", "project", "if (!(@flags[@lane] == 0))", "if (false)"
+        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
     ),)),
     Mutation("colours that are not finite are not culled", (Change(
-        "project.cpp", "write_values", "return @usable;", "return true;"
+        "project.h", "write_values", "return @usable;", "return true;"
     ),)),
     Mutation("sort that is not stable", (Change(
         "frame.cpp", "sort_by_depth", "@rows[@i] = visible[@i];", "@rows[@i] = visible[visible_count - 1 - @i];"
     ),)),
     Mutation("3-sigma cut", (Change(
-        "project.cpp", "project",
+        "project.h", "project",
         "sqrt(maximum(@cut2, Pack{}) / kScale2)",
         "minimum(sqrt(maximum(@cut2, Pack{}) / kScale2), Pack{} + 3.0)",
     ),)),
@@ -73,7 +73,7 @@ MUTATIONS = (
         "for (const LossSums& part : parts) @report.l1 += part.l1, @report.ssim += part.ssim;",
     ),)),
     Mutation("saturated alpha passes gradient", (Change(
-        "rasterize.cpp", "backward",
+        "rasterize.h", "backward",
         "@blend.alpha[@j] < Real(kAlphaCap) ? fnma(@odds, @rest, @here) : V{}",
         "fnma(@odds, @rest, @here)",
     ),)),

@@ -162,7 +162,7 @@ def hash_of_everything(gaussians: Gaussians, camera: Camera, ids: np.ndarray, va
         adam.steps,
     ]
     digest = hashlib.sha256(repr(report).encode())
-    for array in [*arrays, *statistics.as_arrays()]:
+    for array in [*arrays, *vars(statistics).values()]:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

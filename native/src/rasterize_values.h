@@ -1,7 +1,9 @@
 // Gradient by the blended values alone (geometry frozen): sums over pixels of weight * gradient. With indicator planes
 // in place of gradients the same sums are the blending weights that each Gaussian has inside a mask.
+#pragma once
+
 #include "blending.h"
-#include "kernels_isa.h"
+#include "kernels.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -52,8 +54,5 @@ typename Kernels<Real>::ValuesBackward values_backward(int channels) {
             return nullptr;
     }
 }
-
-template Kernels<float>::ValuesBackward values_backward<float>(int);
-template Kernels<double>::ValuesBackward values_backward<double>(int);
 
 }  // namespace cotton::COTTON_ISA

@@ -1,6 +1,7 @@
 // (1 - λ) L1 + λ (1 - SSIM), forward and backward, by row bands of one channel. SSIM as in Kerbl et al. 2023: 11 x 11
 // Gaussian window of sigma 1.5, zero padding; the window is separable and symmetric, so its adjoint is itself.
-#include "kernels_isa.h"
+#pragma once
+
 #include "simd.h"
 
 namespace cotton::COTTON_ISA {
@@ -145,10 +146,5 @@ void loss_backward(const LossBand<Real>& band) {
             store_part(band.v_image + pixel, v, n);
         });
 }
-
-template LossSums loss_forward(const LossBand<float>&);
-template LossSums loss_forward(const LossBand<double>&);
-template void loss_backward(const LossBand<float>&);
-template void loss_backward(const LossBand<double>&);
 
 }  // namespace cotton::COTTON_ISA

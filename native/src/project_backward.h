@@ -1,6 +1,7 @@
 // Gradient by projected Gaussians -> gradient by their parameters.
+#pragma once
+
 #include "harmonics.h"
-#include "kernels_isa.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -132,8 +133,8 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
         const ParameterGradient g = footprint_backward(view, f, v_mean, v_cov);
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, pack);
-        const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
-        const Pack v_logit = moment(pg::g) * (odds_against / (1 + odds_against));
+        const Pack odds = odds_against(logit);
+        const Pack v_logit = moment(pg::g) * (odds / (1 + odds));
         const double half[2] = {0.5 * view.width, 0.5 * view.height};
         const Pack ax = 2 * kLn2 * moment(pg::abs_x) * half[0], ay = 2 * kLn2 * moment(pg::abs_y) * half[1];
         const Pack abs_grad_px = sqrt(ax * ax + ay * ay);
@@ -185,12 +186,5 @@ void sh_gradient(const Scene<Real>& scene, const uint32_t* visible, int64_t n, c
         });
     }
 }
-
-template bool project_backward(const Scene<float>&, const View&, const uint32_t*, int64_t, const float*, int,
-                               const HitRange*, const float*, float*);
-template bool project_backward(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, int,
-                               const HitRange*, const double*, double*);
-template void sh_gradient(const Scene<float>&, const uint32_t*, int64_t, const float*, float*);
-template void sh_gradient(const Scene<double>&, const uint32_t*, int64_t, const double*, double*);
 
 }  // namespace cotton::COTTON_ISA

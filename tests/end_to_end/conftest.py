@@ -13,6 +13,26 @@ from cotton3dg.options import resolve
 from cotton3dg.report.page import make_report
 from cotton3dg.workspace import Workspace
 
+QUICK_FILES = (
+    "test_frames.py",
+    "test_report_failures.py",
+    "test_report_index.py",
+    "test_report_page.py",
+    "test_segment_cluster.py",
+    "test_traits_stage.py",
+)
+QUICK_TESTS = ("test_one_plant", "test_every_line_is_run_by_something", "test_each_has_a_test", "test_options_file")
+"""Files and single tests here that `make test` has, too: one whole run, and what takes seconds."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before those that are not wanted are left out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All other tests of this folder are slow."""
+    for item in items:
+        here = item.path.parent == Path(__file__).parent
+        if here and item.path.name not in QUICK_FILES and item.name not in QUICK_TESTS:
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def filmed(tmp_path_factory) -> Path:

@@ -19,8 +19,6 @@ from cotton3dg.files.scale import read_scale
 from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
-pytestmark = pytest.mark.slow
-
 TOOLS = ROOT / "tests" / "accuracy"
 # Bolls of the tiny plant's 320 px are found or not by chance.
 FINER_FILM = FILM | {"width": 480, "height": 270}

@@ -102,7 +102,6 @@ def run(line, folder):
     assert result.exit_code == 0, f"{line}\n{result.output}\n{result.exception!r}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", PAGES)
 def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
     monkeypatch.chdir(desk)
@@ -120,7 +119,6 @@ def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
             run(line, desk)
 
 
-@pytest.mark.slow
 def test_yolo_models_are_trained_and_used(desk, monkeypatch):
     """In an environment with ultralytics: make yolo-test."""
     ultralytics = pytest.importorskip("ultralytics")
@@ -137,7 +135,6 @@ def test_yolo_models_are_trained_and_used(desk, monkeypatch):
     assert (desk / "model" / "best.onnx").is_file()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", PAGES)
 def test_the_python_of_a_page_works(name, desk, monkeypatch):
     monkeypatch.chdir(desk)

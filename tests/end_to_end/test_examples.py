@@ -47,7 +47,6 @@ def test_one_plant(first_run):
     assert plant.report_html.is_file()
 
 
-@pytest.mark.slow
 def test_many_plants(plants, first_run):
     done = in_shell(EXAMPLES / "many_plants.sh", plants, plants / "all.csv", cwd=plants)
     assert done.returncode == 1
@@ -55,7 +54,6 @@ def test_many_plants(plants, first_run):
     assert rows(plants / "all.csv") == rows(first_run[0].traits_csv)
 
 
-@pytest.mark.slow
 def test_own_coco_masks(tiny_plant, tmp_path):
     before = rows(tiny_plant.traits_csv)
     assert in_shell("cotton3dg", "masks-export", tiny_plant.root, cwd=tmp_path).returncode == 0
@@ -70,7 +68,6 @@ def test_own_coco_masks(tiny_plant, tmp_path):
     assert int(rows(tiny_plant.traits_csv)[0]["boll_count"]) < int(before[0]["boll_count"])
 
 
-@pytest.mark.slow
 def test_against_truth(plants, tmp_path):
     header, first, *_ = (EXAMPLES / "truth.csv").read_text().splitlines()
     (tmp_path / "truth.csv").write_text(f"{header}\n{first}\n")
@@ -90,7 +87,6 @@ def test_the_truth_names_columns_of_the_table():
     assert set((EXAMPLES / "truth.csv").read_text().splitlines()[0].split(",")) <= names
 
 
-@pytest.mark.slow
 def test_the_functions_of_python_give_what_a_run_gives(tiny_plant, tmp_path):
     # The example masks as many images as a run does by default; the tiny plant's own options say fewer.
     options = tiny_plant.options_file.read_text()
@@ -105,7 +101,6 @@ def test_the_functions_of_python_give_what_a_run_gives(tiny_plant, tmp_path):
     assert float(last[5]) == pytest.approx(float(row["plant_height_cm"]), abs=0.06)
 
 
-@pytest.mark.slow
 def test_picture(tiny_plant, tmp_path):
     done = in_shell("python", EXAMPLES / "picture.py", tiny_plant.root, tmp_path / "picture.jpg", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

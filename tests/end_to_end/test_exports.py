@@ -10,8 +10,6 @@ import pytest
 from cotton3dg.files.colmap import read_cameras, read_points
 from cotton3dg.files.ply import read_gaussians
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def plant(first_run):

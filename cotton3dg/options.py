@@ -83,12 +83,14 @@ class MasksOptions:
         "lint",
         "who finds the bolls in the images",
         paper="yolo, sam, grounded-sam",
-        choices=("lint", "import", "yolo", "sam", "grounded-sam"),
+        choices=("bolls", "lint", "import", "yolo", "sam", "grounded-sam"),
     )
     views: int = option(36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2)
     source: str = option("", "import: folder or file of masks (PNG, COCO, Labelme, YOLO labels); default: own_masks")
     classes: str = option("", "import, yolo: classes that are bolls, by comma; default: the only one")
-    weights: str = option("", "yolo: model, .pt or .onnx; sam, grounded-sam: folder of a SAM or SAM 2 model")
+    weights: str = option(
+        "", "bolls: a network of your own, .onnx; yolo: .pt or .onnx; sam, grounded-sam: folder of a SAM or SAM 2 model"
+    )
     trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
     confidence: float = option(0.25, "networks: least score of a boll", at_least=0.0, at_most=1.0)
     image_size: int = option(
@@ -106,20 +108,31 @@ class MasksOptions:
 
 @dataclass(frozen=True)
 class MasksTrainOptions:
-    """Train a YOLO segmentation model on annotated images; writes best.pt, best.onnx and training.json."""
+    """Train a network on annotated images, or on simulated ones; writes its weights and training.json."""
 
+    network: str = option(
+        "bolls", "what to train: the network of the bolls back end, or YOLO", paper="yolo", choices=("bolls", "yolo")
+    )
     annotations: str = option("", "folder of images with COCO, Labelme or YOLO labels; several by comma")
     classes: str = option("", "classes that are bolls, by comma; default: the only one")
-    weights: str = option("", "pretrained .pt to start from, or an architecture, e.g. yolo11n-seg.yaml, from scratch")
+    weights: str = option(
+        "",
+        "what to start from; bolls: .onnx, or none = from scratch, default: the network that comes with cotton3dg; "
+        "yolo: pretrained .pt, or an architecture, e.g. yolo11n-seg.yaml, from scratch",
+    )
     trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
-    image_size: int = option(1280, "longer side of the images", unit="px", paper="1280", at_least=32, at_most=8192)
-    batch: int = option(16, "images a step", paper="16", at_least=1)
-    epochs: int = option(500, "times each image is seen", paper="500", at_least=1)
+    scenes: int = option(0, "bolls: simulated scenes to learn from, 20 pictures each", at_least=0, at_most=100_000)
+    steps: int = option(300, "bolls: optimisation steps", at_least=1)
+    image_size: int = option(
+        1280, "yolo: longer side of the images", unit="px", paper="1280", at_least=32, at_most=8192
+    )
+    batch: int = option(0, "images a step; 0 = 12 of bolls, 16 of yolo", paper="16", at_least=0)
+    epochs: int = option(500, "yolo: times each image is seen", paper="500", at_least=1)
     validation: float = option(0.2, "share of the images that judges and never trains", at_least=0.01, at_most=0.9)
-    brightness: float = option(0.4, "brightness changes by up to this share", at_least=0.0, at_most=1.0)
-    blur: float = option(0.5, "share of the images that are also shown blurred", at_least=0.0, at_most=1.0)
-    rotation: float = option(15.0, "largest turn", unit="°", at_least=0.0, at_most=180.0)
-    rescaling: float = option(0.5, "size changes by up to this share", at_least=0.0, at_most=0.9)
+    brightness: float = option(0.4, "yolo: brightness changes by up to this share", at_least=0.0, at_most=1.0)
+    blur: float = option(0.5, "yolo: share of the images that are also shown blurred", at_least=0.0, at_most=1.0)
+    rotation: float = option(15.0, "yolo: largest turn", unit="°", at_least=0.0, at_most=180.0)
+    rescaling: float = option(0.5, "yolo: size changes by up to this share", at_least=0.0, at_most=0.9)
     seed: int = option(0, "seed of the split, the order and the first weights", at_least=0)
 
 

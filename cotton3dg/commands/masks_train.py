@@ -1,66 +1,86 @@
-"""Train YOLO on a lab's annotations. Not a stage of the pipeline: it makes weights for `masks --backend yolo`.
+"""Train a network that finds bolls. Not a stage of the pipeline: it makes weights for `masks --weights`.
 
-best.pt   best.onnx (runs without ultralytics)   training.json (images, options, accuracy on images kept back)
+bolls:  bolls.onnx   checkpoint.pt   scenes/   backgrounds/   training.json (images, options, accuracy on what judges)
+yolo:   best.pt   best.onnx (runs without ultralytics)   training.json
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
+from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
+from ..evaluation.masks import score_masks
 from ..files.annotations import annotated_images, read_masks
 from ..files.images import read_image, write_image
 from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
+from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
+from ..masks.bolls import IMAGE_SIDE, BollNetwork, find_bolls, shipped_weights
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..options import MasksTrainOptions, as_dict
+from ..simulate.backgrounds import paint_backgrounds
+from ..simulate.compositing import compose
+from ..simulate.plates import Plate, load_plates, render_plates, save_plates
+
+if TYPE_CHECKING:
+    from ..masks.bolls_network import BollsNetwork
 
 LEAST_IMAGES = 2
 BLUR_PX = (0.5, 2.0)
 """Standard deviations of blurred copies, of images as large as the model sees them: a moving phone's range."""
+PICTURE_PX = 192
+PLATES_A_SCENE = 20
+SCENES_A_ROOM = 10
+"""Scenes for each set of backgrounds."""
+JUDGING_SCENES = 4
+"""Simulated scenes that judge and never train, with numbers that no training reaches."""
+FIRST_JUDGING_SCENE = 1_000_000
+JUDGING_PICTURES = 64
+BATCH = 12
+LEARNING_RATES = {"new": 2e-3, "known": 2e-4}
+
+Draw = Callable[[np.random.Generator], TrainingPicture]
 
 
 def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent) -> Path:
-    """Train a model into `folder`.
+    """Train a network into `folder`.
 
     Returns:
-        The weights, best.pt.
+        The weights.
     Raises:
-        BadUsage: no annotations were named, or the folder holds something else. BadInput: too few annotated images.
+        BadUsage: nothing to learn from, or the folder holds something else. BadInput: too few annotated images.
     """
-    if not options.annotations:
-        raise BadUsage("no annotations were given; name their folders with --annotations DIR[,DIR ...]")
+    if not options.annotations and not (options.network == "bolls" and options.scenes):
+        simulated = ", or simulate scenes with --scenes N" if options.network == "bolls" else ""
+        raise BadUsage(f"no annotations were given; name their folders with --annotations DIR[,DIR ...]{simulated}")
     if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / "training.json").exists())):
         raise BadUsage(f"{folder} is not empty and holds no training; give a new folder")
     masks, photos = annotated(options)
-    names = sorted(masks.ids)
-    if len(names) < LEAST_IMAGES:
-        raise BadInput(
-            f"{len(names)} annotated image is not enough to train and to judge; annotate {LEAST_IMAGES} or more"
-        )
-    rng = np.random.default_rng(options.seed)
-    n_judging = min(max(round(options.validation * len(names)), 1), len(names) - 1)
-    judging = {names[i] for i in rng.permutation(len(names))[:n_judging]}
+    judging = _chosen_to_judge(sorted(masks.ids), options) if options.annotations else set()
     with explained_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_text_atomically(folder / "training.json", json_text({"finished": False}))
-        write_dataset(folder / "dataset", masks, photos, judging, options, rng)
-        best, accuracy = train_yolo(folder, options, progress)
-        onnx = export_onnx(best, options.image_size)
+        if not (folder / "training.json").exists():
+            write_text_atomically(folder / "training.json", json_text({"finished": False}))
+        make = _train_bolls if options.network == "bolls" else _train_yolo
+        written, accuracy = make(folder, masks, photos, judging, options, progress)
         document = {
             "finished": True,
             "options": as_dict(options),
-            "images": {name: "judges" if name in judging else "trains" for name in names},
+            "images": {name: "judges" if name in judging else "trains" for name in sorted(masks.ids)},
             "accuracy": accuracy,
-            "sha256": {path.name: file_sha256(path) for path in (best, onnx)},
+            "sha256": {path.name: file_sha256(path) for path in written},
         }
         write_text_atomically(folder / "training.json", json_text(document))
-    return best
+    return written[0]
 
 
 def annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
@@ -85,6 +105,156 @@ def annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
     return masks, photos
 
 
+def _chosen_to_judge(names: Sequence[str], options: MasksTrainOptions) -> set[str]:
+    if len(names) < LEAST_IMAGES:
+        raise BadInput(
+            f"{len(names)} annotated image is not enough to train and to judge; annotate {LEAST_IMAGES} or more"
+        )
+    count = min(max(round(options.validation * len(names)), 1), len(names) - 1)
+    chosen = np.random.default_rng(options.seed).permutation(len(names))[:count]
+    return {names[i] for i in chosen}
+
+
+def _train_bolls(
+    folder: Path,
+    masks: MaskSet,
+    photos: Mapping[str, Path],
+    judging: set[str],
+    options: MasksTrainOptions,
+    progress: Progress,
+) -> tuple[list[Path], dict[str, Any]]:
+    """bolls.onnx, and its accuracy on photos and on simulated pictures that it did not learn from."""
+    from ..masks.bolls_network import to_onnx
+    from ..masks.bolls_training import TrainingSettings
+    from ..masks.bolls_training import train as fit
+
+    training: list[AnnotatedPhoto] = []
+    judged: list[AnnotatedPhoto] = []
+    for name in sorted(masks.ids):
+        (judged if name in judging else training).append(_photo(name, photos[name], masks.ids[name]))
+    draws: list[Draw] = [partial(cut_picture, photos=training, size=PICTURE_PX)] if training else []
+    if options.scenes:
+        plates, backgrounds = simulated(folder, range(options.scenes), progress)
+        draws.append(partial(compose, plates=plates, backgrounds=backgrounds, size=PICTURE_PX))
+
+    def draw(number: int) -> TrainingPicture:
+        return draws[number % len(draws)](np.random.default_rng([options.seed, number]))
+
+    network, known = _start(options)
+    settings = TrainingSettings(
+        steps=options.steps,
+        batch=options.batch or BATCH,
+        learning_rate=LEARNING_RATES["known" if known else "new"],
+        seed=options.seed,
+        frozen_norms=known,
+    )
+    for report in fit(network, draw, settings, folder / "checkpoint.pt"):
+        worst = ", ".join(f"{name} {value:.3f}" for name, value in report.losses.items())
+        progress(report.step, options.steps, f"loss: {worst}")
+    weights = folder / "bolls.onnx"
+    weights.write_bytes(to_onnx(network, half=True))
+    reader = BollNetwork(weights.read_bytes(), weights.name)
+    accuracy = {"photos": _accuracy(reader, [(photo.image, photo.ids) for photo in judged])}
+    if options.scenes:
+        held = range(FIRST_JUDGING_SCENE, FIRST_JUDGING_SCENE + JUDGING_SCENES)
+        plates, backgrounds = simulated(folder, held, progress)
+        rng = np.random.default_rng([options.seed, 7])
+        pictures = [compose(rng, plates, backgrounds, PICTURE_PX) for _ in range(JUDGING_PICTURES)]
+        accuracy["simulated"] = _accuracy(reader, [(picture.image, picture.ids) for picture in pictures])
+    return [weights], accuracy
+
+
+def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
+    """Plates and backgrounds (B, H, W, 3) of scenes by number, made where they are not in the folder yet."""
+    plates, backgrounds = [], []
+    for kind in ("scenes", "backgrounds"):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+    for done, number in enumerate(scenes):
+        file = folder / "scenes" / f"{number:07d}.npz"
+        if not file.is_file():
+            progress(done, len(scenes), "scenes to learn from")
+            save_plates(file, render_plates(number, PLATES_A_SCENE))
+        plates += load_plates(file)
+    for number in scenes[::SCENES_A_ROOM]:
+        file = folder / "backgrounds" / f"{number:07d}.npy"
+        if not file.is_file():
+            partial_file = file.with_suffix(".partial.npy")
+            np.save(partial_file, paint_backgrounds(number))
+            partial_file.replace(file)
+        backgrounds.append(np.load(file))
+    return plates, np.concatenate(backgrounds)
+
+
+def _start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
+    """The network to begin with, and whether it knows something already."""
+    import torch
+
+    from ..masks.bolls_network import BollsNetwork, from_onnx
+
+    torch.manual_seed(options.seed)
+    if options.weights == "none" or (options.scenes and not options.annotations and not options.weights):
+        network, known = BollsNetwork(), False
+    else:
+        path = Path(options.weights) if options.weights else None
+        network, known = from_onnx(*((path.read_bytes(), path.name) if path else shipped_weights())), True
+    network = network.to(memory_format=torch.channels_last)
+    return network.to("cuda" if torch.cuda.is_available() else "cpu"), known
+
+
+def _photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhoto:
+    """An annotated photo at the size that the network sees."""
+    import cv2
+
+    image = _matching(name, path, ids)
+    factor = min(1.0, IMAGE_SIDE / max(ids.shape))
+    size = max(round(ids.shape[1] * factor), 1), max(round(ids.shape[0] * factor), 1)
+    return AnnotatedPhoto(
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+    )
+
+
+def _matching(name: str, path: Path, ids: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """The image of an annotation.
+
+    Raises:
+        BadInput: it has another size.
+    """
+    image = read_image(path)
+    if image.shape[:2] != ids.shape:
+        raise BadInput(
+            f"{name} is {image.shape[1]} x {image.shape[0]} px, its annotation {ids.shape[1]} x {ids.shape[0]}"
+        )
+    return image
+
+
+def _accuracy(network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]) -> dict[str, Any]:
+    """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
+    scores, miou = score_masks((find_bolls(image, network)[0], ids) for image, ids in judged)
+    table = {
+        str(score.iou): {key: _rounded(getattr(score, key)) for key in ("precision", "recall", "f1")}
+        for score in scores
+    }
+    return {"images": len(judged), "by_iou": table, "miou": _rounded(miou)}
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, 4) if np.isfinite(value) else None
+
+
+def _train_yolo(
+    folder: Path,
+    masks: MaskSet,
+    photos: Mapping[str, Path],
+    judging: set[str],
+    options: MasksTrainOptions,
+    progress: Progress,
+) -> tuple[list[Path], dict[str, Any]]:
+    """best.pt and best.onnx, and the accuracy that ultralytics reports."""
+    write_dataset(folder / "dataset", masks, photos, judging, options, np.random.default_rng(options.seed))
+    best, accuracy = train_yolo(folder, options, progress)
+    return [best, export_onnx(best, options.image_size)], dict(accuracy)
+
+
 def write_dataset(
     folder: Path,
     masks: MaskSet,
@@ -100,11 +270,8 @@ def write_dataset(
         for kind in ("images", "labels"):
             (folder / kind / part).mkdir(parents=True, exist_ok=True)
     for name in sorted(masks.ids):
-        image, ids = read_image(photos[name]), masks.ids[name]
-        if image.shape[:2] != ids.shape:
-            raise BadInput(
-                f"{name} is {image.shape[1]} x {image.shape[0]} px, its annotation {ids.shape[1]} x {ids.shape[0]}"
-            )
+        ids = masks.ids[name]
+        image = _matching(name, photos[name], ids)
         part = "val" if name in judging else "train"
         write_image(folder / "images" / part / f"{name}.jpg", image)
         write_yolo_labels(folder / "labels" / part / f"{name}.txt", ids)

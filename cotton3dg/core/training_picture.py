@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 UNKNOWN = 255
 """Class of pixels that teach nothing, e.g. lint too blurred to be counted."""
+NOT_LINT = 254
+"""Class of pixels of which an annotation only says that they are no lint."""
 CLASSES = ("other", "lint", "bur", "wood", "leaf")
 LINT = 1
 
@@ -20,7 +22,7 @@ class TrainingPicture:
     image: NDArray[np.uint8]
     """(H, W, 3) sRGB."""
     classes: NDArray[np.uint8]
-    """(H, W) index into `CLASSES`, or `UNKNOWN`."""
+    """(H, W) index into `CLASSES`, or `UNKNOWN` or `NOT_LINT`."""
     ids: NDArray[np.uint16]
     """(H, W) boll whose lint is seen, 1 ... B; 0 = none."""
     centres_px: NDArray[np.float32]

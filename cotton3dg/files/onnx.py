@@ -5,11 +5,13 @@ The format: https://github.com/onnx/onnx/blob/main/onnx/onnx.proto.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..errors import BadInput
 
 _TENSOR_KINDS = {"float32": 1, "int64": 7, "float16": 10}
 _FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
@@ -84,3 +86,73 @@ def _value(name: str, shape: Sequence[int | str]) -> bytes:
     sides = [field(1, side) if isinstance(side, int) else field(2, side.encode()) for side in shape]
     dims = b"".join(field(1, side) for side in sides)
     return field(1, name.encode()) + field(2, field(1, field(1, 1) + field(2, dims)))
+
+
+def read_constants(model_bytes: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """The constants of a file that `model` wrote, by name.
+
+    Raises:
+        BadInput: it is no such file.
+    """
+    try:
+        constants = {}
+        for number, content in _fields(_only(_fields(model_bytes), 7)):
+            if number == 5 and isinstance(content, bytes):
+                key, values = _read_tensor(content)
+                constants[key] = values
+        return constants
+    except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
+        raise BadInput(f"{name} is no network that cotton3dg wrote") from error
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:
+    """Number and content of each field of a protobuf message."""
+    at = 0
+    while at < len(message):
+        key, at = _read_varint(message, at)
+        kind = key & 7
+        if kind == 0:
+            content: int | bytes
+            content, at = _read_varint(message, at)
+        elif kind in {1, 2, 5}:
+            size = {1: 8, 5: 4}.get(kind, 0)
+            if kind == 2:
+                size, at = _read_varint(message, at)
+            content, at = message[at : at + size], at + size
+            if at > len(message):
+                raise ValueError("a field ends after its message")
+        else:
+            raise ValueError(f"fields of kind {kind} are not used")
+        yield key >> 3, content
+
+
+def _read_varint(message: bytes, at: int) -> tuple[int, int]:
+    number = 0
+    for shift in range(0, 70, 7):
+        byte = message[at]
+        number |= (byte & 0x7F) << shift
+        at += 1
+        if not byte & 0x80:
+            return number, at
+    raise ValueError("a number of more than ten bytes")
+
+
+def _only(fields: Iterator[tuple[int, int | bytes]], wanted: int) -> bytes:
+    for number, content in fields:
+        if number == wanted and isinstance(content, bytes):
+            return content
+    raise KeyError(wanted)
+
+
+def _read_tensor(message: bytes) -> tuple[str, NDArray[Any]]:
+    shape, kind, name, raw = [], 0, "", b""
+    for number, content in _fields(message):
+        if isinstance(content, int):
+            shape += [content] if number == 1 else []
+            kind = content if number == 2 else kind
+        elif number == 8:
+            name = content.decode()
+        elif number == 9:
+            raw = content
+    dtypes = {number: np.dtype(text) for text, number in _TENSOR_KINDS.items()}
+    return name, np.frombuffer(raw, dtypes[kind]).reshape(shape)

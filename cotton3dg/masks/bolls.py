@@ -19,8 +19,12 @@ from ..core.training_picture import CLASSES, LINT
 from ..errors import BadInput, MissingInput
 
 Float32 = NDArray[np.float32]
+CHANNELS = len(CLASSES) + 4
+"""What the network gives for a pixel: classes, x and y of the way to the middle, border, size, in this order."""
 OFFSET_PX = 32.0
+"""What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
 STRIDE = 32
+"""Sides of what the network sees are multiples of this."""
 IMAGE_SIDE = 960
 """px, longer side of what the network sees; larger images are scaled down, smaller ones are not scaled up."""
 SURE = 0.5
@@ -33,6 +37,8 @@ LEAST_SHARE = 0.06
 """Share of its disc that a boll must show."""
 REACH = 0.7
 """Farthest distance, in diameters, from a middle of a vote for it."""
+MARGIN = 48
+"""Width, in pixels of the maps, of the frame around them in which middles are looked for, too."""
 OCTAVES = range(-2, 4)
 """Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
 
@@ -71,7 +77,7 @@ class BollNetwork:
             self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
         except cv2.error as error:
             raise BadInput(f"{name} is no network that OpenCV reads; {REMEDY}") from error
-        if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != len(CLASSES) + 4:
+        if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != CHANNELS:
             raise BadInput(f"{name} is no network of bolls; {REMEDY}")
 
     def maps(self, image: NDArray[np.uint8]) -> Maps:
@@ -132,16 +138,25 @@ def open_bolls(weights: Path | None = None) -> BollNetwork:
 
 @cache
 def _shipped() -> BollNetwork:
+    return BollNetwork(*shipped_weights())
+
+
+def shipped_weights() -> tuple[bytes, str]:
+    """The network that the program brings, and its name.
+
+    Raises:
+        MissingInput: it is gone, or not what it was.
+    """
     file = resources.files(__package__) / "bolls.onnx"
     try:
-        return BollNetwork(file.read_bytes(), "bolls.onnx")
+        return file.read_bytes(), "bolls.onnx"
     except FileNotFoundError as error:
         raise MissingInput(
             "bolls.onnx, which comes with cotton3dg, is not there; install it again, or use --backend lint"
         ) from error
 
 
-def detect_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
+def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Masks of the bolls in one image.
 
     Args:
@@ -169,12 +184,13 @@ def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
 
 def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
     """(B, 2) places where enough votes meet, most first, and (B,) the size that these votes tell."""
-    shape = maps.lint.shape
+    # The middle of a boll that the image's edge cuts may lie beyond it.
+    shape = tuple(side + 2 * MARGIN for side in maps.lint.shape)
     # A boll seen whole gives votes of weight 1 in all.
     weights = (maps.scale**2 / (np.pi / 4 * diameters**2)).astype(np.float32)
     heat = np.zeros(shape, np.float32)
     octaves = np.round(np.log2(diameters / (OFFSET_PX * maps.scale / 2))).clip(OCTAVES[0], OCTAVES[-1])
-    x, y = (votes / maps.scale).T
+    x, y = (votes / maps.scale + MARGIN).T
     inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
     for octave in OCTAVES:
         chosen = inside & (octaves == octave)
@@ -187,7 +203,8 @@ def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, F
     peaks = (heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE)
     rows, columns = np.nonzero(peaks)
     order = np.argsort(-heat[rows, columns], kind="stable")
-    places = np.stack([columns + 0.5, rows + 0.5], axis=1)[order].astype(np.float32) * np.float32(maps.scale)
+    places = np.stack([columns, rows], axis=1)[order].astype(np.float32) + np.float32(0.5 - MARGIN)
+    places *= np.float32(maps.scale)
     middles: list[Float32] = []
     sizes: list[float] = []
     for place in places:

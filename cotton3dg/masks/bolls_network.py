@@ -17,19 +17,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..errors import BadInput
 from ..files import onnx
+from .bolls import CHANNELS, REMEDY
 
-WIDTHS = (20, 40, 72, 112, 144)
+WIDTHS = (16, 32, 64, 128, 160)
 """Channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the image."""
-BLOCKS = (0, 1, 2, 2, 1)
+BLOCKS = (0, 1, 2, 2, 2)
 """Residual blocks there."""
-CLASS_COUNT = 5
-CHANNELS = CLASS_COUNT + 4
-"""Classes, x and y of the way to the middle, border, size: in this order."""
-OFFSET_PX = 32.0
-"""What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
-STRIDE = 32
-"""Sides of an image must be multiples of this."""
 
 
 class _Block(nn.Module):
@@ -62,11 +57,21 @@ class _Conv(nn.Module):
         scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
         weight = self.conv.weight * scale[:, None, None, None]
         bias = norm.bias - norm.running_mean * scale
-        return weight.detach().numpy(), bias.detach().numpy()
+        return weight.detach().cpu().numpy(), bias.detach().cpu().numpy()
+
+    def unfold(self, weight: NDArray, bias: NDArray) -> None:
+        """Take over the weights of a folded convolution, as one whose normalisation changes nothing."""
+        norm = self.norm
+        with torch.no_grad():
+            self.conv.weight.copy_(_as_tensor(weight, self.conv.weight))
+            norm.bias.copy_(_as_tensor(bias, norm.bias))
+            norm.weight.fill_(1.0)
+            norm.running_mean.zero_()
+            norm.running_var.fill_(1.0 - norm.eps)
 
 
 class BollsNetwork(nn.Module):
-    """(B, 3, H, W) RGB in 0..255, sides multiples of `STRIDE` -> (B, CHANNELS, H/2, W/2)."""
+    """(B, 3, H, W) RGB in 0..255, sides multiples of `bolls.STRIDE` -> (B, CHANNELS, H/2, W/2)."""
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS):
         super().__init__()
@@ -92,6 +97,43 @@ class BollsNetwork(nn.Module):
             coarse = functional.interpolate(self.across[level](x), scale_factor=2, mode="bilinear", align_corners=False)
             x = self.up[level](levels[level] + coarse)
         return self.head(x)
+
+    def convolutions(self) -> dict[str, _Conv]:
+        """All but the head by the name they have in a file."""
+        named = {"stem": self.stem}
+        named |= {f"down{level}": layer for level, layer in enumerate(self.down, start=1)}
+        for level, blocks in enumerate(self.blocks):
+            for k, block in enumerate(blocks):
+                named |= {f"block{level}.{k}.1": block.first, f"block{level}.{k}.2": block.second}
+        named |= {f"across{level}": layer for level, layer in enumerate(self.across)}
+        return named | {f"up{level}": layer for level, layer in enumerate(self.up)}
+
+
+def from_onnx(model: bytes, name: str) -> BollsNetwork:
+    """The network of a file that `to_onnx` wrote, to be trained further with its normalisation as it is.
+
+    Raises:
+        BadInput: it is no such file.
+    """
+    constants = onnx.read_constants(model, name)
+    network = BollsNetwork()
+    try:
+        for key, layer in network.convolutions().items():
+            layer.unfold(constants[key + ".w"], constants[key + ".b"])
+        with torch.no_grad():
+            network.head.weight.copy_(_as_tensor(constants["maps.w"], network.head.weight))
+            assert network.head.bias is not None
+            network.head.bias.copy_(_as_tensor(constants["maps.b"], network.head.bias))
+    except (KeyError, ValueError) as error:
+        raise BadInput(f"{name} is no network of bolls; {REMEDY}") from error
+    return network.eval()
+
+
+def _as_tensor(values: NDArray, like: Tensor) -> Tensor:
+    """The values as numbers of the shape that is wanted, or ValueError."""
+    if values.shape != tuple(like.shape) or not np.isfinite(values).all():
+        raise ValueError(f"{values.shape} instead of {tuple(like.shape)}, or not finite")
+    return torch.from_numpy(values.astype(np.float32))
 
 
 @dataclass
@@ -167,7 +209,7 @@ def to_onnx(network: BollsNetwork, *, half: bool = False, notes: dict[str, str] 
             coordinate_transformation_mode="half_pixel",
         )
         x = graph.conv(graph.apply("Add", [levels[level], wide], f"sum{level}"), network.up[level], f"up{level}")
-    weight, bias = network.head.weight.detach().numpy(), network.head.bias.detach().numpy()
+    weight, bias = network.head.weight.detach().cpu().numpy(), network.head.bias.detach().cpu().numpy()
     graph._conv(x, weight, bias, "maps", 3, 1, False)
     return onnx.model(
         graph.nodes,

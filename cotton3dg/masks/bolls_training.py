@@ -14,11 +14,14 @@ from torch import Tensor
 from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset
 
-from ..core.training_picture import CLASSES, LINT, UNKNOWN, TrainingPicture
-from .bolls_network import OFFSET_PX, BollsNetwork
+from ..core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN, TrainingPicture
+from .bolls import OFFSET_PX
+from .bolls_network import BollsNetwork
 
 LEARNING_RATE = 2e-3
 WARM_UP = 100
+FALL = 0.3
+"""Share of the steps in which the learning rate falls."""
 WEIGHT_DECAY = 1e-4
 CLASS_WEIGHTS = (1.0, 2.0, 1.5, 1.5, 1.5)
 """Lint matters most, and most of a picture is none of the plant."""
@@ -39,6 +42,8 @@ class TrainingSettings:
     seed: int = 0
     workers: int = 1
     """Processes that make pictures beside the one that trains."""
+    frozen_norms: bool = False
+    """Whether normalisation stays as it is, for weights that were read from a file and for small sets."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,17 @@ def losses(maps: Tensor, classes: Tensor, wanted: Tensor, border: Tensor) -> dic
     maps = functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)
     logits = maps[:, : len(CLASSES)]
     weights = torch.tensor(CLASS_WEIGHTS, device=maps.device)
-    terms = {"classes": functional.cross_entropy(logits, classes.long(), weights, ignore_index=UNKNOWN)}
+    known = classes.long().masked_fill(classes == NOT_LINT, UNKNOWN)
+    summed = functional.cross_entropy(logits, known, weights, ignore_index=UNKNOWN, reduction="sum")
+    total = weights[known[known != UNKNOWN]].sum()
+    bare = classes == NOT_LINT
+    if bare.any():
+        # Some class that is not lint: what is left of the probability.
+        of_pixel = logits.movedim(1, -1)[bare]
+        others = torch.cat([of_pixel[:, :LINT], of_pixel[:, LINT + 1 :]], dim=1)
+        summed = summed + (of_pixel.logsumexp(dim=1) - others.logsumexp(dim=1)).sum()
+        total = total + bare.sum()
+    terms = {"classes": summed / total.clamp(min=1)}
     own = (classes == LINT) & (wanted[:, 2] > 0)
     if not own.any():
         return terms | dict.fromkeys(("middles", "borders", "sizes"), maps.sum() * 0)
@@ -130,7 +145,7 @@ def train(
         pictures, settings.batch, num_workers=settings.workers, prefetch_factor=4 if settings.workers else None
     )
     sums: dict[str, float] = {}
-    network.train()
+    network.train(not settings.frozen_norms)
     for step, batch in enumerate(batches, start=first + 1):
         images, classes, wanted, border = (part.to(device) for part in batch)
         terms = losses(network(images.float()), classes, wanted, border)
@@ -152,10 +167,12 @@ def train(
 
 
 def _rate(step: int, steps: int) -> float:
-    """Share of the learning rate: a short rise, then half a cosine."""
-    if step < WARM_UP:
-        return (step + 1) / WARM_UP
-    return 0.5 * (1 + float(np.cos(np.pi * min(step / steps, 1.0)))) + 1e-3
+    """Share of the learning rate: a short rise, the same for long, then a fall to nothing.
+
+    What was learnt before the fall does not depend on the number of steps, so a training may be made longer.
+    """
+    rise, fall = min(WARM_UP, steps), (1 - FALL) * steps
+    return min((step + 1) / rise, 1.0) * min((steps - step) / max(steps - fall, 1), 1.0)
 
 
 def _save(

@@ -12,6 +12,8 @@ from ..options import MasksTrainOptions
 from .trust import demand_trust
 from .yolo_networks import ultralytics_model
 
+BATCH = 16
+"""The paper's images a step."""
 OPSET = 17
 """Of ONNX; OpenCV's importer knows it."""
 
@@ -37,7 +39,7 @@ def train_yolo(folder: Path, options: MasksTrainOptions, progress: Progress) -> 
         model.train(
             data=str(folder / "dataset" / "data.yaml"),
             imgsz=options.image_size,
-            batch=options.batch,
+            batch=options.batch or BATCH,
             epochs=options.epochs,
             seed=options.seed,
             hsv_v=options.brightness,

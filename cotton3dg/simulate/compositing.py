@@ -88,7 +88,6 @@ def _draw_power(rng: np.random.Generator) -> Float32:
 
 def _placed(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> _Layer:
     """A plate lit, mirrored, turned, scaled and moved at random, so that its edge is hardly ever seen."""
-    light = plate.lit(power)
     zoom = size / PLATE_PX * np.exp(rng.uniform(np.log(1.0), np.log(1.7)))
     turn = rng.normal(0, 0.2) + (rng.integers(4) * np.pi / 2 if rng.random() < 0.1 else 0.0)
     mirror = rng.choice([-1.0, 1.0])
@@ -106,7 +105,7 @@ def _placed(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -
 
     cover = warped(plate.cover.astype(np.float32) / 255, cv2.INTER_LINEAR)
     return _Layer(
-        light=warped(light, cv2.INTER_LINEAR),
+        light=plate.lit(power, np.stack([warped(light, cv2.INTER_LINEAR) for light in plate.light])),
         cover=cover,
         classes=warped(plate.classes, cv2.INTER_NEAREST),
         ids=warped(plate.ids, cv2.INTER_NEAREST).astype(np.uint16),
@@ -147,12 +146,10 @@ def _reference(layers: Sequence[_Layer]) -> float:
     return max(float(np.quantile(lint, 0.95)), 1e-3) if len(lint) else 0.5
 
 
-def _developed(rng: np.random.Generator, light: Float32, reference: float) -> NDArray[np.uint8]:
+def _developed(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
     """What a phone makes of the light: exposure, white balance, tone, blur, noise, sharpening, compression."""
-    exposed = (
-        np.exp(rng.normal(np.log(0.6), 0.5)) if rng.random() < 0.8 else np.exp(rng.uniform(np.log(0.05), np.log(2.5)))
-    )
-    light = light * np.float32(exposed / reference)
+    exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.85 else rng.uniform(np.log(0.06), np.log(2.5)))
+    light: Float32 = seen * np.float32(exposed / reference)
     cast = np.exp(rng.normal(0, 0.10) * np.array([1, 0, -1]) + rng.normal(0, 0.05) * np.array([0.5, -1, 0.5]))
     light = light * cast.astype(np.float32)
     size = light.shape[0]
@@ -165,12 +162,14 @@ def _developed(rng: np.random.Generator, light: Float32, reference: float) -> ND
         cv2.line(kernel, np.int32(np.round(5 - step)), np.int32(np.round(5 + step)), 1.0, 1, cv2.LINE_AA)
         light = cv2.filter2D(light, -1, kernel / kernel.sum())
     if rng.random() < 0.6:
-        electrons = np.exp(rng.uniform(np.log(60), np.log(5000)))
-        light = light + np.sqrt(light.clip(0) / electrons + 1e-6) * rng.standard_normal(light.shape, np.float32)
+        electrons = np.exp(rng.uniform(np.log(150), np.log(8000)))
+        sigma = np.sqrt(light.clip(0) / np.float32(electrons) + np.float32(1e-6))
+        light = light + (sigma * rng.standard_normal(light.shape, np.float32)).astype(np.float32)
     image = 255 * light.clip(0, 1) ** np.float32(1 / 2.2)
     if rng.random() < 0.5:  # contrast: an S about the middle
         bent = image / 255
-        image = 255 * (bent + np.float32(rng.uniform(-0.6, 1.2)) * bent * (1 - bent) * (2 * bent - 1))
+        strength = np.float32(rng.uniform(-0.6, 1.2))
+        image = (255 * (bent + strength * bent * (1 - bent) * (2 * bent - 1))).astype(np.float32)
     if rng.random() < 0.4:
         grey = image.mean(axis=2, keepdims=True)
         image = grey + (image - grey) * np.float32(rng.uniform(0.4, 1.5))

@@ -49,12 +49,17 @@ class Plate:
     diameters_px: NDArray[np.float32]
     """(B,)"""
 
-    def lit(self, power: Float32) -> Float32:
-        """(H, W, 3) linear light under a mixture of the lights, (LIGHTS, 3) RGB."""
-        total = np.zeros((*self.cover.shape, 3), np.float32)
-        for light, brightest, colour in zip(self.light, self.brightest, power, strict=True):
-            root = light.astype(np.float32)
-            total += root * root * (colour * (brightest / 65025)).astype(np.float32)
+    def lit(self, power: Float32, light: NDArray[np.uint8] | None = None) -> Float32:
+        """(H, W, 3) linear light under a mixture of the lights, (LIGHTS, 3) RGB.
+
+        Args:
+            light: the plate's own, bent or cut; None = as it is.
+        """
+        passes = self.light if light is None else light
+        total = np.zeros(passes.shape[1:], np.float32)
+        for roots, brightest, colour in zip(passes, self.brightest, power, strict=True):
+            values = roots.astype(np.float32)
+            total += values * values * (colour * (brightest / 65025)).astype(np.float32)
         return total
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..core.scene import Camera
+from ..core.scene import Camera, Gaussians
 from ..errors import BadInput, BadUsage
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras, read_points
@@ -22,6 +22,8 @@ from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256, json_text
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..masks.bolls import open_bolls
+from ..masks.detect_bolls import detect_bolls
 from ..masks.detect_lint import detect_lint
 from ..masks.grounding_dino import find_boxes, open_grounding_dino
 from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
@@ -61,18 +63,25 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
     """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks; and
-    the model, where `lint` looks at it."""
+    the model, where `bolls` and `lint` look at it."""
     texts = (options.weights, options.detector, options.prompts, options.source)
     named = [_found_file(workspace, text) for text in texts if text]
-    by_colour = options.backend == "lint" or (options.backend == "sam" and not options.prompts)
-    return [*named, workspace.gaussians_ply] if by_colour else named
+    by_model = options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.prompts)
+    return [*named, workspace.gaussians_ply] if by_model else named
 
 
 def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
     """Writes masks/<image>.png with 16-bit ids at the size of the undistorted image, and masks.json."""
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     start = time.perf_counter()
-    find = {"lint": by_lint, "import": imported, "yolo": by_yolo, "sam": by_sam, "grounded-sam": by_text}
+    find = {
+        "bolls": by_bolls,
+        "lint": by_lint,
+        "import": imported,
+        "yolo": by_yolo,
+        "sam": by_sam,
+        "grounded-sam": by_text,
+    }
     found = find[options.backend](workspace, options, cameras, progress)
     seconds, masks = time.perf_counter() - start, found.masks
     counts = {name: len(np.unique(ids[ids > 0])) for name, ids in masks.ids.items()}
@@ -100,6 +109,14 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
     return StageOutcome(summary, ("no_masks",), (NOTHING_FOUND.get(options.backend, NO_DETECTION), *found.notes))
 
 
+def by_bolls(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
+    """Masks of the bolls' network, on views evenly spaced around the plant; by place, too, once there is a model."""
+    network = open_bolls(_found_file(workspace, options.weights) if options.weights else None)
+    views = _spaced(cameras, options)
+    images = [read_image(workspace.undistorted_image(camera.name)) for camera in views]
+    return Found(detect_bolls(images, views, network, _model(workspace), progress))
+
+
 def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
     """Masks by colour and shape, on views evenly spaced around the plant; by distance, too, once there is a model."""
     orbit = fit_orbit(_several(cameras))
@@ -111,8 +128,7 @@ def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in seen]
     points = read_points(workspace.undistorted / "sparse")[0]
     names, voters = ({cameras[i].name for i in chosen} for chosen in (painted, voting))
-    gaussians = read_gaussians(workspace.gaussians_ply) if workspace.gaussians_ply.is_file() else None
-    return Found(detect_lint(images, seen, orbit, points, names, progress, voters, gaussians))
+    return Found(detect_lint(images, seen, orbit, points, names, progress, voters, _model(workspace)))
 
 
 def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
@@ -194,6 +210,11 @@ def imported(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
             masks, (f"{len(empty)} of {len(ids)} imported images have no mask, e.g. {empty[0]}; true if no boll shows",)
         )
     return Found(masks)
+
+
+def _model(workspace: Workspace) -> Gaussians | None:
+    """The plant's model, once there is one."""
+    return read_gaussians(workspace.gaussians_ply) if workspace.gaussians_ply.is_file() else None
 
 
 def _several(cameras: Sequence[Camera]) -> Sequence[Camera]:

@@ -1,13 +1,14 @@
-"""Twelve simulated plants, made, run and compared with their truth.
+"""Simulated plants, made, run and compared with their truth: the twelve of the study set, and twelve of touching bolls.
 
-    python tests/accuracy/study_set.py FOLDER [--preset draft] [--jobs 2] [--only NAME ...] [--also RUN:TRUTH ...]
+    python tests/accuracy/study_set.py FOLDER [--preset draft] [--jobs 2] [--touching] [--only NAME ...] [--also ...]
 
 The jobs share the cores that this process may use. Whatever is up to date is skipped: the same command continues after
 an interruption, and measures again after a change. A plant whose options below change needs another name.
 
 Prints a row a plant, and for each kind of plant and all of them the mean absolute errors beside what they should be;
-keeps both as FOLDER/study_PRESET.csv and .md. Plants that were run before (--also, with the folder of `truth.json` and
-`cameras.json` after a colon if it is another) are a kind of their own and not among all.
+keeps both as FOLDER/study_PRESET.csv and .md. --touching takes the other twelve, most of whose bolls stand in groups of
+two to four. Plants that were run before (--also RUN:TRUTH, with the folder of `truth.json`
+and `cameras.json` after a colon if it is another) are a kind of their own and not among all.
 """
 
 from __future__ import annotations
@@ -50,6 +51,12 @@ PLANTS: dict[str, str] = {
 }
 """Name -> options of `cotton3dg simulate`. The name without its number is the kind."""
 
+TOUCHING = {
+    f"touching-{number}": f"--seed {600 + number} --bolls {bolls} --clustered 0.85 --contact 0.72"
+    for number, bolls in enumerate((12, 14, 16, 18, 20, 20, 20, 22, 22, 24, 26, 28), start=1)
+}
+"""As hard as bolls grow: 85 % touch others, and lie in each other down to 0.72 diameters from middle to middle."""
+
 AIMS_PCT = {"count": 4.6, "canopy": 1.8, "height": 1.2, "volume": 4.0, "one_boll": 8.0, "scale": 0.5}
 """Half of what Cotton3DGaussians errs by, and what that asks of single bolls and of the scale."""
 NAMES = {
@@ -68,7 +75,7 @@ def made_and_run(folder: Path, name: str, preset: str) -> int:
     commands = [["run", str(plant), "--preset", preset, "--no-report"]]
     if not (plant / "video.mp4").is_file():
         shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        commands.insert(0, ["simulate", str(plant), "--mask-interval", "1", *PLANTS[name].split()])
+        commands.insert(0, ["simulate", str(plant), "--mask-interval", "1", *(PLANTS | TOUCHING)[name].split()])
     with (folder / f"{name}.log").open("a", encoding="utf-8") as log:
         for command in commands:
             code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
@@ -121,16 +128,18 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--preset", choices=PRESET_VALUES, default="draft")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", nargs="*", choices=PLANTS, default=list(PLANTS))
+    parser.add_argument("--touching", action="store_true")
+    parser.add_argument("--only", nargs="*", choices=PLANTS | TOUCHING)
     parser.add_argument("--also", nargs="*", type=true_plant, default=[], metavar="RUN:TRUTH")
     wanted = parser.parse_args()
+    names = wanted.only or list(TOUCHING if wanted.touching else PLANTS)
     cores: SimpleQueue[list[int]] = SimpleQueue()
     for job in range(wanted.jobs):
         cores.put(usable_cores()[job :: wanted.jobs] or usable_cores())
     with ThreadPoolExecutor(wanted.jobs, initializer=lambda: os.sched_setaffinity(0, cores.get())) as pool:
-        codes = list(pool.map(lambda name: made_and_run(wanted.folder, name, wanted.preset), wanted.only))
-    failed = {name: code for name, code in zip(wanted.only, codes, strict=True) if code}
-    done = [name for name in wanted.only if name not in failed]
+        codes = list(pool.map(lambda name: made_and_run(wanted.folder, name, wanted.preset), names))
+    failed = {name: code for name, code in zip(names, codes, strict=True) if code}
+    done = [name for name in names if name not in failed]
     rows = [{"kind": name.rsplit("-", 1)[0], **judged(true_plant(str(wanted.folder / name)))} for name in done]
     rows += [{"kind": "also", **judged(plant)} for plant in wanted.also]
     if rows:

@@ -352,3 +352,17 @@ def test_markers_a_box_and_a_second_table_leave_the_room_as_it_is():
     paper = more.panels[len(plain.panels)]
     assert np.linalg.norm(paper.across) == pytest.approx(0.12 * 8 / 6)
     assert paper.across @ paper.down == pytest.approx(0, abs=1e-12)
+
+
+def test_touching_bolls_lie_in_each_other_as_deep_as_is_asked_for():
+    nearest = {}
+    for contact in (0.90, 0.72):
+        options = SimulateOptions(seed=605, bolls=20, clustered=0.85, contact=contact)
+        bolls = plant_truth(grow_plant(options), options)["bolls"]
+        centres = np.array([boll["centre_xyz_m"] for boll in bolls])
+        widths = np.array([boll["diameter_cm"] for boll in bolls]) / 100
+        apart = np.linalg.norm(centres[:, None] - centres, axis=2) / (0.5 * (widths[:, None] + widths))
+        nearest[contact] = (apart + 9 * np.eye(len(apart))).min(axis=1)
+    assert (nearest[0.90] < 1).sum() >= 15
+    assert (nearest[0.72] < 1).sum() >= 15
+    assert 0.65 < nearest[0.72].min() < 0.75 < nearest[0.90].min()

@@ -1,0 +1,101 @@
+"""Masks by a network of bolls that calls lint what is bright, and its training by the command."""
+
+import json
+
+import numpy as np
+import pytest
+from scenes.bright_network import bright_network
+from scenes.lint_scene import BOLLS, room_model
+from scenes.lint_workspace import make_workspace
+
+from cotton3dg.commands.masks_train import train
+from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.files.images import read_ids, write_ids, write_image
+from cotton3dg.files.ply import write_gaussians
+from cotton3dg.masks.bolls import BollNetwork
+from cotton3dg.options import MasksOptions, MasksTrainOptions
+from cotton3dg.pipeline import stage_inputs
+from cotton3dg.stages import masks
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    workspace, truths = make_workspace(tmp_path_factory.mktemp("plant"), BOLLS)
+    (workspace.root / "bright.onnx").write_bytes(bright_network(diameter_px=16))
+    return workspace, truths
+
+
+def test_masks_of_the_network_with_and_without_a_model(plant):
+    workspace, _ = plant
+    options = MasksOptions(backend="bolls", weights="bright.onnx", views=8)
+    alone = masks.run(workspace, options)
+    assert alone.summary["images"] == 8 and alone.summary["masks"] > 0
+    with workspace.writing("train") as folder:
+        write_gaussians(folder / workspace.gaussians_ply.name, room_model())
+    together = masks.run(workspace, options)
+    document = json.loads(workspace.masks_json.read_text())
+    assert document["backend"] == "bolls" and list(document["weights_sha256"]) == ["bright.onnx"]
+    assert together.summary["masks"] > 0
+    ids = {number for path in workspace.folder("masks").glob("*.png") for number in np.unique(read_ids(path)[1:])}
+    assert len(ids - {0}) < alone.summary["masks"], "with a model a boll has the same number in all images"
+    assert workspace.gaussians_ply in stage_inputs(workspace, "masks", options)
+
+
+def test_bad_weights_name_the_remedy(plant):
+    workspace, _ = plant
+    (workspace.root / "text.onnx").write_text("no network")
+    with pytest.raises(BadInput, match="--backend lint"):
+        masks.run(workspace, MasksOptions(backend="bolls", weights="text.onnx"))
+    with pytest.raises(MissingInput, match="--backend lint"):
+        masks.run(workspace, MasksOptions(backend="bolls", weights="none.onnx"))
+
+
+def test_annotations_teach_a_network(tmp_path):
+    """White squares beside grey ones: after some steps the squares are found that were not before."""
+    rng = np.random.default_rng(0)
+    drawn = tmp_path / "drawn"
+    for number in range(5):
+        image = rng.integers(30, 90, (96, 128, 3)).astype(np.uint8)
+        ids = np.zeros((96, 128), np.uint16)
+        for boll in range(1, 4):
+            y, x = rng.integers(0, 70), 40 * boll - 30
+            ids[y : y + 24, x : x + 24] = boll
+        image[ids > 0] = 150
+        write_image(drawn / f"{number}.jpg", image)
+        write_ids(drawn / "masks" / f"{number}.png", ids)
+    (tmp_path / "bright.onnx").write_bytes(bright_network(diameter_px=16))
+    options = MasksTrainOptions(
+        annotations=str(drawn / "masks"), weights=str(tmp_path / "bright.onnx"), steps=3, batch=2
+    )
+    for path in drawn.glob("*.jpg"):
+        (drawn / "masks" / path.name).write_bytes(path.read_bytes())
+    weights = train(tmp_path / "model", options)
+    assert weights == tmp_path / "model" / "bolls.onnx"
+    document = json.loads((tmp_path / "model" / "training.json").read_text())
+    assert document["finished"] and list(document["sha256"]) == ["bolls.onnx"]
+    assert sorted(document["images"].values()) == ["judges", *4 * ["trains"]]
+    assert document["accuracy"]["photos"]["images"] == 1
+    BollNetwork(weights.read_bytes(), "bolls.onnx")
+
+
+def test_training_asks_for_something_to_learn_from(tmp_path):
+    with pytest.raises(BadUsage, match="--scenes"):
+        train(tmp_path / "model", MasksTrainOptions())
+
+
+def test_simulated_scenes_teach_a_network_from_nothing(tmp_path, monkeypatch):
+    from cotton3dg.simulate import plates
+
+    monkeypatch.setattr("cotton3dg.commands.masks_train.PLATES_A_SCENE", 2)
+    monkeypatch.setattr("cotton3dg.commands.masks_train.JUDGING_SCENES", 1)
+    monkeypatch.setattr("cotton3dg.commands.masks_train.JUDGING_PICTURES", 2)
+    monkeypatch.setattr(
+        "cotton3dg.commands.masks_train.paint_backgrounds", lambda seed: np.full((2, 96, 96, 3), seed % 256, np.uint8)
+    )
+    monkeypatch.setattr(plates, "HEMISPHERE_RAYS", 4)
+    options = MasksTrainOptions(scenes=1, steps=2, batch=1)
+    weights = train(tmp_path / "model", options)
+    accuracy = json.loads((tmp_path / "model" / "training.json").read_text())["accuracy"]
+    assert accuracy["simulated"]["images"] == 2 and accuracy["photos"]["images"] == 0
+    assert len(list((tmp_path / "model" / "scenes").glob("*.npz"))) == 2
+    assert weights.stat().st_size < 10e6

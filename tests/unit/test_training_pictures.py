@@ -1,0 +1,136 @@
+"""Scenes, plates and pictures that networks learn from: the same for the same number, true to their labels."""
+
+import numpy as np
+import pytest
+
+from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN
+from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
+from cotton3dg.simulate import plates as plates_module
+from cotton3dg.simulate.compositing import compose
+from cotton3dg.simulate.mesh import SolidNoise
+from cotton3dg.simulate.plant import Site
+from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
+from cotton3dg.simulate.training_scenes import build_scene
+from cotton3dg.simulate.varied_bolls import draw_kind, grow_boll
+
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def few_plates():
+    """Small ones, in little light, so that a test does not wait."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(plates_module, "PLATE_PX", 96)
+    patch.setattr(plates_module, "HEMISPHERE_RAYS", 4)
+    patch.setattr("cotton3dg.simulate.compositing.PLATE_PX", 96)
+    yield render_plates(SEED, 6)
+    patch.undo()
+
+
+@pytest.fixture(scope="module")
+def backgrounds():
+    return np.random.default_rng(0).integers(0, 256, (2, 128, 128, 3), np.uint8)
+
+
+def test_a_seed_is_a_scene_whose_parts_are_named():
+    scene, again = build_scene(SEED), build_scene(SEED)
+    np.testing.assert_array_equal(scene.mesh.vertices, again.mesh.vertices)
+    assert not np.array_equal(scene.mesh.vertices[:100], build_scene(SEED + 1).mesh.vertices[:100])
+    assert len(scene.classes) == len(scene.mesh.vertices)
+    assert len(scene.boll_ids) == len(scene.mesh.triangles)
+    assert scene.boll_ids.max() == len(scene.centres) == len(scene.diameters) > 0
+    lint = scene.classes[scene.mesh.triangles] == LINT
+    np.testing.assert_array_equal(scene.boll_ids > 0, lint.all(axis=1))
+    for number, centre in enumerate(scene.centres, start=1):
+        own = scene.mesh.vertices[scene.mesh.triangles[scene.boll_ids == number].ravel()]
+        assert (own.min(axis=0) <= centre).all() and (centre <= own.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_bolls_of_every_kind_stand_at_their_sites(seed):
+    rng = np.random.default_rng(seed)
+    site = Site(np.array([0, 0, 0.5]), np.array([0.03, 0, 0.52]), np.array([1.0, 0, 0]), 0.045)
+    kind = draw_kind(rng)
+    boll = grow_boll(rng, SolidNoise(rng), site, kind)
+    assert np.isfinite(boll.lint.vertices).all() and np.isfinite(boll.bur.vertices).all()
+    assert (boll.lint.colours >= 0).all() and (boll.lint.colours <= 1).all()
+    near = np.linalg.norm(boll.lint.vertices - site.centre, axis=1)
+    assert np.median(near) < (0.6 + 1.2 * kind.droop) * site.diameter
+    assert near.min() < 0.5 * site.diameter
+
+
+def test_plates_are_linear_in_their_lights(few_plates):
+    plate = few_plates[0]
+    assert plate.light.shape == (LIGHTS, 96, 96, 3)
+    one, two = np.eye(LIGHTS, dtype=np.float32)[:2, :, None] * np.array([1.0, 0.8, 0.5], np.float32)
+    np.testing.assert_allclose(plate.lit(one + 2 * two), plate.lit(one) + 2 * plate.lit(two), rtol=1e-4, atol=1e-5)
+
+
+def test_plates_are_labelled_where_something_is_seen(few_plates):
+    assert any((plate.ids > 0).any() for plate in few_plates)
+    for plate in few_plates:
+        assert (plate.classes[plate.ids > 0] == LINT).all()
+        assert (plate.classes < len(CLASSES)).all()
+        assert (plate.cover[plate.classes > 0] > 0).all()
+        assert len(plate.centres_px) == len(plate.diameters_px)
+        for boll in np.unique(plate.ids[plate.ids > 0]):
+            rows, columns = np.nonzero(plate.ids == boll)
+            far = np.linalg.norm(plate.centres_px[boll - 1] - np.stack([columns, rows], 1), axis=1)
+            assert far.min() < 2.5 * plate.diameters_px[boll - 1]
+
+
+def test_plates_survive_a_file(few_plates, tmp_path):
+    save_plates(tmp_path / "scene.npz", few_plates)
+    for plate, again in zip(few_plates, load_plates(tmp_path / "scene.npz"), strict=True):
+        np.testing.assert_array_equal(plate.light, again.light)
+        np.testing.assert_array_equal(plate.ids, again.ids)
+        np.testing.assert_array_equal(plate.centres_px, again.centres_px)
+
+
+def test_a_number_is_a_picture_and_its_labels_fit(few_plates, backgrounds):
+    seen = 0
+    for number in range(20):
+        picture, again = (compose(np.random.default_rng(number), few_plates, backgrounds, 64) for _ in range(2))
+        np.testing.assert_array_equal(picture.image, again.image)
+        np.testing.assert_array_equal(picture.ids, again.ids)
+        assert picture.image.shape == (64, 64, 3) and picture.image.dtype == np.uint8
+        assert (picture.classes[picture.ids > 0] == LINT).all()
+        assert set(np.unique(picture.classes)) <= {*range(len(CLASSES)), UNKNOWN}
+        assert picture.ids.max() <= len(picture.centres_px) == len(picture.diameters_px)
+        seen += bool((picture.ids > 0).any())
+    assert seen > 5
+
+
+def test_a_picture_moves_its_middles_with_its_bolls(few_plates, backgrounds):
+    """The way from a boll's pixels to its middle is as long, in diameters, as in the plate that it comes from."""
+    ways = []
+    for number in range(40):
+        picture = compose(np.random.default_rng(number), few_plates, backgrounds, 64)
+        for boll in np.unique(picture.ids[picture.ids > 0]):
+            rows, columns = np.nonzero(picture.ids == boll)
+            middle = np.array([columns.mean() + 0.5, rows.mean() + 0.5])
+            way = np.linalg.norm(picture.centres_px[boll - 1] - middle) / picture.diameters_px[boll - 1]
+            if len(rows) > 0.4 * picture.diameters_px[boll - 1] ** 2:
+                ways.append(way)
+    assert len(ways) > 5 and np.median(ways) < 0.3
+
+
+def annotated() -> AnnotatedPhoto:
+    ids = np.zeros((120, 160), np.uint16)
+    ids[30:60, 40:70], ids[30:60, 70:100] = 7, 9
+    image = np.where(ids[..., None] > 0, 200, 40).astype(np.uint8).repeat(3, axis=2)
+    return AnnotatedPhoto(image, ids)
+
+
+def test_pieces_of_annotated_photos_keep_their_bolls():
+    counts = []
+    for number in range(30):
+        picture = cut_picture(np.random.default_rng(number), [annotated()], 64)
+        assert set(np.unique(picture.classes)) <= {LINT, NOT_LINT}
+        assert picture.ids.max() == len(picture.centres_px)
+        counts.append(len(picture.centres_px))
+        for boll in range(1, len(picture.centres_px) + 1):
+            rows, columns = np.nonzero(picture.ids == boll)
+            x, y = picture.centres_px[boll - 1]
+            assert columns.min() <= x <= columns.max() + 1 and rows.min() <= y <= rows.max() + 1
+    assert max(counts) == 2

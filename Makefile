@@ -4,13 +4,16 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= demo
 PRESET ?= draft
+JOBS ?= 2
 BASE ?= HEAD~1
 PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
+# Whole files to a process, as the tests of one share what they made; in their order, as the longest come first.
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test browser-test yolo-test bare-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -38,8 +41,14 @@ demo: setup ## simulate a plant, run it, print its row beside the truth
 	$(BIN)/cotton3dg run $(DEMO) --preset $(PRESET)
 	$(BIN)/cotton3dg evaluate $(DEMO)
 
-test: setup ## all tests
-	$(BIN)/python -m pytest
+test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
+	$(PYTEST) -m "not slow"
+
+test-slow: setup ## the tests that make test leaves out
+	$(PYTEST) -m slow
+
+test-all: setup ## all tests
+	$(PYTEST)
 
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }

@@ -27,41 +27,75 @@ def render(
 def render_values(
     gaussians: Arrays, values: NDArray[Any], view: View, background: NDArray[Any], threads: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]: ...
-def values_gradient(gaussians: Arrays, view: View, v_image: NDArray[Any], threads: int) -> NDArray[Any]: ...
 def accumulate_weights(
     gaussians: Arrays, view: View, mask_ids: NDArray[Any], threads: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]: ...
 def ray_weights(
     gaussians: Arrays, view: View, pixels: NDArray[Any], threads: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any]]: ...
-def image_loss(
-    image: NDArray[Any], target: NDArray[Any], weight: NDArray[Any] | None, dssim: float, threads: int
-) -> tuple[dict[str, float], NDArray[Any]]: ...
-def gradients(
-    gaussians: Arrays,
-    view: View,
-    sh_degree: int,
-    background: NDArray[Any],
-    target: NDArray[Any],
-    weight: NDArray[Any] | None,
-    dssim: float,
-    threads: int,
-) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]: ...
-def image_gradient(
-    gaussians: Arrays, view: View, sh_degree: int, background: NDArray[Any], v_image: NDArray[Any], threads: int
-) -> tuple[bool, dict[str, NDArray[Any]], dict[str, Any]]: ...
+
+class LearningRates:
+    def __init__(
+        self,
+        *,
+        means: float,
+        quats: float,
+        log_scales: float,
+        opacity_logits: float,
+        sh0: float,
+        sh_rest: float,
+        beta1: float,
+        beta2: float,
+        epsilon: float,
+    ) -> None: ...
+
+class Surroundings:
+    def __init__(
+        self,
+        *,
+        centre: tuple[float, float, float],
+        radius_su: float,
+        growth: float,
+        most_means: float,
+        most_log_scales: float,
+    ) -> None: ...
+
+class OptimiserState:
+    def __init__(self, *, gaussians: Arrays, first: Arrays, second: Arrays, steps: NDArray[Any]) -> None: ...
+
+class Statistics:
+    def __init__(self, *, abs_grad_px: NDArray[Any], weight: NDArray[Any], count: NDArray[Any]) -> None: ...
+
 def train_step(
-    gaussians: Arrays,
-    first: Arrays,
-    second: Arrays,
-    steps: NDArray[Any],
-    statistics: Arrays,
+    *,
+    state: OptimiserState,
+    statistics: Statistics,
     view: View,
     sh_degree: int,
     background: NDArray[Any],
     target: NDArray[Any],
-    weight: NDArray[Any] | None,
     dssim: float,
-    rates: NDArray[Any],
+    rates: LearningRates,
+    surroundings: Surroundings,
     threads: int,
 ) -> dict[str, Any]: ...
+
+class for_tests:  # noqa: N801  # a submodule
+    @staticmethod
+    def image_loss(
+        image: NDArray[Any], target: NDArray[Any], dssim: float, threads: int
+    ) -> tuple[dict[str, float], NDArray[Any]]: ...
+    @staticmethod
+    def gradients(
+        gaussians: Arrays,
+        view: View,
+        sh_degree: int,
+        background: NDArray[Any],
+        target: NDArray[Any],
+        dssim: float,
+        threads: int,
+    ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]: ...
+    @staticmethod
+    def image_gradient(
+        gaussians: Arrays, view: View, sh_degree: int, background: NDArray[Any], v_image: NDArray[Any], threads: int
+    ) -> tuple[bool, dict[str, NDArray[Any]], dict[str, Any]]: ...

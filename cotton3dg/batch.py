@@ -21,10 +21,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from .core.columns import Column
 from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.saving import write_text_atomically
-from .files.tables import BOLLS, TRAITS, Column, csv_text
+from .files.tables import BOLLS, TRAITS, csv_text
 from .resource_checks import OUT_OF_MEMORY
 from .workspace import Workspace
 

@@ -1,12 +1,16 @@
-"""What is measured on a plant, with its units: scale, boll traits, plant traits."""
+"""What is measured on a plant, with its units: scale, boll traits, plant traits.
+
+Fields of the traits are the columns of the tables: columns.csv and docs/csv.md say of them what is said here.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .columns import column, columns
 
 Float64 = NDArray[np.float64]
 
@@ -44,48 +48,151 @@ class Scale:
         return (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
 
 
+NO_SCALE = "no scale"
+NO_PLANT = "no scale; no plant on the table"
+NO_BODY = "no scale; too few Gaussians for a body (flagged)"
+NO_VOLUME = "no scale; bolls, but none with a volume"
+
+
 @dataclass(frozen=True)
 class BollTraits:
     """One row of bolls.csv; NaN = not measurable, the reason is among the flags."""
 
-    boll_id: int
-    centre_cm: Float64
+    boll_id: int = column("", "number of the boll in this plant")
+    centre_cm: Float64 = columns(
+        {
+            "x_cm": "centre along the table's long side, from the foot of the stem",
+            "y_cm": "centre along the table's short side, from the foot of the stem",
+            "z_cm": "height of the centre above the table top",
+        },
+        "cm",
+        2,
+        blank_when=NO_PLANT,
+    )
     """(3,) in the plant frame."""
-    volume_cm3: float
-    alpha_volume_cm3: float
-    diameter_cm: float
-    n_gaussians: int
-    n_views: int
-    confidence: float
-    flags: tuple[str, ...] = ()
-    volume_error_cm3: float = nan
-    """Standard error, of scale and view support."""
-    projected_area_cm2: float = nan
-    """Mean over all directions."""
+    volume_cm3: float = column(
+        "cm3", "volume of the convex body that the boll's silhouettes bound", 2, blank_when=NO_BODY
+    )
+    alpha_volume_cm3: float = column(
+        "cm3", "volume a ball of a quarter of the diameter cannot enter from outside", 2, blank_when=NO_BODY
+    )
+    diameter_cm: float = column("cm", "mean calliper width of that convex body", 2, blank_when=NO_BODY)
+    n_gaussians: int = column("1", "Gaussians of the boll")
+    n_views: int = column("1", "views whose masks agree on the boll")
+    confidence: float = column("1", "share of the views that see the boll and agree on it", 3)
+    flags: tuple[str, ...] = column(
+        "", "quality flags of the boll, separated by semicolons", name="qc_flags", blank_when="no flag", default=()
+    )
+    volume_error_cm3: float = column(
+        "cm3", "standard error of volume_cm3, of scale and view support", 2, blank_when=NO_BODY, later=True
+    )
+    projected_area_cm2: float = column(
+        "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
+    )
 
 
 @dataclass(frozen=True)
 class PlantTraits:
-    """The plant's part of traits.csv; NaN = not measurable, the reason is among the flags."""
+    """The traits in a row of traits.csv; NaN = not measurable, the reason is among the flags."""
 
-    boll_count: int
-    boll_volume_cm3: float
-    boll_volume_mean_cm3: float
-    plant_height_cm: float
-    plant_height_obb_cm: float
-    canopy_size_cm: float
-    canopy_length_cm: float
-    canopy_width_cm: float
+    boll_count: int = column("1", "open bolls found", ontology="CO_358:0001327")
+    boll_volume_cm3: float = column("cm3", "sum of volume_cm3 over the measured bolls", 2, blank_when=NO_VOLUME)
+    boll_volume_mean_cm3: float = column(
+        "cm3", "mean of volume_cm3 over the measured bolls", 2, blank_when="no scale; no boll with a volume"
+    )
+    plant_height_cm: float = column(
+        "cm",
+        "height above the table top that the plant's third-highest Gaussian reaches with an opacity of 0.25",
+        2,
+        ontology="CO_358:0001138",
+        blank_when=NO_PLANT,
+    )
+    plant_height_obb_cm: float = column(
+        "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2, blank_when=NO_PLANT
+    )
+    canopy_size_cm: float = column("cm", "mean of canopy_length_cm and canopy_width_cm", 2, blank_when=NO_PLANT)
+    canopy_length_cm: float = column(
+        "cm", "long side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_PLANT
+    )
+    canopy_width_cm: float = column(
+        "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_PLANT
+    )
     flags: tuple[str, ...] = ()
-    plant_hull_volume_cm3: float = nan
-    boll_height_mean_cm: float = nan
-    boll_height_sd_cm: float = nan
-    boll_height_min_cm: float = nan
-    boll_height_max_cm: float = nan
-    bolls_by_third: tuple[int, int, int] | None = None
-    """Bolls with their centre in the lower, middle and upper third of the plant's height; None = not measurable."""
-    lint_area_cm2: float = nan
-    boll_count_error: float = nan
-    boll_volume_error_cm3: float = nan
-    plant_height_error_cm: float = nan
-    canopy_size_error_cm: float = nan
+    """Those of the stage traits; the row has those of all stages."""
+    plant_hull_volume_cm3: float = column(
+        "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_PLANT, later=True
+    )
+    boll_height_mean_cm: float = column(
+        "cm", "mean height of the bolls' centres above the table top", 2, blank_when=f"{NO_PLANT}; no bolls", later=True
+    )
+    boll_height_sd_cm: float = column(
+        "cm",
+        "standard deviation of the heights of the bolls' centres",
+        2,
+        blank_when=f"{NO_PLANT}; fewer than two bolls",
+        later=True,
+    )
+    boll_height_min_cm: float = column(
+        "cm",
+        "height of the lowest boll's centre above the table top",
+        2,
+        blank_when=f"{NO_PLANT}; no bolls",
+        later=True,
+    )
+    boll_height_max_cm: float = column(
+        "cm",
+        "height of the highest boll's centre above the table top",
+        2,
+        blank_when=f"{NO_PLANT}; no bolls",
+        later=True,
+    )
+    bolls_by_third: tuple[int, int, int] | None = columns(
+        {
+            f"bolls_{third}": f"bolls with their centre in the {third} third of plant_height_cm"
+            for third in ("lower", "middle", "upper")
+        },
+        "1",
+        blank_when=NO_PLANT,
+        later=True,
+        default=None,
+    )
+    """None = not measurable."""
+    lint_area_cm2: float = column(
+        "cm2", "sum of projected_area_cm2 over the measured bolls", 2, blank_when=NO_VOLUME, later=True
+    )
+    boll_count_error: float = column(
+        "1",
+        "standard error of boll_count, were each boll's confidence its probability",
+        2,
+        blank_when="no bolls",
+        later=True,
+    )
+    boll_volume_error_cm3: float = column(
+        "cm3", "standard error of boll_volume_cm3, of scale and view support", 2, blank_when=NO_VOLUME, later=True
+    )
+    plant_height_error_cm: float = column(
+        "cm", "standard error of plant_height_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+    )
+    canopy_size_error_cm: float = column(
+        "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+    )
+
+
+@dataclass(frozen=True)
+class PlantEvidence:
+    """What the traits in a row of traits.csv rest on; None = not known."""
+
+    scale_source: str = column("", "reference of known size; none = no metric trait is given")
+    scale_error_pct: float | None = column(
+        "%", "estimated standard error of lengths; volumes have three times as much", 3, blank_when=NO_SCALE
+    )
+    n_frames: int | None = column("1", "images taken from the video")
+    registered_pct: float | None = column("%", "share of the images that structure from motion could place", 1)
+    psnr_db: float | None = column(
+        "dB", "likeness of rendered and held-out images", 2, blank_when="`train.holdout = 0`"
+    )
+    seconds: float = column("s", "computing time of all stages", 1)
+    flags: tuple[str, ...] = column(
+        "", "quality flags of all stages, separated by semicolons", name="qc_flags", blank_when="no flag"
+    )
+    version: str = column("", "version of cotton3dg")

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.columns import Column
 from ..errors import BadInput, MissingInput
 from ..files.saving import explained_disk_errors
 from ..files.scatter import write_scatter
-from ..files.tables import Column, csv_text
+from ..files.tables import csv_text
 
 ID = "plant_id"
 WEIGHT = "boll_weight_g"

@@ -26,8 +26,9 @@ def extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def compact_part(points: NDArray) -> NDArray[np.bool_]:
     """Which points form the body: the largest connected part without far-off stragglers.
 
-    Points are connected within the larger of three median spacings and a tenth of the median distance from the centre;
-    stragglers are more than 3.5 robust standard deviations (MAD) farther from the centre than the median.
+    Points are connected within the larger of 2.5 times the median distance to the third neighbour and a tenth of the
+    median distance from the centre; stragglers are more than 3.5 robust standard deviations (MAD) farther from the
+    centre than the median.
     """
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components

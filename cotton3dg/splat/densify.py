@@ -142,13 +142,3 @@ def scheduled_count(start: int, budget: int, progress: float) -> int:
     """
     eased = 1.0 - (1.0 - min(max(progress, 0.0), 1.0)) ** 2
     return min(budget, start + round((budget - start) * eased))
-
-
-def fade(gaussians: Gaussians, factor: float) -> None:
-    """Multiply all opacities by `factor`, in place.
-
-    The gentle alternative to the paper's reset of all opacities to 0.01: what the images call for recovers within
-    a few steps, what nobody sees fades away and is pruned, and no step ever starts from an empty scene.
-    """
-    opacities = np.clip(gaussians.opacities.astype(np.float64) * factor, 1e-6, 1 - 1e-6)
-    gaussians.opacity_logits[:] = np.log(opacities / (1.0 - opacities))

@@ -1,4 +1,4 @@
-"""The checked face of the C++ core: render, accumulate weights, differentiate, take an optimiser step.
+"""The checked face of the C++ core: render, accumulate weights, take an optimiser step.
 
 Everything here is a pure function of its arguments, bit by bit independent of the number of threads, except
 `train_step`, which changes the arrays it is given. `threads` = 0 takes all cores. Nothing nearer to the camera than
@@ -88,24 +88,6 @@ class StepReport:
     finite: bool
 
 
-@dataclass(frozen=True)
-class LossGradients:
-    """Gradient of the loss by every parameter, and this view's share of the density statistics."""
-
-    loss: float
-    l1: float
-    ssim: float
-    finite: bool
-    v_means: NDArray[Any]
-    v_quats: NDArray[Any]
-    v_log_scales: NDArray[Any]
-    v_opacity_logits: NDArray[Any]
-    v_sh: NDArray[Any]
-    grad_px: NDArray[Any]
-    abs_grad_px: NDArray[Any]
-    weight: NDArray[Any]
-
-
 def near_plane(gaussians: Gaussians, camera: Camera) -> float:
     """1/50 of the median depth in front of the camera, su; from at most 1024 evenly spaced Gaussians.
 
@@ -170,22 +152,6 @@ def render_values(
     return Rendered(np.ascontiguousarray(image[..., :channels]), parts[0][1], parts[0][2], **parts[0][3])
 
 
-def values_gradient(
-    gaussians: Gaussians, camera: Camera, v_image: Float32, *, threads: int = 0, near_su: float | None = None
-) -> Float32:
-    """Gradient (N, C) of a loss by the values that `render_values` blended, given its gradient (H, W, C) by the image.
-
-    The image is linear in the values, so neither values nor background are needed.
-    """
-    channels = v_image.shape[2]
-    view = _view(gaussians, camera, near_su)
-    parts = []
-    for begin, end, width in _channel_groups(channels):
-        v = _padded(v_image[..., begin:end], width)
-        parts.append(_within_memory(partial(_native.values_gradient, _contiguous(gaussians), view, v, threads)))
-    return np.ascontiguousarray(np.concatenate(parts, axis=1)[:, :channels])
-
-
 def accumulate_weights(
     gaussians: Gaussians,
     camera: Camera,
@@ -215,46 +181,6 @@ def ray_weights(
     return RayWeights(*_within_memory(lambda: _native.ray_weights(_contiguous(gaussians), view, rays, threads)))
 
 
-def image_loss(
-    image: Float32, target: NDArray[np.uint8], *, dssim: float = 0.2, weight: Float32 | None = None, threads: int = 0
-) -> tuple[dict[str, float], Float32]:
-    """(1 - dssim) L1 + dssim (1 - SSIM) of a (H, W, 3) image in 0..1, and its gradient by the image.
-
-    Returns {loss, l1, ssim} and (H, W, 3). SSIM as in Kerbl et al.: 11 x 11 Gaussian window, sigma 1.5, zero padding.
-    """
-    return _native.image_loss(np.ascontiguousarray(image), np.ascontiguousarray(target), weight, dssim, threads)
-
-
-def loss_and_gradients(
-    gaussians: Gaussians,
-    camera: Camera,
-    target: NDArray[np.uint8],
-    *,
-    sh_degree: int | None = None,
-    background: Background = BLACK,
-    dssim: float = 0.2,
-    weight: Float32 | None = None,
-    threads: int = 0,
-    near_su: float | None = None,
-) -> LossGradients:
-    """Loss of one view against its photograph (H, W, 3) uint8 and all gradients; see `train_step`."""
-    degree = gaussians.sh_degree if sh_degree is None else sh_degree
-    view = _view(gaussians, camera, near_su)
-    report, gradients, _ = _within_memory(
-        lambda: _native.gradients(
-            _contiguous(gaussians),
-            view,
-            degree,
-            np.array(background, np.float32),
-            np.ascontiguousarray(target),
-            weight,
-            dssim,
-            threads,
-        )
-    )
-    return LossGradients(**report, **gradients)
-
-
 def train_step(
     gaussians: Gaussians,
     adam: AdamState,
@@ -266,39 +192,39 @@ def train_step(
     background: Background = BLACK,
     learning_rates: LearningRates,
     dssim: float = 0.2,
-    weight: Float32 | None = None,
     threads: int = 0,
     near_su: float | None = None,
 ) -> StepReport:
     """Render one view, compare it with its photograph (H, W, 3) uint8 and update what it shows, all in place.
 
-    The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels, weighted by `weight` (H, W) where
-    given. When the loss or any gradient is not finite nothing is changed and the report says so.
+    The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels; SSIM as in Kerbl et al.: 11 x 11
+    Gaussian window, sigma 1.5, zero padding. When the loss or any gradient is not finite nothing is changed and the
+    report says so.
 
     Raises:
-        ValueError: an array of wrong dtype, shape or memory order, or a weight that is negative or zero everywhere.
+        ValueError: an array of wrong dtype, shape or memory order.
         OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
     """
-    view = _view(gaussians, camera, near_su)
-    return StepReport(
-        **_within_memory(
-            lambda: _native.train_step(
-                arrays_of(gaussians),
-                arrays_of(adam.first),
-                arrays_of(adam.second),
-                adam.steps,
-                statistics.as_arrays(),  # type: ignore[arg-type]
-                view,
-                sh_degree,
-                np.array(background, np.float32),
-                np.ascontiguousarray(target),
-                weight,
-                dssim,
-                learning_rates.as_array(),
-                threads,
-            )
-        )
+    rates = {name: value for name, value in vars(learning_rates).items() if name != "surroundings"}
+    step = partial(
+        _native.train_step,
+        state=_native.OptimiserState(
+            gaussians=arrays_of(gaussians),
+            first=arrays_of(adam.first),
+            second=arrays_of(adam.second),
+            steps=adam.steps,
+        ),
+        statistics=_native.Statistics(**vars(statistics)),
+        view=_view(gaussians, camera, near_su),
+        sh_degree=sh_degree,
+        background=np.array(background, np.float32),
+        target=np.ascontiguousarray(target),
+        dssim=dssim,
+        rates=_native.LearningRates(**rates),
+        surroundings=_native.Surroundings(**vars(learning_rates.surroundings)),
+        threads=threads,
     )
+    return StepReport(**_within_memory(step))
 
 
 def _contiguous(gaussians: Gaussians) -> _native.Arrays:

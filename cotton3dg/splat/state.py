@@ -53,28 +53,6 @@ class LearningRates:
     epsilon: float = 1e-15
     surroundings: Surroundings = NO_SURROUNDINGS
 
-    def as_array(self) -> Float32:
-        """(16,) in the order of the fields."""
-        return np.array(
-            [
-                self.means,
-                self.quats,
-                self.log_scales,
-                self.opacity_logits,
-                self.sh0,
-                self.sh_rest,
-                self.beta1,
-                self.beta2,
-                self.epsilon,
-                *self.surroundings.centre,
-                self.surroundings.radius_su,
-                self.surroundings.growth,
-                self.surroundings.most_means,
-                self.surroundings.most_log_scales,
-            ],
-            np.float32,
-        )
-
 
 @dataclass
 class AdamState:
@@ -109,12 +87,9 @@ class AdamState:
 class DensityStatistics:
     """Sums over training views for density control. A view counts for the Gaussians that have weight in it."""
 
-    grad_px: Float32
-    """(N,) length of d loss / d projected mean, in the units of Kerbl et al.: per px times half the image size."""
     abs_grad_px: Float32
-    """(N,) the same of the sum of absolute per-pixel gradients (AbsGS)."""
-    max_radius_px: Float32
-    """(N,) largest 3-sigma radius."""
+    """(N,) length of the sum of absolute per-pixel gradients by the projected mean (AbsGS), in the units of Kerbl et
+    al.: per px times half the image size."""
     weight: Float32
     """(N,) blending weight."""
     count: NDArray[np.int32]
@@ -123,9 +98,5 @@ class DensityStatistics:
     @staticmethod
     def zeros(count: int) -> DensityStatistics:
         """Nothing seen yet."""
-        grad_px, abs_grad_px, max_radius_px, weight = np.zeros((4, count), np.float32)
-        return DensityStatistics(grad_px, abs_grad_px, max_radius_px, weight, np.zeros(count, np.int32))
-
-    def as_arrays(self) -> tuple[NDArray[Any], ...]:
-        """In the order of the fields."""
-        return self.grad_px, self.abs_grad_px, self.max_radius_px, self.weight, self.count
+        abs_grad_px, weight = np.zeros((2, count), np.float32)
+        return DensityStatistics(abs_grad_px, weight, np.zeros(count, np.int32))

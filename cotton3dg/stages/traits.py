@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..core.measurements import BollTraits, PlantTraits, Scale
+from ..core.columns import cells_of
+from ..core.measurements import PlantEvidence, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput
@@ -23,7 +24,7 @@ from ..traits.measure import measure_bolls, measure_silhouette, summarise_plant
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
 
-VERSION = 4
+VERSION = 5
 EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
 
 
@@ -72,9 +73,10 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     plant_id = options.plant_id or workspace.plant_id
     records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
     all_flags = _united([*(flag for record in records for flag in record.get("flags", [])), *flags])
-    row = _plant_row(plant_id, traits, scale, all_flags) | _capture_cells(workspace, metrics, records)
-    boll_rows_text = [_boll_row(plant_id, boll) for boll in boll_traits]
-    tables = {workspace.traits_csv.name: (TRAITS, [row]), workspace.bolls_csv.name: (BOLLS, boll_rows_text)}
+    whose = {"plant_id": plant_id}
+    row = whose | cells_of(traits, _evidence(workspace, scale, metrics, records, all_flags))
+    boll_cells = [whose | cells_of(boll) for boll in boll_traits]
+    tables = {workspace.traits_csv.name: (TRAITS, [row]), workspace.bolls_csv.name: (BOLLS, boll_cells)}
     with workspace.writing("traits") as folder:
         for name, (columns, rows) in tables.items():
             _write_csv(folder / name, csv_text(columns, rows, excel=options.excel))
@@ -90,65 +92,26 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     return StageOutcome(summary, tuple(flags), tuple(warnings))
 
 
-def _plant_row(plant_id: str, traits: PlantTraits, scale: Scale | None, flags: tuple[str, ...]) -> dict[str, Any]:
-    return {
-        "plant_id": plant_id,
-        "boll_count": traits.boll_count,
-        "boll_volume_cm3": traits.boll_volume_cm3,
-        "boll_volume_mean_cm3": traits.boll_volume_mean_cm3,
-        "plant_height_cm": traits.plant_height_cm,
-        "plant_height_obb_cm": traits.plant_height_obb_cm,
-        "canopy_size_cm": traits.canopy_size_cm,
-        "canopy_length_cm": traits.canopy_length_cm,
-        "canopy_width_cm": traits.canopy_width_cm,
-        "scale_source": scale.source if scale else "none",
-        "scale_error_pct": 100 * scale.relative_error if scale else None,
-        "qc_flags": flags,
-        "version": __version__,
-        "plant_hull_volume_cm3": traits.plant_hull_volume_cm3,
-        "boll_height_mean_cm": traits.boll_height_mean_cm,
-        "boll_height_sd_cm": traits.boll_height_sd_cm,
-        "boll_height_min_cm": traits.boll_height_min_cm,
-        "boll_height_max_cm": traits.boll_height_max_cm,
-        **dict(zip(("bolls_lower", "bolls_middle", "bolls_upper"), traits.bolls_by_third or (None,) * 3, strict=True)),
-        "lint_area_cm2": traits.lint_area_cm2,
-        "boll_count_error": traits.boll_count_error,
-        "boll_volume_error_cm3": traits.boll_volume_error_cm3,
-        "plant_height_error_cm": traits.plant_height_error_cm,
-        "canopy_size_error_cm": traits.canopy_size_error_cm,
-    }
-
-
-def _boll_row(plant_id: str, boll: BollTraits) -> dict[str, Any]:
-    x, y, z = boll.centre_cm
-    return {
-        "plant_id": plant_id,
-        "boll_id": boll.boll_id,
-        "x_cm": x,
-        "y_cm": y,
-        "z_cm": z,
-        "volume_cm3": boll.volume_cm3,
-        "alpha_volume_cm3": boll.alpha_volume_cm3,
-        "diameter_cm": boll.diameter_cm,
-        "n_gaussians": boll.n_gaussians,
-        "n_views": boll.n_views,
-        "confidence": boll.confidence,
-        "qc_flags": boll.flags,
-        "volume_error_cm3": boll.volume_error_cm3,
-        "projected_area_cm2": boll.projected_area_cm2,
-    }
-
-
-def _capture_cells(workspace: Workspace, metrics: dict[str, Any], records: list[dict[str, Any]]) -> dict[str, Any]:
-    """What earlier stages tell about capture and cost; blank where they do not."""
+def _evidence(
+    workspace: Workspace,
+    scale: Scale | None,
+    metrics: dict[str, Any],
+    records: list[dict[str, Any]],
+    flags: tuple[str, ...],
+) -> PlantEvidence:
+    """What earlier stages say about capture and cost; None where they do not."""
     sfm = _facts(workspace.sfm_json)
     n_frames, registered = sfm.get("n_frames"), sfm.get("registered")
-    return {
-        "n_frames": n_frames,
-        "registered_pct": 100.0 * len(registered) / n_frames if n_frames and registered is not None else None,
-        "psnr_db": metrics.get("psnr_db"),
-        "seconds": float(sum(record.get("seconds") or 0.0 for record in records)),
-    }
+    return PlantEvidence(
+        scale_source=scale.source if scale else "none",
+        scale_error_pct=100 * scale.relative_error if scale else None,
+        n_frames=n_frames,
+        registered_pct=100.0 * len(registered) / n_frames if n_frames and registered is not None else None,
+        psnr_db=metrics.get("psnr_db"),
+        seconds=float(sum(record.get("seconds") or 0.0 for record in records)),
+        flags=flags,
+        version=__version__,
+    )
 
 
 def _facts(path: Path) -> dict[str, Any]:

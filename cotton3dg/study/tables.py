@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..files.tables import Column
+from ..core.columns import Column
+from ..files.tables import TRAITS
 from ..planning.tradeoff import duration, pareto_front
 
 Row = Mapping[str, Any]
@@ -27,10 +28,7 @@ COLUMNS = (
     Column("fps", "1/s", "images of the training's size rendered in a second: number of cores over processor time", 1),
     Column("n_gaussians", "1", "Gaussians of the model"),
     Column("n_frames", "1", "images taken from the video"),
-    Column("boll_count", "1", "open bolls found"),
-    Column("boll_volume_cm3", "cm3", "sum over the measured bolls", 2),
-    Column("plant_height_cm", "cm", "", 2),
-    Column("canopy_size_cm", "cm", "", 2),
+    *(column for column in TRAITS if column.name in ERRORS),
     *(Column(f"{trait}_error_pct", "%", f"{trait} relative to the reference", 2) for trait in ERRORS),
     Column("trait_error_pct", "%", "mean of the four absolute errors", 2),
     Column("reference", "", "what errors are relative to: the truth, or the finest setting of the sweep"),

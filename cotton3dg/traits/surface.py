@@ -32,18 +32,13 @@ def as_drawn(gaussians: Gaussians, pixel_su: float) -> Gaussians:
     return replace(gaussians, log_scales=(0.5 * np.log(variances)).astype(np.float32))
 
 
-def surface_rows(gaussians: Gaussians, weights: NDArray | None = None) -> NDArray[np.bool_]:
+def surface_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
     """Which Gaussians of one compact body lie on or in it.
 
-    Dropped are faint ones, ones that hardly show in any view, and outliers beyond 3.5 robust standard deviations (MAD)
-    of the distance from the middle or of the size, on the large side only.
-
-    Args:
-        weights: (N,) blending weight of each Gaussian over all views, px; None = unknown.
+    Dropped are faint ones and outliers beyond 3.5 robust standard deviations (MAD) of the distance from the middle or
+    of the size, on the large side only.
     """
     kept = gaussians.finite_rows & (gaussians.opacities >= MIN_OPACITY)
-    if weights is not None:
-        kept &= np.asarray(weights) >= 1.0
     if not kept.any():
         return kept
     means = gaussians.means.astype(np.float64)

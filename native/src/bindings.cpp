@@ -86,25 +86,6 @@ py::tuple render_values(const py::tuple& gaussians, const py::object& values, co
     });
 }
 
-py::object values_gradient_of(const py::tuple& gaussians, const View& view, const py::object& v_image, int threads) {
-    return with_precision(gaussians, [&](auto real) -> py::object {
-        using Real = decltype(real);
-        const GaussianArrays<Real> arrays(gaussians);
-        const auto v = checked<Real>(v_image, "v_image", {view.height, view.width, -1});
-        const int channels = int(v.shape(2));
-        if (!kernels<Real>().values_backward(channels))
-            throw py::value_error("v_image must have 1, 3, 4, 16 or 32 channels");
-        auto v_values = zeros<Real>({arrays.count(), channels});
-        Real* to = v_values.mutable_data();
-        const Real* from = v.data();
-        Frame<Real>& frame = scratch_frame<Real>();
-        py::gil_scoped_release release;
-        frame.prepare(arrays.scene(), view, threads);
-        values_gradient(frame, channels, from, to);
-        return v_values;
-    });
-}
-
 py::tuple accumulate_weights(const py::tuple& gaussians, const View& view, const py::object& mask_ids, int threads) {
     const GaussianArrays<float> arrays(gaussians);
     const auto ids = checked<uint16_t>(mask_ids, "mask_ids", {view.height, view.width});
@@ -173,8 +154,8 @@ PYBIND11_MODULE(_native, m) {
                                     "cam_from_scene"_a, "near_plane"_a);
     m.def("render", render, "gaussians"_a, "view"_a, "sh_degree"_a, "background"_a, "threads"_a);
     m.def("render_values", render_values, "gaussians"_a, "values"_a, "view"_a, "background"_a, "threads"_a);
-    m.def("values_gradient", values_gradient_of, "gaussians"_a, "view"_a, "v_image"_a, "threads"_a);
     m.def("accumulate_weights", accumulate_weights, "gaussians"_a, "view"_a, "mask_ids"_a, "threads"_a);
     m.def("ray_weights", ray_weights_of, "gaussians"_a, "view"_a, "pixels"_a, "threads"_a);
     bind_training(m);
+    bind_for_tests(m);
 }

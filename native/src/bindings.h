@@ -95,5 +95,6 @@ py::dict counts(const Frame<Real>& frame) {
 }
 
 void bind_training(py::module_& m);
+void bind_for_tests(py::module_& m);
 
 }  // namespace cotton

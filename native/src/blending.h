@@ -48,7 +48,7 @@ struct Blend {
 // Blends into the block that begins at pixel i; returns whether a pixel of it is still open.
 template <class Real>
 COTTON_INLINE bool blend(const Splat<Real>& g, int i, Real* transmittance, Blend<Real>& b) {
-    constexpr Real cut = Real(-7.994353436858858);  // log2(kAlphaCut)
+    constexpr Real cut = Real(kLog2AlphaCut);
     Mask<Real> open{};
     for (int j = 0; j < kVectors<Real>; ++j) {
         const int at = i + j * kLanes<Real>;

@@ -40,7 +40,7 @@ template <class Real>
 void Frame<Real>::project() {
     const auto& k = kernels<Real>();
     const int64_t n = scene.count, chunks = (n + kChunk - 1) / kChunk;
-    const Projection<Real> out = {records.reserve(n * stride()), stride(), rects_.reserve(n), radii_px.reserve(n),
+    const Projection<Real> out = {records.reserve(n * stride()), stride(), rects_.reserve(n),
                                   chunk_visible_.reserve(n)};
     chunks_.assign(size_t(chunks), {});
     parallel_for(chunks, threads, [&](int64_t c) {

@@ -29,7 +29,6 @@ class Frame {
     int64_t visible_count = 0, pair_count = 0;
     int64_t culled[kCullReasons] = {};
     Buffer<Real> records;
-    Buffer<float> radii_px;
     Buffer<uint32_t> visible;  // the visible rows, ascending
     Buffer<HitRange> ranges;   // slots of each visible row
 

@@ -21,6 +21,14 @@ inline constexpr double kLn2 = 0.6931471805599453;
 // u² + v² = kScale2 * dᵀ Σ⁻¹ d, so that alpha = 2^(log2 opacity - u² - v²).
 inline constexpr double kScale2 = 0.5 * kLog2E;
 
+// 2 to the power of this, or of minus this, is beyond the odds of any opacity that a float tells from 0 and 1.
+inline constexpr double kMostLog2Odds = 100.0;
+
+// (1 - opacity) / opacity.
+COTTON_INLINE Pack odds_against(Pack logit) {
+    return exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - kMostLog2Odds), Pack{} + kMostLog2Odds));
+}
+
 // Component `c` of up to kPack rows with `width` components; the last row is repeated when there are fewer.
 template <class Real, class Rows>
 COTTON_INLINE Pack gather(const Real* array, int width, int c, const Rows& rows) {

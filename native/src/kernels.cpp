@@ -1,15 +1,18 @@
-#include "kernels_isa.h"
+// The kernels of one instruction set: this file is compiled once for each, with COTTON_ISA as the namespace.
+#include "kernels.h"
 
-#include "simd.h"
+#include "adam.h"
+#include "hit_tiles.h"
+#include "loss.h"
+#include "project.h"
+#include "project_backward.h"
+#include "rasterize.h"
+#include "rasterize_rays.h"
+#include "rasterize_values.h"
+#include "self_test.h"
 
 namespace cotton::COTTON_ISA {
-
-bool self_test() {
-    volatile float zero = 0.0f;
-    const float nan = zero / zero, infinity = 1.0f / zero;
-    const bool scalar = nan != nan && !(nan <= 0.0f) && !(nan > 0.0f) && infinity - infinity != 0.0f;
-    return scalar && !any(broadcast(nan) == broadcast(nan)) && !any(broadcast(nan) > broadcast(zero + 0.0f));
-}
+namespace {
 
 // Constant-initialised: nothing of a foreign instruction set may run while the module is loaded.
 template <class Real>
@@ -21,6 +24,8 @@ constexpr Kernels<Real> table() {
     if constexpr (sizeof(Real) == 4) t.adam = adam;
     return t;
 }
+
+}  // namespace
 
 extern const Kernels<float> float_kernels;
 extern const Kernels<double> double_kernels;

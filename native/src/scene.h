@@ -3,6 +3,10 @@
 
 #include <cstdint>
 
+// The functions here are always inlined: the linker keeps one copy of an inline function of all units that have it, and
+// that might be one with instructions that the processor lacks.
+#define COTTON_SHARED inline __attribute__((always_inline))
+
 namespace cotton {
 
 inline constexpr int kTile = 16;  // px, side of a tile
@@ -11,15 +15,16 @@ inline constexpr int kBlock = 4;  // px, side of a block; a tile has 4 x 4 block
 inline constexpr int kBlockPixels = 16;
 inline constexpr double kAlphaCap = 0.99;  // largest alpha; beyond it the gradient is zero
 inline constexpr double kAlphaCut = 1.0 / 255.0;
+inline constexpr double kLog2AlphaCut = -7.994353436858858;  // its logarithm, which is no constexpr before C++26
 inline constexpr double kStop = 1e-4;      // a pixel takes no further Gaussian once its transmittance is at most this
 inline constexpr double kDilation = 0.3;   // px², added to both variances of every projected Gaussian
 inline constexpr double kMaxColour = 1e6;  // a colour beyond it (1 is white) would overflow in the loss: culled
 inline constexpr double kMaxLogScale = 30.0;  // log scales are clamped to ± this
 
 // Pixel i of a tile lies in block i / 16 (row by row), there at (i % 4, i / 4 % 4).
-constexpr int pixel_x(int i) { return i / kBlockPixels % 4 * kBlock + i % 4; }
-constexpr int pixel_y(int i) { return i / kBlockPixels / 4 * kBlock + i / 4 % 4; }
-constexpr int pixel_index(int x, int y) {
+COTTON_SHARED constexpr int pixel_x(int i) { return i / kBlockPixels % 4 * kBlock + i % 4; }
+COTTON_SHARED constexpr int pixel_y(int i) { return i / kBlockPixels / 4 * kBlock + i / 4 % 4; }
+COTTON_SHARED constexpr int pixel_index(int x, int y) {
     return (y / kBlock * 4 + x / kBlock) * kBlockPixels + y % kBlock * kBlock + x % kBlock;
 }
 
@@ -30,9 +35,9 @@ struct View {
     double rotation[9], translation[3];  // cam_from_scene, row major
     double near_plane;
 
-    int tiles_x() const { return (width + kTile - 1) / kTile; }
-    int tiles_y() const { return (height + kTile - 1) / kTile; }
-    int64_t pixels() const { return int64_t(width) * height; }
+    COTTON_SHARED int tiles_x() const { return (width + kTile - 1) / kTile; }
+    COTTON_SHARED int tiles_y() const { return (height + kTile - 1) / kTile; }
+    COTTON_SHARED int64_t pixels() const { return int64_t(width) * height; }
 };
 
 // What is drawn: the colours of the spherical harmonics, or rows of `values`, or (both null) nothing but weights.
@@ -54,13 +59,13 @@ namespace field {
 enum : int { x, y, p, q, r, log2_opacity, cut_radius2, depth, values };
 }
 
-inline constexpr int record_stride(int channels) { return (field::values + channels + 15) / 16 * 16; }
+COTTON_SHARED constexpr int record_stride(int channels) { return (field::values + channels + 15) / 16 * 16; }
 
 enum Cull : int { kNonFinite, kBehind, kDegenerate, kFaint, kOutside, kCullReasons };
 
 struct TileRect {
     uint16_t x0, y0, x1, y1;  // in tiles, end exclusive
-    int64_t area() const { return int64_t(x1 - x0) * (y1 - y0); }
+    COTTON_SHARED int64_t area() const { return int64_t(x1 - x0) * (y1 - y0); }
 };
 
 // Projected Gaussians, indexed by their row in the scene; rows that are not visible are left as they were.
@@ -69,7 +74,6 @@ struct Projection {
     Real* records;
     int stride;
     TileRect* rects;
-    float* radii_px;    // 3 standard deviations of the longer axis
     uint32_t* visible;  // chunk [begin, end) writes its visible rows, ascending, from visible[begin] on
 };
 
@@ -113,26 +117,15 @@ enum : int { g, gu, gv, guu, guv, gvv, value0, value1, value2, abs_x, abs_y, wei
 }
 
 // Row of the gradient by the parameters of one visible Gaussian; `colour` is the gradient by the colour where that is
-// positive. grad_px and abs_grad_px are the lengths of the (absolute) gradient by the projected mean in the units of
-// Kerbl et al.: pixels times half the image size. `unit` is the direction in which the camera sees the mean.
+// positive. abs_grad_px is the length of the sum of the pixels' absolute gradients by the projected mean in the units
+// of Kerbl et al.: pixels times half the image size. `unit` is the direction in which the camera sees the mean.
 namespace row_gradient {
-enum : int {
-    mean = 0,
-    quat = 3,
-    log_scale = 7,
-    logit = 10,
-    colour = 11,
-    weight = 14,
-    grad_px,
-    abs_grad_px,
-    unit,
-    size = 20
-};
+enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, abs_grad_px, unit, size = 20 };
 }
 
 // Sums over views for density control, (N,) each.
 struct Statistics {
-    float *grad_px, *abs_grad_px, *max_radius_px, *weight;
+    float *abs_grad_px, *weight;
     int32_t* count;
 };
 
@@ -143,7 +136,6 @@ struct LossSums {
 template <class Real>
 struct LossBand {
     const Real *image, *target;  // one channel, H x W
-    const float* weight;         // H x W or null
     int width, height, row_begin, row_end;
     Real *d_mean, *d_square, *d_product;  // H x loss_row(W): derivatives of the SSIM by the local moments
     Real* v_image;
@@ -151,8 +143,8 @@ struct LossBand {
     Real l1_factor, ssim_factor;
 };
 
-inline constexpr int64_t loss_row(int width) { return (int64_t(width) + 10 + 31) / 16 * 16; }
-inline constexpr int64_t loss_scratch_size(int width) { return loss_row(width) * 12 * 4; }
+COTTON_SHARED constexpr int64_t loss_row(int width) { return (int64_t(width) + 10 + 31) / 16 * 16; }
+COTTON_SHARED constexpr int64_t loss_scratch_size(int width) { return loss_row(width) * 12 * 4; }
 
 struct LearningRates {
     float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;
@@ -164,7 +156,8 @@ struct Surroundings {
     float centre[3], radius, growth, most_means, most_log_scales;
 };
 
-struct Moments {
+// Of the parameters, or of moments of their gradient.
+struct GaussianPointers {
     float *means, *quats, *log_scales, *opacity_logits, *sh;
 };
 
@@ -174,16 +167,14 @@ struct BiasCorrection {
 };
 
 struct AdamRows {
-    float *means, *quats, *log_scales, *opacity_logits, *sh;
+    GaussianPointers parameters, first, second;
     int sh_stored, sh_degree;
-    Moments first, second;
     int32_t* steps;  // (N,) number of updates so far
     LearningRates rates;
     Surroundings surroundings;
     const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]
     int32_t bias_count;
     Statistics statistics;
-    const float* radii_px;
 };
 
 }  // namespace cotton

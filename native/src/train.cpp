@@ -56,6 +56,9 @@ Real* render_planar(Frame<Real>& frame, const Scene<Real>& scene, const View& vi
     return image;
 }
 
+constexpr double kNoBias = 1e-8;        // less than this of a moment is the start's: its correction is 1 in float
+constexpr size_t kMostBiased = 100000;  // steps, however near to 1 beta is
+
 // Up to the step from which both corrections are 1 in float.
 std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
     std::vector<BiasCorrection> table = {{1, 1}};
@@ -64,7 +67,7 @@ std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
         first *= rates.beta1;
         second *= rates.beta2;
         table.push_back({float(1 / (1 - first)), float(1 / (1 - second))});
-    } while ((first > 1e-8 || second > 1e-8) && table.size() < 100000);
+    } while ((first > kNoBias || second > kNoBias) && table.size() < kMostBiased);
     return table;
 }
 
@@ -80,12 +83,7 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
     s.d_mean.reserve(maps), s.d_square.reserve(maps), s.d_product.reserve(maps);
     s.bands.reserve(3 * bands * loss_scratch_size(width));
 
-    double total_weight = double(pixels);
-    if (target.weight) {
-        total_weight = 0;
-        for (int64_t i = 0; i < pixels; ++i) total_weight += double(target.weight[i]);
-    }
-    const double norm = 1 / (3 * total_weight);
+    const double norm = 1 / (3 * double(pixels));
     parallel_for(bands, threads, [&](int64_t b) {
         const int64_t end = std::min<int64_t>(pixels, (b + 1) * kBandRows * width);
         for (int64_t i = b * kBandRows * width; i < end; ++i) {
@@ -96,7 +94,6 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
         const int64_t channel = task / bands, b = task % bands, map = channel * height * loss_row(width);
         return LossBand<Real>{image + channel * pixels,
                               s.target.data() + channel * pixels,
-                              target.weight,
                               width,
                               height,
                               int(b * kBandRows),
@@ -119,32 +116,19 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
 }
 
 template <class Real>
-ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Target& target,
-                                 const Real* background, int threads) {
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Real* background,
+                                 int threads, const ImageLoss<Real>& loss) {
     const Real* image = render_planar(frame, scene, view, background, threads);
     Real* v_image = scratch<Real>().v_image.reserve(3 * view.pixels());
-    const LossReport report = image_loss(image, target, view.width, view.height, threads, v_image);
+    const LossReport report = loss(image, v_image);
     const bool finite = std::isfinite(report.loss) && parameter_gradient(frame, image, v_image);
     return {report, finite, scratch<Real>().rows.data()};
-}
-
-template <class Real>
-ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Real* v_image,
-                                 const Real* background, int threads) {
-    const Real* image = render_planar(frame, scene, view, background, threads);
-    Real* planar = scratch<Real>().v_image.reserve(3 * view.pixels());
-    for (int64_t i = 0; i < view.pixels(); ++i) {
-        for (int c = 0; c < 3; ++c) planar[c * view.pixels() + i] = v_image[3 * i + c];
-    }
-    const bool finite = parameter_gradient(frame, image, planar);
-    return {{0, 0, 0}, finite, scratch<Real>().rows.data()};
 }
 
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows) {
     const std::vector<BiasCorrection> bias = bias_corrections(rows.rates);
     rows.bias = bias.data();
     rows.bias_count = int32_t(bias.size());
-    rows.radii_px = frame.radii_px.data();
     const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
     parallel_for(chunks, frame.threads, [&](int64_t c) {
         const int64_t begin = c * kChunk, n = std::min(kChunk, frame.visible_count - begin);
@@ -154,13 +138,9 @@ void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, A
 
 template LossReport image_loss(const float*, const Target&, int, int, int, float*);
 template LossReport image_loss(const double*, const Target&, int, int, int, double*);
-template ViewGradient<float> view_gradient(Frame<float>&, const Scene<float>&, const View&, const Target&, const float*,
-                                           int);
-template ViewGradient<double> view_gradient(Frame<double>&, const Scene<double>&, const View&, const Target&,
-                                            const double*, int);
-template ViewGradient<float> view_gradient(Frame<float>&, const Scene<float>&, const View&, const float*, const float*,
-                                           int);
-template ViewGradient<double> view_gradient(Frame<double>&, const Scene<double>&, const View&, const double*,
-                                            const double*, int);
+template ViewGradient<float> view_gradient(Frame<float>&, const Scene<float>&, const View&, const float*, int,
+                                           const ImageLoss<float>&);
+template ViewGradient<double> view_gradient(Frame<double>&, const Scene<double>&, const View&, const double*, int,
+                                            const ImageLoss<double>&);
 
 }  // namespace cotton

@@ -1,6 +1,8 @@
 // Loss, gradients and the optimiser step of one view.
 #pragma once
 
+#include <functional>
+
 #include "frame.h"
 
 namespace cotton {
@@ -11,9 +13,8 @@ struct LossReport {
 
 // The photograph that an image is compared with.
 struct Target {
-    const uint8_t* rgb;   // (H, W, 3)
-    const float* weight;  // (H, W) or null; the loss is the weighted mean
-    double dssim;         // λ
+    const uint8_t* rgb;  // (H, W, 3)
+    double dssim;        // λ
 };
 
 // (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W) and its gradient, as large.
@@ -28,15 +29,14 @@ struct ViewGradient {
     const Real* rows;
 };
 
+// The loss of a planar image (3, H, W); writes its gradient by the image, as large, to `v_image`.
+template <class Real>
+using ImageLoss = std::function<LossReport(const Real* image, Real* v_image)>;
+
 // Renders the scene's spherical harmonics (3 channels, no depth) and carries the gradient of the loss back.
 template <class Real>
-ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Target&,
-                                 const Real* background, int threads);
-
-// The same for a given gradient by the image (H, W, 3).
-template <class Real>
-ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Real* v_image,
-                                 const Real* background, int threads);
+ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Real* background,
+                                 int threads, const ImageLoss<Real>& loss);
 
 // Adam update of the Gaussians that the view shows, in place, and their statistics.
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows);

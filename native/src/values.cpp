@@ -38,29 +38,6 @@ std::vector<uint16_t> ids_in(const Tile& tile, const uint16_t* mask_ids) {
 
 }  // namespace
 
-template <class Real>
-void values_gradient(Frame<Real>& frame, int channels, const Real* v_image, Real* v_values) {
-    const auto kernel = kernels<Real>().values_backward(channels);
-    thread_local Buffer<Real> kept;
-    Buffer<Real>& pairs = kept;  // the caller's, in all threads
-    pairs.reserve(frame.pair_count * channels);
-    parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
-        const Tile tile = frame.tile(t);
-        std::vector<Real> v_tile(size_t(channels * kTilePixels), Real(0));
-        each_pixel(tile, [&](int i, int64_t pixel) {
-            for (int c = 0; c < channels; ++c) v_tile[size_t(c * kTilePixels + i)] = v_image[pixel * channels + c];
-        });
-        kernel(tile, frame.records.data(), frame.stride(), v_tile.data(), pairs.data(), channels);
-    });
-    each_visible(frame, [&](int64_t i) {
-        const HitRange range = frame.ranges[frame.visible[i]];
-        Real* v = v_values + int64_t(frame.visible[i]) * channels;
-        for (int64_t slot = range.begin; slot < int64_t(range.begin) + range.count; ++slot) {
-            for (int c = 0; c < channels; ++c) v[c] += pairs[slot * channels + c];
-        }
-    });
-}
-
 std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_ids, float* total) {
     // In each tile the sums over an indicator plane are the weights inside a mask; plane 0 is 1 everywhere.
     constexpr int planes = 4;
@@ -139,8 +116,5 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
     }
     return weights;
 }
-
-template void values_gradient(Frame<float>&, int, const float*, float*);
-template void values_gradient(Frame<double>&, int, const double*, double*);
 
 }  // namespace cotton

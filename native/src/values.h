@@ -1,4 +1,4 @@
-// Per-Gaussian values with frozen geometry: their gradient, and the blending weights themselves.
+// The blending weights of Gaussians, summed over pixels.
 #pragma once
 
 #include <vector>
@@ -6,11 +6,6 @@
 #include "frame.h"
 
 namespace cotton {
-
-// Gradient by the values (N, channels), added to `v_values`, given the gradient by the image (H, W, channels).
-// The frame's scene needs no channels of its own.
-template <class Real>
-void values_gradient(Frame<Real>& frame, int channels, const Real* v_image, Real* v_values);
 
 // The blending weight that a Gaussian has inside a mask, summed over its pixels.
 struct MaskWeight {

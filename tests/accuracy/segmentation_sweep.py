@@ -36,9 +36,9 @@ import pandas as pd
 from markdown_tables import markdown
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_plant
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from orbit_scene import degraded_masks
+from scenes.orbit_scene import degraded_masks
 
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM

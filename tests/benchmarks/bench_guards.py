@@ -22,56 +22,65 @@ TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "native")]
 
 import numpy as np  # noqa: E402
-from scratch_build import ROOT, Change, build  # noqa: E402
+from scratch_build import build  # noqa: E402
+from source_changes import ROOT, Change  # noqa: E402
 
 N_GAUSSIANS, WIDTH, HEIGHT = 40_000, 640, 360
 STEPS = 4
 """Steps in each turn."""
 GUARDS: dict[str, tuple[Change, ...]] = {
-    "parameters that are not finite are culled": ((
-        "project.cpp", "if (!(not_finite[lane] == 0)) {", "if (false) {"
+    "parameters that are not finite are culled": (Change(
+        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
     ),),
     "projections and colours that are not finite are culled": (
-        ("project.cpp", "for (double number : numbers) all_finite &= finite(number);", "(void)numbers;"),
-        (
-            "project.cpp",
-            "usable &= scene.sh ? to[c] <= Real(kMaxColour) && to[c] >= Real(-kMaxColour) : to[c] - to[c] == 0;",
+        Change("project.h", "project", "for (double @number : @numbers) @all &= finite(@number);", "(void)@numbers;"),
+        Change(
+            "project.h", "write_values",
+            "@usable &= scene.sh ? @to[@c] <= Real(kMaxColour) && @to[@c] >= Real(-kMaxColour) "
+            ": @to[@c] - @to[@c] == 0;",
             "",
         ),
     ),
-    "quaternions without direction are culled": ((
-        "geometry.h", "f.degenerate = ~(largest > 1e-30);", "f.degenerate = PackMask{};"
+    "quaternions without direction are culled": (Change(
+        "geometry.h", "footprint", "@f.degenerate = ~(@largest > 1e-30);", "@f.degenerate = PackMask{};"
     ),),
     "log scales are clamped": (
-        ("geometry.h", "(log_scale > -kMaxLogScale) & (log_scale < kMaxLogScale)", "~PackMask{}"),
-        (
-            "geometry.h",
-            "exp2<double>(minimum(maximum(log_scale, Pack{} - kMaxLogScale), Pack{} + kMaxLogScale) * kLog2E)",
-            "exp2<double>(log_scale * kLog2E)",
+        Change("geometry.h", "footprint", "(@log > -kMaxLogScale) & (@log < kMaxLogScale)", "~PackMask{}"),
+        Change(
+            "geometry.h", "footprint",
+            "minimum(maximum(@log_scale, Pack{} - kMaxLogScale), Pack{} + kMaxLogScale)",
+            "@log_scale",
         ),
     ),
-    "determinant from minors": ((
-        "geometry.h",
-        "f.det = m0 * m0 + m1 * m1 + m2 * m2 + kDilation * (a + c) + kDilation * kDilation;",
-        "(void)m0, (void)m1, (void)m2;\n    f.det = f.xx * f.yy - f.xy * f.xy;",
+    "determinant from minors": (Change(
+        "geometry.h", "footprint",
+        "@f.det = @a * @a + @b * @b + @c * @c + kDilation * (@xx + @yy) + kDilation * kDilation;",
+        "(void)@a, (void)@b, (void)@c; @f.det = @f.xx * @f.yy - @f.xy * @f.xy;",
     ),),
-    "a saturated alpha has no gradient": ((
-        "rasterize.cpp", "b.alpha[j] < Real(kAlphaCap) ? fnma(odds, rest, here) : V{}", "fnma(odds, rest, here)"
+    "a saturated alpha has no gradient": (Change(
+        "rasterize.h", "backward",
+        "@blend.alpha[@j] < Real(kAlphaCap) ? fnma(@odds, @rest, @here) : V{}",
+        "fnma(@odds, @rest, @here)",
     ),),
-    "gradients are checked before the step": (
-        (
-            "project_backward.cpp",
-            "for (int k = 0; k < row_gradient::abs_grad_px; k += kLanes<Real>) not_finite += load(row + k) * Real(0);",
-            "",
-        ),
-        ("project_backward.cpp", "last_not_finite += row[row_gradient::abs_grad_px] * Real(0);", ""),
-    ),
-    "Adam's gradients are clamped": ((
-        "adam.cpp", "minimum(maximum(gradient, V{} - kLargestGradient), V{} + kLargestGradient)", "gradient"
+    "gradients are checked before the step": (Change(
+        "project_backward.h", "project_backward",
+        "for (int @k = 0; @k < row_gradient::unit; @k += kLanes<Real>) @sum += load(@row + @k) * Real(0);",
+        "",
+    ),),
+    "Adam's gradients are clamped": (Change(
+        "adam.h", "update",
+        "minimum(maximum(@gradient, V{} - kLargestGradient), V{} + kLargestGradient)",
+        "@gradient",
     ),),
     "SSIM is at most 1": (
-        ("loss.cpp", "maximum(blurred[2] - m11 - m22, V{}) + Real(kC2)", "blurred[2] - m11 - m22 + Real(kC2)"),
-        ("loss.cpp", "minimum(2 * (blurred[3] - m12) + Real(kC2), b2)", "2 * (blurred[3] - m12) + Real(kC2)"),
+        Change(
+            "loss.h", "loss_forward",
+            "maximum(@blurred[2] - @m11 - @m22, V{}) + Real(kC2)", "@blurred[2] - @m11 - @m22 + Real(kC2)",
+        ),
+        Change(
+            "loss.h", "loss_forward",
+            "minimum(2 * (@blurred[3] - @m12) + Real(kC2), @b2)", "2 * (@blurred[3] - @m12) + Real(kC2)",
+        ),
     ),
 }  # fmt: skip
 
@@ -79,7 +88,7 @@ GUARDS: dict[str, tuple[Change, ...]] = {
 def work() -> None:
     """The other process: takes STEPS steps for each line on stdin and tells their processor time."""
     importlib.import_module("conftest")  # puts the build under test in place
-    from splat_scenes import RATES, camera_at, scene, target_of
+    from scenes.splat_scenes import RATES, camera_at, scene, target_of
 
     from cotton3dg.splat import rasterizer
 
@@ -144,7 +153,7 @@ def cost_pct(guarded: Path, bare: Path, rounds: int) -> tuple[float, float]:
 
 def checkpoint_pct() -> float:
     """What saving a training of 150,000 Gaussians once in SAVED_EVERY_S costs, %."""
-    from splat_scenes import scene
+    from scenes.splat_scenes import scene
 
     from cotton3dg.files.checkpoint import write_training
     from cotton3dg.files.saving import replacing

@@ -147,7 +147,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     View view = {sizes[2], sizes[3], camera[0], camera[1], camera[2], camera[3], {}, {}, camera[16]};
     std::copy_n(camera.begin() + 4, 9, view.rotation);
     std::copy_n(camera.begin() + 13, 3, view.translation);
-    std::vector<float> parameters[5], first[5], second[5], statistics[4];
+    std::vector<float> parameters[5], first[5], second[5], statistics[2];
     for (int k = 0; k < 5; ++k) {
         parameters[k] = read<float>(file, n * widths[k]);
         first[k].resize(parameters[k].size()), second[k].resize(parameters[k].size());
@@ -164,20 +164,20 @@ void benchmark(FILE* file, int threads, int repeats) {
     scene.opacity_logits = parameters[3].data(), scene.sh = parameters[4].data();
     scene.sh_stored = int(coefficients), scene.sh_degree = degree, scene.channels = 3;
     const auto moments = [](std::vector<float>* m) {
-        return Moments{m[0].data(), m[1].data(), m[2].data(), m[3].data(), m[4].data()};
+        return GaussianPointers{m[0].data(), m[1].data(), m[2].data(), m[3].data(), m[4].data()};
     };
     AdamRows rows = {};
-    const Moments p = moments(parameters);
-    rows.means = p.means, rows.quats = p.quats, rows.log_scales = p.log_scales;
-    rows.opacity_logits = p.opacity_logits, rows.sh = p.sh;
+    rows.parameters = moments(parameters);
     rows.sh_stored = int(coefficients), rows.sh_degree = degree;
     rows.first = moments(first), rows.second = moments(second);
     rows.steps = steps.data();
     rows.rates = {0, 0, 0, 0, 0, 0, 0.9f, 0.999f, 1e-15f};  // the same work every time
-    rows.statistics = {statistics[0].data(), statistics[1].data(), statistics[2].data(), statistics[3].data(),
-                       count.data()};
+    rows.statistics = {statistics[0].data(), statistics[1].data(), count.data()};
 
-    const Target target = {photograph.data(), nullptr, 0.2};
+    const Target target = {photograph.data(), 0.2};
+    const ImageLoss<float> loss = [&](const float* image, float* v_image) {
+        return image_loss(image, target, view.width, view.height, threads, v_image);
+    };
     const float black[3] = {0, 0, 0};
     Frame<float>& frame = scratch_frame<float>();
     std::vector<double> cpu_ms[kParts], total_cpu_ms, wall_ms;
@@ -185,7 +185,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     for (int r = -1; r < repeats; ++r) {  // the first is not counted
         for (auto& ns : spent_ns) ns = 0;
         const int64_t begin = clock_ns(CLOCK_MONOTONIC), begin_cpu = clock_ns(CLOCK_PROCESS_CPUTIME_ID);
-        gradient = view_gradient(frame, scene, view, target, black, threads);
+        gradient = view_gradient(frame, scene, view, black, threads, loss);
         adam_step(frame, gradient, rows);
         if (r < 0) continue;
         wall_ms.push_back(1e-6 * double(clock_ns(CLOCK_MONOTONIC) - begin));

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from error_budget import put_true_cameras, share
-from tiny_plant import FILM, ROOT
+from scenes.tiny_plant import FILM, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.commands.simulate import simulate

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bright_network import bright_network
-from lint_scene import BOLLS, room_model
-from lint_workspace import make_workspace
+from scenes.bright_network import bright_network
+from scenes.lint_scene import BOLLS, room_model
+from scenes.lint_workspace import make_workspace
 
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput

@@ -4,13 +4,12 @@ import re
 import shlex
 import shutil
 
-import doc_commands
 import numpy as np
 import pytest
-import torchvision_stand_in
-from doc_commands import blocks
-from onnx_scene import SIDE, write_bright_cells
-from tiny_plant import FILM, OPTIONS, ROOT, in_shell
+from scenes import doc_commands, torchvision_stand_in
+from scenes.doc_commands import blocks
+from scenes.onnx_scene import SIDE, write_bright_cells
+from scenes.tiny_plant import FILM, OPTIONS, ROOT, in_shell
 from typer.testing import CliRunner
 
 from cotton3dg.cli import app
@@ -112,7 +111,7 @@ def test_the_commands_of_a_page_work(name, desk, monkeypatch, tmp_path):
     here = runnable(PAGES[name])
     if any("--backend" in line and "sam" in line for line in here):
         pytest.importorskip("transformers")
-        from transformer_scene import save
+        from scenes.transformer_scene import save
 
         for folder, kind in (("sam-vit-base", "sam"), ("sam2.1-hiera-small", "sam2")):
             save(desk / folder, kind)

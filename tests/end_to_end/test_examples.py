@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tiny_plant import ROOT, in_shell
+from scenes.tiny_plant import ROOT, in_shell
 
 from cotton3dg.files.images import read_image
 from cotton3dg.files.tables import TRAITS

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torchvision_stand_in
-from lint_scene import BOLLS
-from lint_workspace import make_workspace
-from onnx_scene import SIDE, write_bright_cells
+from scenes import torchvision_stand_in
+from scenes.lint_scene import BOLLS
+from scenes.lint_workspace import make_workspace
+from scenes.onnx_scene import SIDE, write_bright_cells
 
 from cotton3dg.commands.masks_export import export
 from cotton3dg.commands.masks_train import train
@@ -117,7 +117,7 @@ def test_training_says_what_it_lacks(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["sam", "sam2"])
 def test_sam_with_prompts_of_lint_and_of_a_table(plant, tmp_path: Path, kind: str) -> None:
     pytest.importorskip("transformers")
-    from transformer_scene import save
+    from scenes.transformer_scene import save
 
     workspace, _ = plant
     save(tmp_path / kind, kind)
@@ -137,7 +137,7 @@ def test_sam_with_prompts_of_lint_and_of_a_table(plant, tmp_path: Path, kind: st
 
 def test_a_text_finds_boxes_that_prompt_sam(plant, tmp_path: Path) -> None:
     pytest.importorskip("transformers")
-    from transformer_scene import save
+    from scenes.transformer_scene import save
 
     workspace, _ = plant
     options = MasksOptions(

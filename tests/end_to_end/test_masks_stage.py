@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lint_scene import BOLLS, room_model
-from lint_workspace import make_workspace
+from scenes.lint_scene import BOLLS, room_model
+from scenes.lint_workspace import make_workspace
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.images import read_ids, write_ids

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from table_scene import POSE, TOP_CM, orbit, plant_scene
+from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
 from cotton3dg.commands.render import render
 from cotton3dg.core.measurements import Scale

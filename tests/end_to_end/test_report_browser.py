@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from chromium import Browser, executable
-from report_page import HOSTILE, batch_rows, fail, picture
+from scenes.chromium import Browser, executable
+from scenes.report_page import HOSTILE, batch_rows, fail, picture
 
 from cotton3dg.report.facts import read_facts
 from cotton3dg.report.index import index_page

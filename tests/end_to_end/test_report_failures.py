@@ -7,8 +7,8 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from finished_scene import record
-from report_page import HOSTILE, Page, fail
+from scenes.finished_scene import record
+from scenes.report_page import HOSTILE, Page, fail
 
 from cotton3dg import pipeline
 from cotton3dg.errors import CaptureFailed

@@ -1,8 +1,8 @@
 """index.html of a batch."""
 
 import numpy as np
-from finished_scene import N_BOLLS
-from report_page import Page, batch_row, batch_rows
+from scenes.finished_scene import N_BOLLS
+from scenes.report_page import Page, batch_row, batch_rows
 
 from cotton3dg.report.advice import FLAGS
 from cotton3dg.report.index import index_page, robust_z

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from finished_scene import UNPLACED
-from report_page import Page
+from scenes.finished_scene import UNPLACED
+from scenes.report_page import Page
 
 from cotton3dg import pipeline
 from cotton3dg.errors import BadInput

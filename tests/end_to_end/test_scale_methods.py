@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
-from marker_scene import photo_of_top, top_picture
-from table_scene import POSE, orbit
-from table_workspace import table_workspace
+from scenes.marker_scene import photo_of_top, top_picture
+from scenes.table_scene import POSE, orbit
+from scenes.table_workspace import table_workspace
 
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.files.scale import read_scale

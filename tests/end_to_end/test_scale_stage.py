@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from table_scene import POSE, orbit, photo
-from table_workspace import table_workspace
+from scenes.table_scene import POSE, orbit, photo
+from scenes.table_workspace import table_workspace
 
 from cotton3dg.errors import MissingInput, NoScale
 from cotton3dg.files.images import read_image

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boll_scene import CENTRES, N_VIEWS, RADIUS, made_workspace, model, write_masks
+from scenes.boll_scene import CENTRES, N_VIEWS, RADIUS, made_workspace, model, write_masks
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.match import match_bolls

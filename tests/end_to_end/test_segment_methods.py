@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boll_scene import CENTRES, N_VIEWS, RADIUS, cameras, made_workspace, masks_of, model, write_masks
+from scenes.boll_scene import CENTRES, N_VIEWS, RADIUS, cameras, made_workspace, masks_of, model, write_masks
 
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.match import match_bolls

@@ -6,7 +6,7 @@ import subprocess
 import cv2
 import numpy as np
 import pytest
-from room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
+from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
 from cotton3dg.errors import BadInput, CaptureFailed, MissingInput

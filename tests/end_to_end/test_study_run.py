@@ -7,11 +7,7 @@ import signal
 import subprocess
 import sys
 
-import pytest
-
 from cotton3dg.errors import BadUsage
-
-pytestmark = pytest.mark.slow
 
 # A test run in the background may ignore Ctrl-C, and so would all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
+from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
 from scipy.spatial.transform import Rotation
-from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
 
 from cotton3dg.core.measurements import Scale
 from cotton3dg.errors import BadInput, MissingInput

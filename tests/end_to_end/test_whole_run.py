@@ -15,8 +15,6 @@ from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
-pytestmark = pytest.mark.slow
-
 
 def command(plant: Path, *arguments: str) -> list[str]:
     return [sys.executable, "-m", "cotton3dg.cli", "run", str(plant), "--preset", "draft", *arguments]

@@ -29,7 +29,7 @@ from cotton3dg import pipeline
 from cotton3dg.files.video import ffmpeg_binary
 from cotton3dg.workspace import Workspace
 
-sys.path.append(str(Path(__file__).parents[1] / "unit"))
+sys.path.append(str(Path(__file__).parents[1]))
 
 SMALL = {
     "frames.count": 28, "sfm.max_features": 1500, "train.steps": 60, "train.max_side": 200,
@@ -42,7 +42,7 @@ CHANGES = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", 
 
 def film_room(path: Path) -> None:
     """One turn around the box of room_scene, as a video."""
-    from room_scene import HEIGHT, WIDTH, render, textures
+    from scenes.room_scene import HEIGHT, WIDTH, render, textures
 
     faces = textures()
     frames = [render(faces, 2 * np.pi * number / N_FILMED) for number in range(N_FILMED)]

@@ -17,7 +17,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "native"))
 
-from scratch_build import ROOT, Change, build
+from scratch_build import build
+from source_changes import ROOT, Change, apply_change
 
 FOLDER = ROOT / "build" / "mutations"
 CORE = (
@@ -34,89 +35,83 @@ class Mutation:
 
     name: str
     changes: tuple[Change, ...]
-    """Of native/src, or of the package where the file is a .py below cotton3dg."""
+    """Of the core or of one module of the package."""
     tests: tuple[str, ...] = CORE
 
 
 MUTATIONS = (
-    Mutation("alpha cap of 0.999 backward only", ((
-        "rasterize.cpp",
-        "                const Blend<Real>& b = blends[block];\n",
-        "                Blend<Real> b = blends[block];\n"
-        "                for (int j = 0; j < kVectors<Real>; ++j) {\n"
-        "                    b.weight[j] *= b.alpha[j] < Real(kAlphaCap) ? V{} + 1 : V{} + Real(0.999 / kAlphaCap);\n"
-        "                }\n",
+    Mutation("alpha cap of 0.999 backward only", (Change(
+        "rasterize.h", "backward",
+        "const Blend<Real>& @blend = @blends[@block];",
+        "Blend<Real> @blend = @blends[@block];\n"
+        "for (int j = 0; j < kVectors<Real>; ++j) {\n"
+        "    @blend.weight[j] *= @blend.alpha[j] < Real(kAlphaCap) ? V{} + 1 : V{} + Real(0.999 / kAlphaCap);\n"
+        "}",
     ),)),
-    Mutation("parameters that are not finite are not culled", ((
-        "project.cpp", "if (!(not_finite[lane] == 0)) {", "if (false) {"
+    Mutation("parameters that are not finite are not culled", (Change(
+        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
     ),)),
-    Mutation("colours that are not finite are not culled", (("project.cpp", "return usable;", "return true;"),)),
-    Mutation("sort that is not stable", (("frame.cpp", "rows[i] = visible[i];", "rows[i] = visible[n - 1 - i];"),)),
-    Mutation("3-sigma cut", ((
-        "project.cpp",
-        "const Pack reach = sqrt(maximum(cut2, Pack{}) / kScale2);",
-        "const Pack reach = minimum(sqrt(maximum(cut2, Pack{}) / kScale2), Pack{} + 3.0);",
+    Mutation("colours that are not finite are not culled", (Change(
+        "project.h", "write_values", "return @usable;", "return true;"
     ),)),
-    Mutation("sum that depends on the threads", ((
-        "train.cpp",
-        "for (const LossSums& sum : sums) report.l1 += sum.l1 * norm, report.ssim += sum.ssim * norm;",
+    Mutation("sort that is not stable", (Change(
+        "frame.cpp", "sort_by_depth", "@rows[@i] = visible[@i];", "@rows[@i] = visible[visible_count - 1 - @i];"
+    ),)),
+    Mutation("3-sigma cut", (Change(
+        "project.h", "project",
+        "sqrt(maximum(@cut2, Pack{}) / kScale2)",
+        "minimum(sqrt(maximum(@cut2, Pack{}) / kScale2), Pack{} + 3.0)",
+    ),)),
+    Mutation("sum that depends on the threads", (Change(
+        "train.cpp", "image_loss",
+        "for (const LossSums& @sum : @sums) @report.l1 += @sum.l1 * @norm, @report.ssim += @sum.ssim * @norm;",
         "std::vector<LossSums> parts(size_t(thread_count(threads)), LossSums{0, 0});\n"
-        "    for (size_t i = 0; i < sums.size(); ++i) {\n"
-        "        LossSums& part = parts[i % parts.size()];\n"
-        "        part.l1 += sums[i].l1 * norm, part.ssim += sums[i].ssim * norm;\n"
-        "    }\n"
-        "    for (const LossSums& part : parts) report.l1 += part.l1, report.ssim += part.ssim;",
+        "for (size_t i = 0; i < @sums.size(); ++i) {\n"
+        "    LossSums& part = parts[i % parts.size()];\n"
+        "    part.l1 += @sums[i].l1 * @norm, part.ssim += @sums[i].ssim * @norm;\n"
+        "}\n"
+        "for (const LossSums& part : parts) @report.l1 += part.l1, @report.ssim += part.ssim;",
     ),)),
-    Mutation("saturated alpha passes gradient", ((
-        "rasterize.cpp", "b.alpha[j] < Real(kAlphaCap) ? fnma(odds, rest, here) : V{}", "fnma(odds, rest, here)"
+    Mutation("saturated alpha passes gradient", (Change(
+        "rasterize.h", "backward",
+        "@blend.alpha[@j] < Real(kAlphaCap) ? fnma(@odds, @rest, @here) : V{}",
+        "fnma(@odds, @rest, @here)",
     ),)),
-    Mutation("determinant as ac - b²", ((
-        "geometry.h",
-        "f.det = m0 * m0 + m1 * m1 + m2 * m2 + kDilation * (a + c) + kDilation * kDilation;",
-        "(void)m0, (void)m1, (void)m2, f.det = f.xx * f.yy - f.xy * f.xy;",
+    Mutation("determinant as ac - b²", (Change(
+        "geometry.h", "footprint",
+        "@f.det = @a * @a + @b * @b + @c * @c + kDilation * (@xx + @yy) + kDilation * kDilation;",
+        "(void)@a, (void)@b, (void)@c, @f.det = @f.xx * @f.yy - @f.xy * @f.xy;",
     ),)),
-    Mutation("rejected step that is taken", ((
-        "bindings_train.cpp", "if (gradient.finite) adam_step", "adam_step"
+    Mutation("rejected step that is taken", (Change(
+        "bindings_train.cpp", "train_step", "if (@gradient.finite) adam_step", "adam_step"
     ),), ("tests/hard_cases/test_resume.py",)),
-    Mutation("probability that is not clamped", ((
-        "cotton3dg/lifting/probability.py",
-        "    held = np.clip(probability_map, MAP_MARGIN, 1 - MAP_MARGIN)",
-        "    held = probability_map",
+    Mutation("probability that is not clamped", (Change(
+        "cotton3dg/lifting/probability.py", "cross_entropy_gradient",
+        "np.clip(@map, MAP_MARGIN, 1 - MAP_MARGIN)", "@map",
     ),), ("tests/unit/test_probability.py",)),
-    Mutation("probability that is not clamped after the step", ((
-        "cotton3dg/lifting/probability.py",
-        "        np.clip(probabilities, 0, 1, out=probabilities)",
-        "        pass",
+    Mutation("probability that is not clamped after the step", (Change(
+        "cotton3dg/lifting/probability.py", "trained", "np.clip(@probabilities, 0, 1, out=@probabilities)", "pass"
     ),), ("tests/unit/test_probability.py",)),
-    Mutation("joggled hull", ((
-        "cotton3dg/geometry/convex_measures.py",
-        "    return Measured(float(ConvexHull(centred).volume))",
-        "    return Measured(float(ConvexHull(centred, qhull_options=\"QJ\").volume))",
-    ), (
-        "cotton3dg/geometry/convex_measures.py",
-        '    """Volume of the convex hull of (N, 3) points."""\n'
-        "    centred, reason = solid_points(points)\n    if reason:\n        return Measured(np.nan, reason)\n",
-        '    """Volume of the convex hull of (N, 3) points."""\n'
-        "    centred = np.asarray(points, np.float64)\n",
+    Mutation("joggled hull", (Change(
+        "cotton3dg/geometry/convex_measures.py", "convex_volume",
+        "ConvexHull(@points)", 'ConvexHull(@points, qhull_options="QJ")',
+    ), Change(
+        "cotton3dg/geometry/convex_measures.py", "convex_volume", "if @reason: return Measured(np.nan, @reason)", ""
     )), ("tests/hard_cases/test_geometry.py",)),
-    Mutation("checkpoint without the optimiser", ((
-        "cotton3dg/files/checkpoint.py",
-        'arrays: dict[str, NDArray[Any]] = {"adam_steps": adam.steps}',
-        'arrays: dict[str, NDArray[Any]] = {"adam_steps": adam.steps * 0}',
+    Mutation("checkpoint without the optimiser", (Change(
+        "cotton3dg/files/checkpoint.py", "write_training", '"adam_steps": @adam.steps', '"adam_steps": @adam.steps * 0'
     ),), ("tests/hard_cases/test_resume.py",)),
 )  # fmt: skip
 
 
 def replaced(mutation: Mutation) -> str:
     """The changed module, as tests/conftest.py takes it."""
-    name = mutation.changes[0][0]
+    name, path = mutation.changes[0].file, mutation.changes[0].path
     if not name.endswith(".py"):
         return f"cotton3dg._native={build(FOLDER, changes=mutation.changes)}"
-    text = (ROOT / name).read_text(encoding="utf-8")
-    for _, old, new in mutation.changes:
-        if text.count(old) != 1:
-            raise ValueError(f"{name} has {text.count(old)} times, not once: {old}")
-        text = text.replace(old, new)
+    text = path.read_text(encoding="utf-8")
+    for change in mutation.changes:
+        text = apply_change(text, change)
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / Path(name).name).write_text(text, encoding="utf-8")
     return f"{name.removesuffix('.py').replace('/', '.')}={FOLDER / Path(name).name}"

@@ -7,7 +7,8 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from room_scene import HEIGHT, WIDTH, render, textures
+import pytest
+from scenes.room_scene import HEIGHT, WIDTH, render, textures
 
 from cotton3dg import pipeline
 from cotton3dg.files import video
@@ -30,6 +31,7 @@ def broken_video(path: Path) -> None:
     path.write_bytes(content)
 
 
+@pytest.mark.slow
 def test_a_broken_video_runs_through_and_every_defect_is_told(tmp_path: Path) -> None:
     broken_video(tmp_path / "walk.mp4")
     workspace = Workspace(tmp_path)

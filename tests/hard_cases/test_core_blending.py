@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import splatting
 import torch
-from splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, native_view, scene, target_of
+from scenes.differentiation import loss_and_gradients
+from scenes.splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, native_view, scene, target_of
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
@@ -32,7 +33,7 @@ def assert_gradients_match_autograd(gaussians: Gaussians, camera: Camera, backgr
     parameters = [torch.from_numpy(a).requires_grad_() for a in double(gaussians)]
     image = splatting.render(*parameters, camera, 3, torch.from_numpy(background), NEAR)
     (image * torch.from_numpy(v_image)).sum().backward()
-    gradients = _native.image_gradient(double(gaussians), native_view(camera), 3, background, v_image, 2)[1]
+    gradients = _native.for_tests.image_gradient(double(gaussians), native_view(camera), 3, background, v_image, 2)[1]
     largest = max(float(parameter.grad.abs().max()) for parameter in parameters)
     for key, parameter in zip(NAMES, parameters, strict=True):
         expected = parameter.grad.numpy()
@@ -50,7 +51,7 @@ def test_case_09_nan_is_not_hidden_by_the_cap(slot: str) -> None:
         rendered = rasterizer.render(poisoned, camera, near_su=NEAR)
         assert rendered.culled["non_finite"] == 1
         assert np.array_equal(rendered.image, clean.image)
-        gradients = rasterizer.loss_and_gradients(poisoned, camera, target_of(camera), near_su=NEAR)
+        gradients = loss_and_gradients(poisoned, camera, target_of(camera), near_su=NEAR)
         assert gradients.finite
         assert all_finite(*(getattr(gradients, name) for name in NAMES))
 
@@ -70,7 +71,7 @@ def test_case_10_the_cap_is_that_of_the_reference() -> None:
 
 def test_case_11_a_saturated_alpha_has_no_gradient() -> None:
     gaussians, camera = stack(1, 30.0), camera_at(4, 4)
-    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), sh_degree=0, near_su=NEAR)
+    gradients = loss_and_gradients(gaussians, camera, target_of(camera), sh_degree=0, near_su=NEAR)
     assert not gradients.v_opacity_logits.any()
     assert not gradients.v_means.any()
     assert not gradients.v_log_scales.any()
@@ -83,8 +84,8 @@ def test_case_12_sixteen_stacked_gaussians_keep_float_near_double(logit: float) 
     gaussians, camera = stack(16, logit), camera_at(12, 12)
     v_image = np.random.default_rng(2).normal(size=(12, 12, 3))
     view, background = native_view(camera), np.array([0.2, 0.4, 0.6])
-    exact = _native.image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
-    single = _native.image_gradient(
+    exact = _native.for_tests.image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
+    single = _native.for_tests.image_gradient(
         arrays_of(gaussians), view, 3, background.astype(np.float32), v_image.astype(np.float32), 1
     )[1]
     largest = max(np.abs(exact[key]).max() for key in NAMES)
@@ -96,7 +97,7 @@ def test_case_12_a_stack_of_opaque_gaussians_ends_a_pixel() -> None:
     gaussians, camera = stack(16, 30.0), camera_at(8, 8)
     rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     np.testing.assert_allclose(rendered.transmittance, 0.01**2, rtol=1e-3)
-    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+    gradients = loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
     reached = np.abs(gradients.v_sh).sum((1, 2)) > 0
     assert reached[:2].all()
     assert not reached[3:].any()
@@ -110,12 +111,12 @@ def test_case_13_backward_visits_exactly_what_forward_blended(seed: int) -> None
     gaussians.sh[:] = 0
     total = rasterizer.accumulate_weights(gaussians, camera, np.zeros((40, 50), np.uint16), near_su=NEAR).total
     view, ones = native_view(camera), np.ones((40, 50, 3), np.float32)
-    gradients = _native.image_gradient(arrays_of(gaussians), view, 0, np.zeros(3, np.float32), ones, 2)[1]
+    gradients = _native.for_tests.image_gradient(arrays_of(gaussians), view, 0, np.zeros(3, np.float32), ones, 2)[1]
     v_colour = gradients["v_sh"][:, 0, 0] / 0.28209479177387814
     assert 0 < (total > 0).sum() < len(total)
     assert np.array_equal(v_colour > 0, total > 0)
     np.testing.assert_allclose(v_colour, total, rtol=1e-5)
-    weight = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR).weight
+    weight = loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR).weight
     np.testing.assert_allclose(weight, total, rtol=1e-5)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import splatting
 import torch
-from splat_scenes import (
+from scenes.differentiation import loss_and_gradients
+from scenes.splat_scenes import (
     NEAR,
     all_finite,
     arrays_of,
@@ -57,7 +58,7 @@ def test_case_03_any_log_scale_is_drawn_and_only_free_ones_have_a_gradient() -> 
         rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
         assert rendered.n_visible == 1
         assert rendered.transmittance.min() < 0.5, log_scale
-        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+        gradients = loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
         assert gradients.finite
         if abs(log_scale) >= 30:
             assert not gradients.v_log_scales.any(), log_scale
@@ -111,7 +112,7 @@ def test_case_06_a_gaussian_at_the_camera_centre_is_culled_without_gradient() ->
     gaussians.means[1] = camera.centre
     for near_su in (NEAR, 1e-30):
         assert rasterizer.render(gaussians, camera, near_su=near_su).culled["behind"] == 1
-        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=near_su)
+        gradients = loss_and_gradients(gaussians, camera, target_of(camera), near_su=near_su)
         assert gradients.finite
         assert not gradients.v_means[1].any()
         assert not gradients.v_sh[1].any()
@@ -126,7 +127,7 @@ def test_case_07_the_gradient_is_that_of_the_frozen_jacobian() -> None:
     parameters = [torch.from_numpy(a).requires_grad_() for a in double(gaussians)]
     image = splatting.render(*parameters, camera, 3, torch.zeros(3, dtype=torch.float64), NEAR)
     (image * torch.from_numpy(v_image)).sum().backward()
-    gradients = _native.image_gradient(double(gaussians), native_view(camera), 3, np.zeros(3), v_image, 2)[1]
+    gradients = _native.for_tests.image_gradient(double(gaussians), native_view(camera), 3, np.zeros(3), v_image, 2)[1]
     ratios = gaussians.means[:, 0] / (gaussians.means[:, 2] + 3)
     assert (np.abs(ratios) > 1.3 * 20 / camera.fx).sum() > 4
     assert np.linalg.norm(gradients["v_means"]) > 0
@@ -171,7 +172,7 @@ def test_case_20_nothing_visible_gives_the_background() -> None:
         assert np.array_equal(rendered.image, np.broadcast_to(np.float32([0.25, 0.5, 0.75]), (9, 17, 3)))
         assert (rendered.transmittance == 1).all()
         assert not rendered.depth.any()
-        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera))
+        gradients = loss_and_gradients(gaussians, camera, target_of(camera))
         assert gradients.finite
         assert not gradients.v_means.any()
         report, _, statistics = step(gaussians, camera)

@@ -6,7 +6,8 @@ import io
 import numpy as np
 import pytest
 
-from cotton3dg.files.tables import Column, csv_text
+from cotton3dg.core.columns import Column
+from cotton3dg.files.tables import csv_text
 
 COLUMNS = (Column("text", "", "text"), Column("number", "cm", "a number", 2))
 

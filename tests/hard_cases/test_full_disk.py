@@ -50,6 +50,7 @@ def filled(workspace: Workspace, free_kib: int) -> Path:
     return ballast
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stage", "rooms_kib"), [("frames", (0, 400)), ("sfm", (16,))])
 def test_case_50_on_a_full_disk_a_stage_ends_with_a_reason_and_the_old_result_stays(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch, stage: str, rooms_kib: tuple[int, ...]

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
+from scenes.table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
 
 from cotton3dg.clustering.agglomerative import cluster_objects
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks

@@ -14,6 +14,8 @@ from cotton3dg import pipeline
 from cotton3dg.commands.clean import clean
 from cotton3dg.workspace import Workspace
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).with_name("killed_runs.py")
 N_KILLS = 5
 

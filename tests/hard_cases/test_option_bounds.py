@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from training_scene import OPTIONS, training_scene
+from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import STAGE_OPTIONS, SimulateOptions, TrainOptions, resolve

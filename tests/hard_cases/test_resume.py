@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from splat_scenes import arrays_of, camera_at, scene, step
-from training_scene import OPTIONS, training_scene
+from scenes.splat_scenes import arrays_of, camera_at, scene, step
+from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg import pipeline
 from cotton3dg.core.scene import Gaussians
@@ -74,7 +74,7 @@ def test_case_51_a_checkpoint_of_something_else_or_a_damaged_one_is_not_used(
     assert read_training(tmp_path / "none.npz", "key") is None
     assert not caplog.records
     whole = path.read_bytes()
-    for damaged in (b"", whole[:100], whole[:-30], whole[:2000] + b"\xff" + whole[2001:]):
+    for damaged in (b"", whole[:100], whole[:-30], whole[:2000] + bytes([whole[2000] ^ 0xFF]) + whole[2001:]):
         path.write_bytes(damaged)
         assert read_training(path, "key") is None
         assert "starts from the beginning" in caplog.text
@@ -111,10 +111,10 @@ def workspace(tmp_path: Path) -> Workspace:
 KILLED = """
 import sys
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import fit
+from cotton3dg.splat import trainer
 from cotton3dg.stages import train
 from cotton3dg.workspace import Workspace
-fit.SAVED_EVERY_S = 0.05
+trainer.SAVED_EVERY_S = 0.05
 train.run(Workspace(sys.argv[1]), TrainOptions(steps=400, max_gaussians=400, sh_degree=1, max_side=64))
 """
 
@@ -165,7 +165,7 @@ def test_case_54_a_step_that_is_not_finite_changes_nothing() -> None:
     assert gaussians.sha256() == before
     assert not adam.steps.any()
     assert not any(array.any() for array in (*arrays_of(adam.first), *arrays_of(adam.second)))
-    assert not any(array.any() for array in statistics.as_arrays())
+    assert not any(array.any() for array in vars(statistics).values())
 
 
 def spoil(monkeypatch: pytest.MonkeyPatch, spoilt: set[int]) -> None:

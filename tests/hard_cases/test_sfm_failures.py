@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
+from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
 from cotton3dg.errors import BadInput, CaptureFailed
@@ -43,6 +43,7 @@ def full_turn(seed: int, count: int) -> list[np.ndarray]:
     return [render(faces, angle) for angle in np.linspace(0, 2 * np.pi, count, endpoint=False)]
 
 
+@pytest.mark.slow
 def test_case_36_of_two_places_the_one_with_more_images_is_taken_and_the_rest_is_told(tmp_path: Path) -> None:
     workspace = frames(tmp_path, full_turn(1, 30) + full_turn(2, 30)[:10])
     told = run_sfm(workspace)

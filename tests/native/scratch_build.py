@@ -7,9 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-Change = tuple[str, str, str]
-"""File below native/src, text that occurs in it exactly once, and the text to put in its place."""
+from source_changes import ROOT, Change, apply_change
 
 
 def build(
@@ -26,16 +24,13 @@ def build(
         isas: instruction sets, separated by semicolons.
         optimisation: of the kernels.
     Raises:
-        ValueError: the text of a change is not there exactly once.
+        ValueError: the code of a change is not there exactly once.
     """
     import pybind11
 
     texts = {path: path.read_text() for path in (ROOT / "native").rglob("*") if path.is_file()}
-    for name, old, new in changes:
-        path = ROOT / "native" / "src" / name
-        if texts[path].count(old) != 1:
-            raise ValueError(f"{name} has {texts[path].count(old)} times, not once: {old}")
-        texts[path] = texts[path].replace(old, new)
+    for change in changes:
+        texts[change.path] = apply_change(texts[change.path], change)
     for path, text in texts.items():
         copy = folder / "source" / path.relative_to(ROOT / "native")
         copy.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The checked face of the native core: what it refuses, weights, instruction sets, autograd, Adam."""
+"""The checked face of the native core: what it refuses, weights, instruction sets, Adam."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dataclasses import asdict, replace
 import adam as reference
 import numpy as np
 import pytest
-import torch
-from splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+from scenes.differentiation import loss_and_gradients
+from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+from scipy import sparse
 
 from cotton3dg import _native
 from cotton3dg.splat import rasterizer
-from cotton3dg.splat.autograd import rasterize_values
 from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
 
 
@@ -31,9 +31,11 @@ def test_weights_are_those_that_rendering_uses() -> None:
     assert len(set(zip(found.rows.tolist(), found.ids.tolist(), strict=True))) == len(found.rows)
     dense = np.zeros((200, 701), np.float32)
     dense[found.rows, found.ids] = found.weights
+    pixels = np.stack(np.meshgrid(np.arange(70), np.arange(50)), axis=-1).reshape(-1, 2)
+    rays = rasterizer.ray_weights(gaussians, camera, pixels, near_su=NEAR)
+    weights = sparse.csr_matrix((rays.weights, rays.rows, rays.starts), shape=(len(pixels), 200)).astype(np.float64)
     for mask_id in (1, 5, 700):
-        indicator = (ids == mask_id).astype(np.float32)[..., None]
-        expected = rasterizer.values_gradient(gaussians, camera, indicator, near_su=NEAR)[:, 0]
+        expected = weights.T @ (ids.ravel() == mask_id)
         np.testing.assert_allclose(dense[:, mask_id], expected, rtol=1e-5, atol=1e-6)
     rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
     assert found.total.sum() == pytest.approx(float((1 - rendered.transmittance).sum()), rel=1e-5)
@@ -50,7 +52,7 @@ def test_instruction_sets_agree() -> None:
         for name in _native.instruction_sets():
             _native.use_instruction_set(name)
             rendered = rasterizer.render(gaussians, camera, near_su=NEAR)
-            gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+            gradients = loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
             results.append({"image": rendered.image, "depth": rendered.depth} | asdict(gradients))
     finally:
         _native.use_instruction_set(chosen)
@@ -86,22 +88,9 @@ def test_wrong_arrays_are_refused() -> None:
     with pytest.raises(ValueError, match="sh_degree"):
         _native.render(arrays_of(gaussians), view, 4, black, 1)
     with pytest.raises(ValueError, match="target"):
-        rasterizer.loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
-    with pytest.raises(ValueError, match="weight"):
-        rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), weight=np.zeros((10, 10), np.float32))
+        loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
     with pytest.raises(ValueError, match="positive"):
         native_view(camera, near_su=0.0)
-
-
-def test_autograd_of_values() -> None:
-    camera = camera_at(24, 18)
-    gaussians = scene(20, seed=10)
-    values = torch.rand(20, 2, requires_grad=True)
-    image = rasterize_values(values, gaussians, camera, np.ones(2, np.float32), near_su=NEAR)
-    v_image = torch.rand(18, 24, 2)
-    (image * v_image).sum().backward()
-    expected = rasterizer.values_gradient(gaussians, camera, v_image.numpy(), near_su=NEAR)
-    np.testing.assert_array_equal(values.grad.numpy(), expected)
 
 
 @pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.0, 3.5, 1.5)])
@@ -116,7 +105,7 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
     for number in range(4):
         camera = camera_at(24, 18, angle=number)
         options = {"sh_degree": 3, "near_su": NEAR}
-        gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), **options)
+        gradients = loss_and_gradients(gaussians, camera, target_of(camera), **options)
         seen = gradients.weight > 0
         steps += seen
         start = expected[0].copy()

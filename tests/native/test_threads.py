@@ -11,7 +11,7 @@ import pytest
 COUNT = """
 import os, sys, threading, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from splat_scenes import camera_at, scene
+from scenes.splat_scenes import camera_at, scene
 from cotton3dg.splat import rasterizer
 rasterizer.render(scene(500, seed=0, coefficients=1), camera_at(64, 48))
 print(len(os.listdir("/proc/self/task")))

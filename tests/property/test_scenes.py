@@ -1,6 +1,7 @@
 """The poison grid and random scenes, forward and backward: what must hold for every Gaussian model there is.
 
-COTTON3DG_SCENES sets how many random scenes are drawn; 1000 unless told, 10,000 for a full run.
+COTTON3DG_SCENES sets how many random scenes are drawn; 1000 unless told, 10,000 for a full run. `make test` draws the
+first 100 of them.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ import os
 
 import numpy as np
 import pytest
-from splat_scenes import (
+from scenes.differentiation import loss_and_gradients
+from scenes.splat_scenes import (
     NEAR,
     SPECIAL,
     all_finite,
@@ -27,13 +29,14 @@ from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.splat import rasterizer
 
 N_SCENES = int(os.environ.get("COTTON3DG_SCENES", "1000"))
-PART = 50
-"""Random scenes a test."""
+QUICK, PART = 100, 50
+"""Random scenes that are drawn in any case, and those of one test."""
+PARTS = [pytest.param(first, marks=pytest.mark.slow if first >= QUICK else ()) for first in range(0, N_SCENES, PART)]
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 
 
 def assert_gradients_stay_finite(gaussians: Gaussians, camera: Camera) -> None:
-    gradients = rasterizer.loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
+    gradients = loss_and_gradients(gaussians, camera, target_of(camera), near_su=NEAR)
     assert gradients.finite
     assert all_finite(*(getattr(gradients, name) for name in NAMES))
 
@@ -91,7 +94,7 @@ def random_camera(rng: np.random.Generator) -> Camera:
     return camera_at(*size, angle=rng.uniform(-3, 3), distance=float(rng.choice([0.0, 0.5, 3.0, 30.0])))
 
 
-@pytest.mark.parametrize("first", range(0, N_SCENES, PART))
+@pytest.mark.parametrize("first", PARTS)
 def test_random_poisoned_scenes_stay_finite(first: int) -> None:
     """Any mixture of special values in all slots, seen from inside and outside."""
     for seed in range(first, min(first + PART, N_SCENES)):
@@ -107,7 +110,7 @@ def test_random_poisoned_scenes_stay_finite(first: int) -> None:
         assert_step_stays_finite(gaussians, camera, sh_degree=gaussians.sh_degree)
 
 
-@pytest.mark.parametrize("first", range(0, N_SCENES, PART))
+@pytest.mark.parametrize("first", PARTS)
 def test_random_scenes_in_float_match_double(first: int, record_property) -> None:
     """Valid scenes: pixels that differ are rare, and gradients agree wherever no pixel flips."""
     flipped = pixels = compared = 0
@@ -128,8 +131,8 @@ def test_random_scenes_in_float_match_double(first: int, record_property) -> Non
             continue
         compared += 1
         v_image = rng.normal(size=exact_image.shape)
-        exact = _native.image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
-        single = _native.image_gradient(
+        exact = _native.for_tests.image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
+        single = _native.for_tests.image_gradient(
             arrays_of(gaussians), view, 3, background.astype(np.float32), v_image.astype(np.float32), 1
         )[1]
         largest = max(float(np.linalg.norm(exact[key])) for key in NAMES)

@@ -1,4 +1,4 @@
-"""The optimiser of cotton3dg once more, in plain float64 numpy: what native/src/adam.cpp computes."""
+"""The optimiser of cotton3dg once more, in plain float64 numpy: what native/src/adam.h computes."""
 
 from __future__ import annotations
 

@@ -130,11 +130,8 @@ def ssim_map(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     return ((2 * mean_a * mean_b + c1) * (2 * covariance + c2)) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
 
 
-def loss(image: torch.Tensor, target: np.ndarray, dssim: float, weight: np.ndarray | None = None) -> torch.Tensor:
-    """(1 - dssim) L1 + dssim (1 - SSIM), a weighted mean over pixels."""
+def loss(image: torch.Tensor, target: np.ndarray, dssim: float) -> torch.Tensor:
+    """(1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels."""
     photograph = torch.from_numpy(target.astype(np.float64) / 255.0)
-    w = torch.ones(image.shape[:2], dtype=torch.float64) if weight is None else torch.from_numpy(weight).double()
-    w = w / (3 * w.sum())
-    l1 = ((image - photograph).abs() * w[..., None]).sum()
-    ssim = (ssim_map(image, photograph)[0] * w).sum()
-    return (1 - dssim) * l1 + dssim * (1 - ssim)
+    l1 = (image - photograph).abs().mean()
+    return (1 - dssim) * l1 + dssim * (1 - ssim_map(image, photograph).mean())

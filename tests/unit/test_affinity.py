@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from boll_scene import CENTRES, RADIUS, cameras, masks_of, model
+from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
 from cotton3dg.lifting.affinity import (
     RAYS_PER_VIEW,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lint_scene import orbit_cameras
+from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.annotations import read_masks, undistorted_ids

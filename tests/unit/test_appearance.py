@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from table_scene import orbit, plant_scene
+from scenes.table_scene import orbit, plant_scene
 
 from cotton3dg.splat.appearance import boll_colours, depth_colours, with_bolls
 from cotton3dg.splat.rasterizer import render, render_values

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lint_scene import orbit_cameras
+from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 

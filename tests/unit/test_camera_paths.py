@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes.table_scene import POSE, orbit
 from scipy.spatial.transform import Rotation
-from table_scene import POSE, orbit
 
 from cotton3dg.geometry.camera_paths import framed, turntable, walk
 

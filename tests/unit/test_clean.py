@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from finished_scene import finished_workspace
+from scenes.finished_scene import finished_workspace
 
 from cotton3dg import pipeline
 from cotton3dg.commands.clean import clean

@@ -3,7 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
-from table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
+from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.cloud import measure_cloud, table_height

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
+from scenes.orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
 
 from cotton3dg.clustering.boll_shape import close_flagged, pieces
 from cotton3dg.clustering.consensus import contract, merge_views, moved

@@ -28,17 +28,6 @@ def test_every_stage_costs_something():
     assert all(cost.cpu_s > 0 for cost in by_stage.values())
 
 
-def test_the_model_meets_runs_that_were_measured():
-    """CPU-seconds of a 1280x720 video of 120 frames by the default options, and of a 640x360 one by the draft's."""
-    measured = {"frames": 7.6, "sfm": 155.0, "train": 325.0, "masks": 19.4, "segment": 2.1, "traits": 5.6}
-    for stage, cpu_s in measured.items():
-        assert costs(options(), VIDEO, MACHINE)[stage].cpu_s == pytest.approx(cpu_s, rel=0.25), stage
-    measured = {"frames": 3.8, "sfm": 25.3, "train": 74.0, "masks": 9.2, "segment": 0.9, "traits": 3.0}
-    for stage, cpu_s in measured.items():
-        cost = costs(options("draft"), Footage(80, 640, 360), MACHINE)[stage]
-        assert cost.cpu_s == pytest.approx(cpu_s, rel=0.25), stage
-
-
 @pytest.mark.parametrize(
     "less, more",
     [

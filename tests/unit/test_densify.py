@@ -8,7 +8,6 @@ from cotton3dg.splat.densify import (
     SPLIT_SHRINKAGE,
     contributing,
     densify,
-    fade,
     growth_score,
     scheduled_count,
     split,
@@ -92,15 +91,6 @@ def test_faint_gaussians_and_those_in_front_of_a_camera_go() -> None:
     gaussians.opacity_logits[:] = [0.0, -10.0, 0.0, np.nan]
     gaussians.means[:] = [[0, 0, 5], [0, 0, 5], [0, 0, 0.1], [0, 0, 5]]
     assert worth_keeping(gaussians, np.zeros((1, 3)), 0.5).tolist() == [True, False, False, False]
-
-
-def test_fading_multiplies_opacity_and_stays_finite() -> None:
-    gaussians = some_gaussians(5)
-    gaussians.opacity_logits[:] = [-100.0, -3.0, 0.0, 3.0, 100.0]
-    before = gaussians.opacities.copy()
-    fade(gaussians, 0.5)
-    np.testing.assert_allclose(gaussians.opacities[1:], before[1:] / 2, rtol=1e-5)
-    assert np.isfinite(gaussians.opacity_logits).all()
 
 
 def test_hidden_gaussians_go_and_nothing_goes_unseen() -> None:

@@ -4,7 +4,7 @@ import csv
 import re
 
 import pytest
-from doc_commands import (
+from scenes.doc_commands import (
     COMMANDS,
     PAGES,
     SCRIPTS,
@@ -16,8 +16,8 @@ from doc_commands import (
     prose_code,
     stage_option_names,
 )
-from finished_scene import finished_workspace
-from tiny_plant import ROOT
+from scenes.finished_scene import finished_workspace
+from scenes.tiny_plant import ROOT
 
 from cotton3dg.files.tables import BOLLS, TRAITS
 from cotton3dg.options import STAGE_OPTIONS, resolve
@@ -124,10 +124,19 @@ def told(heading):
     return [[cell.strip() for cell in row] for row in rows]
 
 
-@pytest.mark.parametrize(("heading", "columns"), [("traits.csv", TRAITS), ("bolls.csv", BOLLS)])
-def test_csv_md_tells_the_columns(heading, columns):
-    expected = [[f"`{c.name}`", c.unit, c.description + (f" ({c.ontology})" if c.ontology else "")] for c in columns]
-    assert [row[:3] for row in told(heading)] == expected
+def table_of(columns):
+    """The columns as docs/csv.md lists them."""
+    lines = ["| column | unit | what it is | blank when |", "|---|---|---|---|"]
+    for c in columns:
+        term = f" ({c.ontology})" if c.ontology else ""
+        lines.append(f"| `{c.name}` | {c.unit} | {c.description}{term} | {c.blank_when} |")
+    return "".join(f"{line}\n" for line in lines)
+
+
+@pytest.mark.parametrize("columns", [TRAITS, BOLLS], ids=["traits.csv", "bolls.csv"])
+def test_csv_md_has_the_table_of_the_columns(columns):
+    table = table_of(columns)
+    assert f"\n\n{table}\n" in (ROOT / "docs" / "csv.md").read_text(encoding="utf-8"), f"put this there:\n{table}"
 
 
 def test_csv_md_tells_the_flags():

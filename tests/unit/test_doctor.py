@@ -7,9 +7,20 @@ import pytest
 
 from cotton3dg.commands import doctor
 
+DOCTOR = (sys.executable, "-m", "cotton3dg.cli", "doctor")
 
-def test_this_machine_is_usable_and_every_dependency_is_looked_at(tmp_path):
-    findings = {finding.name: finding for finding in doctor.examine(tmp_path)}
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """What the command says of this machine, by name."""
+    command = [*DOCTOR, str(tmp_path_factory.mktemp("place")), "--json"]
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert {"name", "found", "remedy", "fatal"} == found[0].keys()
+    return {item["name"]: doctor.Finding(**item) for item in found}
+
+
+def test_this_machine_is_usable_and_every_dependency_is_looked_at(told):
+    findings = told
     assert [f for f in findings.values() if f.fatal and f.remedy] == []
     assert {"torch", "open3d", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python"} <= findings.keys()
     assert findings["numpy"].found == metadata.version("numpy")
@@ -60,10 +71,8 @@ def test_without_ffmpeg_the_machine_is_unusable(monkeypatch):
     assert finding.remedy == "sudo apt-get install ffmpeg"
 
 
-def test_the_command_prints_and_its_exit_code_tells(tmp_path):
-    command = [sys.executable, "-m", "cotton3dg.cli", "doctor", str(tmp_path)]
-    found = json.loads(subprocess.run([*command, "--json"], capture_output=True, text=True, check=True).stdout)
-    assert {"name", "found", "remedy", "fatal"} == found[0].keys()
+def test_the_exit_code_tells_what_is_missing(tmp_path):
+    command = [*DOCTOR, str(tmp_path)]
     bare = subprocess.run(command, capture_output=True, text=True, check=False, env={"PATH": "/nowhere", "HOME": "/"})
     assert "C++ core" in bare.stdout
     assert bare.returncode in (0, 3)  # imageio-ffmpeg may bring its own

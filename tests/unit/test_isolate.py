@@ -1,10 +1,11 @@
 """Telling the plant from everything else, and measuring it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from table_scene import (
+from scenes.table_scene import (
     BOLL_RADIUS_CM,
     BOLLS_CM,
     FOOT_CM,
@@ -17,8 +18,9 @@ from table_scene import (
 )
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.core.measurements import Scale
-from cotton3dg.traits.isolate import connected, isolate_plant, stem_axis, table_coordinates
+from cotton3dg.core.columns import columns_of
+from cotton3dg.core.measurements import PlantTraits, Scale
+from cotton3dg.traits.isolate import Plant, connected, isolate_plant, stem_axis, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
 
 UP = POSE.rotation[:, 2]
@@ -103,11 +105,30 @@ def test_height_and_canopy_of_the_plant():
     assert size.height_obb_cm > 55
 
 
-def test_bolls_have_their_volume_place_and_diameter():
+def test_the_height_is_what_its_description_says():
+    """A cloud of known balls, lying along the table's long side, one higher than the other."""
+    (described,) = [one.description for one in columns_of(PlantTraits) if one.name == "plant_height_cm"]
+    words = re.search(r"third-highest Gaussian reaches with an opacity of ([\d.]+)", described)
+    assert words
+    opacity, sigma_cm, tops_cm = 0.8, 0.5, np.array([30.0, 42, 40, 25, 44, 10, 5])
+    places = np.column_stack([np.linspace(-20, 20, len(tops_cm)), np.zeros(len(tops_cm)), tops_cm])
+    cloud = gaussians_at(places, sigma_cm, opacity=opacity)
+    plant = Plant(np.ones(len(cloud), bool), POSE.scene(np.zeros((1, 3)))[0], stem_found=True)
+    size = measure_silhouette(cloud, plant, SCALE)
+    reach_cm = sigma_cm * np.sqrt(2 * np.log(opacity / float(words[1])))
+    # The highest of the points on an ellipsoid lies a little below its top.
+    assert size.height_cm == pytest.approx(40 + reach_cm, abs=0.05 * reach_cm)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """The scene's bolls as they are measured with a scale and a foot."""
     gaussians, labels = plant_scene()
-    foot = POSE.scene(FOOT_CM[None])[0]
-    traits = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot)
-    for boll, centre in zip(traits, BOLLS_CM, strict=True):
+    return measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, POSE.scene(FOOT_CM[None])[0])
+
+
+def test_bolls_have_their_volume_place_and_diameter(measured):
+    for boll, centre in zip(measured, BOLLS_CM, strict=True):
         assert boll.volume_cm3 == pytest.approx(4 / 3 * np.pi * BOLL_RADIUS_CM**3, rel=0.05)
         assert boll.alpha_volume_cm3 == pytest.approx(boll.volume_cm3, rel=0.05)
         assert boll.diameter_cm == pytest.approx(2 * BOLL_RADIUS_CM, rel=0.02)
@@ -115,14 +136,14 @@ def test_bolls_have_their_volume_place_and_diameter():
         assert boll.n_views == 2
 
 
-def test_bolls_as_low_as_the_clamp_are_flagged():
+def test_bolls_as_low_as_the_clamp_are_flagged(measured):
     gaussians, labels = plant_scene()
     foot = POSE.scene(FOOT_CM[None])[0]
     heights = BOLLS_CM[:, 2] - FOOT_CM[2]
     clamp_cm = np.sort(heights)[:2].mean() / 1.5
     traits = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot, clamp_cm=clamp_cm)
     assert [boll.flags == ("near_clamp",) for boll in traits] == (heights == heights.min()).tolist()
-    assert not any(boll.flags for boll in measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, foot))
+    assert not any(boll.flags for boll in measured)
 
 
 def test_without_a_scale_only_counts_are_given():
@@ -138,25 +159,23 @@ def test_without_a_scale_only_counts_are_given():
     assert row.bolls_by_third is None
 
 
-def test_no_bolls_have_no_volume_and_unknown_ones_no_known():
+def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
     empty = summarise_plant([], None, SCALE)
     assert (empty.boll_count, empty.boll_volume_cm3) == (0, 0.0)
     assert np.isnan(empty.boll_volume_mean_cm3)
-    gaussians, labels = plant_scene()
-    whole = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, None)
-    broken = replace(whole[0], volume_cm3=np.nan)
-    some = summarise_plant([broken, *whole[1:]], None, SCALE)
-    assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in whole[1:]))
+    broken = replace(measured[0], volume_cm3=np.nan)
+    some = summarise_plant([broken, *measured[1:]], None, SCALE)
+    assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in measured[1:]))
     assert some.boll_volume_mean_cm3 == pytest.approx(some.boll_volume_cm3 / 3)
     assert some.flags == ("bolls_without_volume",)
     none = summarise_plant([broken], None, SCALE)
     assert np.isnan(none.boll_volume_cm3)
 
 
-def test_errors_of_volumes_add_up_as_far_as_bolls_share_them():
+def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     gaussians, labels = plant_scene()
-    bolls = bolls_of(gaussians, labels)
-    by_scale = summarise_plant(measure_bolls(gaussians, bolls, SCALE, None), None, SCALE)
+    bolls = bolls_of(gaussians, labels)[:2]
+    by_scale = summarise_plant(measured, None, SCALE)
     assert by_scale.boll_volume_error_cm3 == pytest.approx(3 * SCALE.relative_error * by_scale.boll_volume_cm3)
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su

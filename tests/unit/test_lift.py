@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from orbit_scene import orbit
+from scenes.orbit_scene import orbit
 
 from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, resized_ids, rim_width_px, with_rim, within_orbit
 

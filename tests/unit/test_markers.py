@@ -5,8 +5,8 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from marker_scene import board_picture, photo_of_top, top_picture
-from table_scene import POSE, orbit
+from scenes.marker_scene import board_picture, photo_of_top, top_picture
+from scenes.table_scene import POSE, orbit
 
 from cotton3dg.commands.markers import print_markers
 from cotton3dg.errors import BadUsage

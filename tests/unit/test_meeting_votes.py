@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from boll_scene import CENTRES, RADIUS, cameras, masks_of, model
+from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
 from cotton3dg.masks.bolls import Maps
 from cotton3dg.masks.meeting_votes import Middles, find_middles, painted, votes_in_space

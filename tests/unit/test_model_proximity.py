@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lint_scene import BOLLS, RADIUS, orbit_cameras, photo, room_model, table_points
+from scenes.lint_scene import BOLLS, RADIUS, orbit_cameras, photo, room_model, table_points
 from scipy import ndimage
 
 from cotton3dg.core.scene import Gaussians

@@ -1,12 +1,17 @@
 """Probabilities fitted to masks: sparse products against the rasterizer, wrong beginnings and masks without sense."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
-from boll_scene import cameras, masks_of, model
+from scenes.boll_scene import cameras, masks_of, model
+from scenes.splat_scenes import arrays_of, native_view
 
+from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.files.ply import SH_CONSTANT
 from cotton3dg.lifting.probability import (
     TrainingView,
     cross_entropy_gradient,
@@ -15,7 +20,7 @@ from cotton3dg.lifting.probability import (
     trained,
     view_of_rays,
 )
-from cotton3dg.splat.rasterizer import render_values, values_gradient
+from cotton3dg.splat.rasterizer import near_plane, render_values
 
 SIZE = (60, 50)
 
@@ -28,13 +33,21 @@ def scene():
 
 
 def view_of_renders(gaussians: Gaussians, camera: Camera, inside: np.ndarray) -> TrainingView:
-    """The same training by rendering and rasterizing backwards, as the paper does it."""
+    """The same training by rendering and rasterizing backwards, as the paper does it.
+
+    The image is linear in the values, so the gradient by them is that by a colour, whatever this is.
+    """
+    white = replace(gaussians, sh=np.full((len(gaussians), 1, 3), 0.5 / SH_CONSTANT, np.float32))
+    view = native_view(camera, near_plane(gaussians, camera))
 
     def render(probabilities):
         return render_values(gaussians, camera, probabilities[:, None]).image.ravel()
 
     def gradient(v_map):
-        return values_gradient(gaussians, camera, v_map.reshape(*inside.shape, 1))[:, 0]
+        v_image = np.zeros((*inside.shape, 3), np.float32)
+        v_image[..., 0] = v_map.reshape(inside.shape)
+        found = for_tests.image_gradient(arrays_of(white), view, 0, np.zeros(3, np.float32), v_image, 0)[1]
+        return found["v_sh"][:, 0, 0] / np.float32(SH_CONSTANT)
 
     return TrainingView(render, gradient, inside.ravel().astype(np.float32))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from table_scene import POSE, orbit, table_points_cm
+from scenes.table_scene import POSE, orbit, table_points_cm
 
 from cotton3dg.errors import BadInput
 from cotton3dg.files.picks import read_picks

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from finished_scene import finished_workspace
+from scenes.finished_scene import finished_workspace
 
 from cotton3dg import pipeline, resource_checks
 from cotton3dg.errors import OutOfResources

@@ -82,7 +82,7 @@ def test_colours_are_relative_to_those_of_imagenet() -> None:
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     pytest.importorskip("transformers")
-    from transformer_scene import save
+    from scenes.transformer_scene import save
 
     root = tmp_path_factory.mktemp("models")
     return {kind: save(root / kind, kind) for kind in ("sam", "sam2", "grounding-dino")}

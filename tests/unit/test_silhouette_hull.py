@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from table_scene import gaussians_at, joined
+from scenes.table_scene import gaussians_at, joined
 
 from cotton3dg.geometry.boxes import fibonacci_directions
 from cotton3dg.geometry.convex_measures import calliper_diameter, convex_volume

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from scenes.table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 from scipy.spatial.transform import Rotation
-from table_scene import POSE, SECOND_CM, Pose, orbit, photo, table_points_cm
 
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes
@@ -113,6 +113,7 @@ def test_a_far_start_settles_where_a_near_one_does(images):
     assert far.width == pytest.approx(near.width, rel=0.001)
 
 
+@pytest.mark.slow
 def test_a_half_hidden_table_is_measured_rightly_or_refused():
     """A box stands on one end: the points end there and so does what the photos show of the long sides."""
     cameras = orbit(14, 320, 180)

@@ -3,7 +3,8 @@
 import csv
 import io
 
-from cotton3dg.files.tables import BOLLS, TRAITS, Column, columns_text, csv_text
+from cotton3dg.core.columns import Column
+from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from training_scene import OPTIONS, orbit_camera, quality_db, training_scene
+from scenes.training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
 from cotton3dg.errors import StageFailed
 from cotton3dg.splat import trainer

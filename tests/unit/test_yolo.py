@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx_scene import CELL, SIDE, write_bright_cells
+from scenes.onnx_scene import CELL, SIDE, write_bright_cells
 
 from cotton3dg.errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
 from cotton3dg.masks.sam import open_sam

@@ -1,7 +1,9 @@
 // Gradient by the blended values alone (geometry frozen): sums over pixels of weight * gradient. With indicator planes
 // in place of gradients the same sums are the blending weights that each Gaussian has inside a mask.
+#pragma once
+
 #include "blending.h"
-#include "kernels_isa.h"
+#include "kernels.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -46,20 +48,11 @@ typename Kernels<Real>::ValuesBackward values_backward(int channels) {
     switch (channels) {
         case 1:
             return values_backward_tile<Real, 1>;
-        case 3:
-            return values_backward_tile<Real, 3>;
         case 4:
             return values_backward_tile<Real, 4>;
-        case 16:
-            return values_backward_tile<Real, 16>;
-        case 32:
-            return values_backward_tile<Real, 32>;
         default:
             return nullptr;
     }
 }
-
-template Kernels<float>::ValuesBackward values_backward<float>(int);
-template Kernels<double>::ValuesBackward values_backward<double>(int);
 
 }  // namespace cotton::COTTON_ISA

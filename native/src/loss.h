@@ -1,6 +1,7 @@
 // (1 - λ) L1 + λ (1 - SSIM), forward and backward, by row bands of one channel. SSIM as in Kerbl et al. 2023: 11 x 11
 // Gaussian window of sigma 1.5, zero padding; the window is separable and symmetric, so its adjoint is itself.
-#include "kernels_isa.h"
+#pragma once
+
 #include "simd.h"
 
 namespace cotton::COTTON_ISA {
@@ -76,12 +77,12 @@ COTTON_INLINE void blur(const LossBand<Real>& band, const Fill& fill, const Emit
     }
 }
 
-// Zero beyond the n pixels, so that they do not count.
+// One in the first n lanes, zero beyond, where no pixels are that count.
 template <class Real>
-COTTON_INLINE Vec<Real> pixel_weight(const LossBand<Real>& band, int64_t pixel, int n) {
-    if (!band.weight && n == kLanes<Real>) return broadcast(Real(1));
+COTTON_INLINE Vec<Real> ones(int n) {
+    if (n == kLanes<Real>) return broadcast(Real(1));
     Vec<Real> result{};
-    for (int i = 0; i < n; ++i) result[i] = band.weight ? Real(band.weight[pixel + i]) : Real(1);
+    for (int i = 0; i < n; ++i) result[i] = 1;
     return result;
 }
 
@@ -108,15 +109,15 @@ LossSums loss_forward(const LossBand<Real>& band) {
             const V a2 = minimum(2 * (blurred[3] - m12) + Real(kC2), b2);   // Cauchy-Schwarz, in spite of rounding
             const V scale = 1 / (b1 * b2), ssim = a1 * a2 * scale;
             const int64_t pixel = int64_t(y) * band.width + x;
-            const V weight = pixel_weight(band, pixel, n);
+            const V counted = ones<Real>(n);
             const V d_product = 2 * a1 * scale, d_square = -ssim / b2;
             const V d_mean = 2 * (m2 * a2 * scale - m1 * ssim / b1 - m1 * d_square) - m2 * d_product;
             const int64_t at = y * stride + x;
-            store(band.d_mean + at, weight * d_mean);
-            store(band.d_square + at, weight * d_square);
-            store(band.d_product + at, weight * d_product);
-            row_ssim += weight * ssim;
-            row_l1 += weight * absolute(load_part(band.image + pixel, n) - load_part(band.target + pixel, n));
+            store(band.d_mean + at, counted * d_mean);
+            store(band.d_square + at, counted * d_square);
+            store(band.d_product + at, counted * d_product);
+            row_ssim += counted * ssim;
+            row_l1 += counted * absolute(load_part(band.image + pixel, n) - load_part(band.target + pixel, n));
             if (x + n == band.width) {
                 total.ssim += double(sum<Real>(row_ssim));
                 total.l1 += double(sum<Real>(row_l1));
@@ -141,14 +142,9 @@ void loss_backward(const LossBand<Real>& band) {
             const V a = load_part(band.image + pixel, n), b = load_part(band.target + pixel, n);
             const V one = broadcast(Real(1)), sign = a > b ? one : a < b ? -one : V{};
             const V ssim = fma(2 * a, blurred[1], fma(b, blurred[2], blurred[0]));
-            const V v = band.ssim_factor * ssim + band.l1_factor * pixel_weight(band, pixel, n) * sign;
+            const V v = band.ssim_factor * ssim + band.l1_factor * sign;
             store_part(band.v_image + pixel, v, n);
         });
 }
-
-template LossSums loss_forward(const LossBand<float>&);
-template LossSums loss_forward(const LossBand<double>&);
-template void loss_backward(const LossBand<float>&);
-template void loss_backward(const LossBand<double>&);
 
 }  // namespace cotton::COTTON_ISA

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from lint_scene import orbit_cameras, photo, table_points
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.files.images import write_image
 from cotton3dg.workspace import Workspace
+from scenes.lint_scene import orbit_cameras, photo, table_points
 
 N_IMAGES = 24
 

@@ -1,7 +1,8 @@
 // Adam (Kingma and Ba 2015) for the Gaussians that a view shows, each with its own step counter: a row that is not
 // seen keeps its parameters and moments.
+#pragma once
+
 #include "harmonics.h"
-#include "kernels_isa.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -31,7 +32,8 @@ COTTON_INLINE void each_geometry(int64_t row, const Copy& copy) {
 }
 
 void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const float* gradient, const float* rates) {
-    float* const parameters[] = {a.means, a.quats, a.log_scales, a.opacity_logits};
+    float* const parameters[] = {a.parameters.means, a.parameters.quats, a.parameters.log_scales,
+                                 a.parameters.opacity_logits};
     float* const first[] = {a.first.means, a.first.quats, a.first.log_scales, a.first.opacity_logits};
     float* const second[] = {a.second.means, a.second.quats, a.second.log_scales, a.second.opacity_logits};
     alignas(64) float p[kGeometryPadded] = {}, m[kGeometryPadded] = {}, s[kGeometryPadded] = {},
@@ -62,7 +64,7 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias
         }
     }
     const int64_t base = 3 * a.sh_stored * row;
-    float *p = a.sh + base, *m = a.first.sh + base, *s = a.second.sh + base;
+    float *p = a.parameters.sh + base, *m = a.first.sh + base, *s = a.second.sh + base;
     for (int k = 0; k < n; k += kLanes<float>) {
         const int count = n - k < kLanes<float> ? n - k : kLanes<float>;
         V pv{}, mv{}, sv{};
@@ -111,7 +113,7 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, basis, lane, gradient + row_gradient::colour);
         });
-        const float longer = lengthening(a.surroundings, a.means + 3 * row);
+        const float longer = lengthening(a.surroundings, a.parameters.means + 3 * row);
         for (int k = 0; k < 3; ++k) {
             rates[row_gradient::mean + k] = a.rates.means * at_most(longer, a.surroundings.most_means);
             rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(longer, a.surroundings.most_log_scales);
@@ -119,10 +121,8 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         update_geometry(a, row, bias, gradient, rates);
 
         const Statistics& s = a.statistics;
-        s.grad_px[row] += gradient[row_gradient::grad_px];
         s.abs_grad_px[row] += gradient[row_gradient::abs_grad_px];
         s.weight[row] += weight;
-        s.max_radius_px[row] = s.max_radius_px[row] > a.radii_px[row] ? s.max_radius_px[row] : a.radii_px[row];
         ++s.count[row];
     }
 }

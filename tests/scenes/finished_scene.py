@@ -5,8 +5,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from boll_scene import write_model
-from table_scene import POSE, orbit, plant_scene
 
 from cotton3dg.core.measurements import Scale
 from cotton3dg.files.images import write_ids, write_image
@@ -19,6 +17,8 @@ from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.rasterizer import render, render_values
 from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
 from cotton3dg.workspace import Workspace
+from scenes.boll_scene import write_model
+from scenes.table_scene import POSE, orbit, plant_scene
 
 MODULES: dict[str, ModuleType] = {
     "frames": frames, "sfm": sfm, "train": train, "masks": masks,

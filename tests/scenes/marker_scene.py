@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from table_scene import POSE, Pose
 
 from cotton3dg.core.scene import Camera
+from scenes.table_scene import POSE, Pose
 
 DOTS_PER_CM = 25
 LENGTH_CM, WIDTH_CM = 120.0, 60.0

@@ -1,9 +1,15 @@
 // Scene -> projected Gaussians: culling, footprint, colour.
+#pragma once
+
 #include "harmonics.h"
-#include "kernels_isa.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
+
+constexpr double kPixelMargin = 1e-3;   // px by which a footprint is widened before its tiles are counted
+constexpr double kCutMargin = 1.00001;  // factor by which the squared radius of the block test is widened
+template <class Real>
+constexpr double kRounding = sizeof(Real) == 4 ? 1e-6 : 1e-14;  // of u and v, relative to their largest terms
 
 COTTON_INLINE bool finite(double value) { return __builtin_fabs(value) <= 3e38; }
 
@@ -14,8 +20,8 @@ COTTON_INLINE double clamp(double value, double low, double high) {
 // Tiles whose pixel centres may lie within `half` px of `mean`, along one axis.
 COTTON_INLINE void tile_range(double mean, double half, int size, uint16_t& begin, uint16_t& end) {
     const double tiles = (size + kTile - 1) / kTile;
-    const double first = clamp(__builtin_floor((mean - half - 0.501) / kTile), 0, tiles);
-    const double last = clamp(__builtin_floor((mean + half - 0.499) / kTile) + 1, 0, tiles);
+    const double first = clamp(__builtin_floor((mean - half - (0.5 + kPixelMargin)) / kTile), 0, tiles);
+    const double last = clamp(__builtin_floor((mean + half - (0.5 - kPixelMargin)) / kTile) + 1, 0, tiles);
     begin = uint16_t(first);
     end = uint16_t(last > first ? last : first);
 }
@@ -56,22 +62,20 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, rows);
         const Pack not_finite = f.not_finite + logit * 0.0;
-        const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
-        const Pack log2_opacity = -log2(1 + odds_against);
-        const Pack cut2 = log2_opacity + 7.994353436858858;  // log2(255): u² + v² beyond it is below the alpha cut
+        const Pack log2_opacity = -log2(1 + odds_against(logit));
+        const Pack cut2 = log2_opacity - kLog2AlphaCut;  // u² + v² beyond it is below the alpha cut
         const Pack reach = sqrt(maximum(cut2, Pack{}) / kScale2);
         const Pack half_x = reach * sqrt(f.xx), half_y = reach * sqrt(f.yy);
         const Pack r = sqrt(kScale2 / f.yy), p = sqrt(kScale2 * f.yy / f.det), q = -p * f.xy / f.yy;
-        const Pack mid = 0.5 * (f.xx + f.yy), radius = 3 * sqrt(mid + sqrt(maximum(mid * mid - f.det, Pack{})));
         // The block test runs in the kernels' precision: widen it by the rounding error of u and v within reach.
-        const Pack slack = (sizeof(Real) == 4 ? 1e-6 : 1e-14) *
-                           (p * (half_x + kTile) + absolute(q) * (half_y + kTile) + r * (half_y + kTile));
+        const Pack slack =
+            kRounding<Real> * (p * (half_x + kTile) + absolute(q) * (half_y + kTile) + r * (half_y + kTile));
         PackOf<Real> basis[kMostCoefficients];
         if (scene.sh) {
             const Directions<Real> directions(f.position, centre);
             with_degree(scene.sh_degree, [&]<int degree>() { sh_basis<degree, Real>(directions.unit, basis); });
         }
-        const Pack padded = sqrt(maximum(cut2, Pack{})) + slack, padded2 = padded * padded * 1.00001;
+        const Pack padded = sqrt(maximum(cut2, Pack{})) + slack, padded2 = padded * padded * kCutMargin;
 
         for (int lane = 0; lane < rows.count; ++lane) {
             const int64_t row = first + lane;
@@ -117,14 +121,10 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
             record[field::cut_radius2] = Real(padded2[lane]);
             record[field::depth] = Real(depth);
             out.rects[row] = rect;
-            out.radii_px[row] = float(radius[lane]);
             count.rect_tiles += rect.area();
             visible[count.visible++] = uint32_t(row);
         }
     }
 }
-
-template void project(const Scene<float>&, const View&, int64_t, int64_t, const Projection<float>&, ProjectionCount&);
-template void project(const Scene<double>&, const View&, int64_t, int64_t, const Projection<double>&, ProjectionCount&);
 
 }  // namespace cotton::COTTON_ISA

@@ -1,6 +1,7 @@
 // Gradient by projected Gaussians -> gradient by their parameters.
+#pragma once
+
 #include "harmonics.h"
-#include "kernels_isa.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -98,7 +99,7 @@ COTTON_INLINE void colour_backward(const Scene<Real>& scene, const PackRows& row
 
 }  // namespace
 
-static_assert(row_gradient::abs_grad_px % kLanes<float> == 0 && row_gradient::unit + 3 <= row_gradient::size);
+static_assert(row_gradient::unit % kLanes<float> == 0 && row_gradient::unit + 3 <= row_gradient::size);
 
 template <class Real>
 bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
@@ -108,7 +109,6 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
     double centre[3];
     camera_centre(view, centre);
     Vec<Real> not_finite{};
-    Real last_not_finite = 0;
     for (int64_t first = 0; first < n; first += kPack) {
         const PackRows pack = pack_rows(visible + first, n - first);
         alignas(64) Real sums[kPack][pair_gradient::size];
@@ -133,12 +133,11 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
         const ParameterGradient g = footprint_backward(view, f, v_mean, v_cov);
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, pack);
-        const Pack odds_against = exp2<double>(minimum(maximum(logit * -kLog2E, Pack{} - 100.0), Pack{} + 100.0));
-        const Pack v_logit = moment(pg::g) * (odds_against / (1 + odds_against));
+        const Pack odds = odds_against(logit);
+        const Pack v_logit = moment(pg::g) * (odds / (1 + odds));
         const double half[2] = {0.5 * view.width, 0.5 * view.height};
-        const Pack nx = v_mean[0] * half[0], ny = v_mean[1] * half[1];
         const Pack ax = 2 * kLn2 * moment(pg::abs_x) * half[0], ay = 2 * kLn2 * moment(pg::abs_y) * half[1];
-        const Pack grad_px = sqrt(nx * nx + ny * ny), abs_grad_px = sqrt(ax * ax + ay * ay);
+        const Pack abs_grad_px = sqrt(ax * ax + ay * ay);
 
         Real v_colour[kPack][3];
         for (int lane = 0; lane < kPack; ++lane) {
@@ -160,13 +159,11 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
             row[row_gradient::logit] = Real(v_logit[lane]);
             for (int c = 0; c < 3; ++c) row[row_gradient::colour + c] = v_colour[lane][c];
             row[row_gradient::weight] = sums[lane][pg::weight];
-            row[row_gradient::grad_px] = Real(grad_px[lane]);
             row[row_gradient::abs_grad_px] = Real(abs_grad_px[lane]);
-            for (int k = 0; k < row_gradient::abs_grad_px; k += kLanes<Real>) not_finite += load(row + k) * Real(0);
-            last_not_finite += row[row_gradient::abs_grad_px] * Real(0);
+            for (int k = 0; k < row_gradient::unit; k += kLanes<Real>) not_finite += load(row + k) * Real(0);
         }
     }
-    return sum<Real>(not_finite) + last_not_finite == 0;
+    return sum<Real>(not_finite) == 0;
 }
 
 template <class Real>
@@ -189,12 +186,5 @@ void sh_gradient(const Scene<Real>& scene, const uint32_t* visible, int64_t n, c
         });
     }
 }
-
-template bool project_backward(const Scene<float>&, const View&, const uint32_t*, int64_t, const float*, int,
-                               const HitRange*, const float*, float*);
-template bool project_backward(const Scene<double>&, const View&, const uint32_t*, int64_t, const double*, int,
-                               const HitRange*, const double*, double*);
-template void sh_gradient(const Scene<float>&, const uint32_t*, int64_t, const float*, float*);
-template void sh_gradient(const Scene<double>&, const uint32_t*, int64_t, const double*, double*);
 
 }  // namespace cotton::COTTON_ISA

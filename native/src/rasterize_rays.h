@@ -1,6 +1,7 @@
 // The blending weights themselves, at chosen pixels.
+#pragma once
+
 #include "blending.h"
-#include "kernels_isa.h"
 
 namespace cotton::COTTON_ISA {
 
@@ -29,8 +30,5 @@ void ray_weights(const Tile& tile, const Real* records, int stride, const uint8_
             for (int k = 0; k < n; ++k) weights[e * n + k] = 0;
         });
 }
-
-template void ray_weights(const Tile&, const float*, int, const uint8_t*, int, float*);
-template void ray_weights(const Tile&, const double*, int, const uint8_t*, int, double*);
 
 }  // namespace cotton::COTTON_ISA

@@ -1,6 +1,8 @@
 // Front-to-back blending of one tile and its full gradient (the seeds' Eq. 1-3 are this one sum).
+#pragma once
+
 #include "blending.h"
-#include "kernels_isa.h"
+#include "kernels.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -126,10 +128,5 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
             for (int k = 0; k < pair_gradient::size; ++k) row[k] = 0;
         });
 }
-
-template Kernels<float>::Forward forward<float>(int);
-template Kernels<double>::Forward forward<double>(int);
-template void backward(const Tile&, const float*, const Plane<const float>*, const Plane<const float>*, float*);
-template void backward(const Tile&, const double*, const Plane<const double>*, const Plane<const double>*, double*);
 
 }  // namespace cotton::COTTON_ISA

@@ -1,5 +1,6 @@
 // Which tiles, and which of their blocks, a projected Gaussian reaches: the exact test of its alpha-cut ellipse.
-#include "kernels_isa.h"
+#pragma once
+
 #include "simd.h"
 
 namespace cotton::COTTON_ISA {
@@ -64,8 +65,5 @@ int64_t hit_tiles(const View& view, const Projection<Real>& projection, const ui
     }
     return total;
 }
-
-template int64_t hit_tiles(const View&, const Projection<float>&, const uint32_t*, int64_t, Hit*, HitRange*);
-template int64_t hit_tiles(const View&, const Projection<double>&, const uint32_t*, int64_t, Hit*, HitRange*);
 
 }  // namespace cotton::COTTON_ISA

@@ -1,0 +1,28 @@
+// What the bindings of training and of its parts for the tests share.
+#pragma once
+
+#include "bindings.h"
+#include "train.h"
+
+namespace cotton {
+
+// The photograph; its array must be kept by the caller.
+inline Target checked_target(const py::object& image, double dssim, int width, int height) {
+    if (!(dssim >= 0 && dssim <= 1)) throw py::value_error("dssim must be between 0 and 1");
+    return {checked<uint8_t>(image, "target", {height, width, 3}).data(), dssim};
+}
+
+inline py::dict report_of(const LossReport& report) {
+    return py::dict("loss"_a = report.loss, "l1"_a = report.l1, "ssim"_a = report.ssim);
+}
+
+// The view's gradient by the loss against a photograph.
+template <class Real>
+ViewGradient<Real> loss_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Target& target,
+                                 const Real* background, int threads) {
+    return view_gradient<Real>(frame, scene, view, background, threads, [&](const Real* image, Real* v_image) {
+        return image_loss(image, target, view.width, view.height, threads, v_image);
+    });
+}
+
+}  // namespace cotton

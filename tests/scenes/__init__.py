@@ -1,0 +1,1 @@
+"""Scenes with known truth, made by code, and what else several kinds of tests share."""

@@ -1,6 +1,6 @@
 """Train a network that finds bolls. Not a stage of the pipeline: it makes weights for `masks --weights`.
 
-bolls:  bolls.onnx   checkpoint.pt   scenes/   backgrounds/   training.json (images, options, accuracy on what judges)
+bolls:  bolls.onnx   checkpoint.npz   scenes/   backgrounds/   training.json (images, options, accuracy on what judges)
 yolo:   best.pt   best.onnx (runs without ultralytics)   training.json
 """
 
@@ -148,7 +148,7 @@ def _train_bolls(
         seed=options.seed,
         frozen_norms=known,
     )
-    for report in fit(network, draw, settings, folder / "checkpoint.pt"):
+    for report in fit(network, draw, settings, folder / "checkpoint.npz"):
         worst = ", ".join(f"{name} {value:.3f}" for name, value in report.losses.items())
         progress(report.step, options.steps, f"loss: {worst}")
     weights = folder / "bolls.onnx"

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -12,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
-from torch.utils.data import DataLoader, Dataset
 
 from ..core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN, TrainingPicture
+from ..errors import BadInput
 from .bolls import OFFSET_PX
 from .bolls_network import BollsNetwork
 
@@ -27,6 +31,7 @@ TERMS = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
 BORDER_PX = 2
 """Distance from another boll within which a pixel of lint is on the border."""
 CHECKPOINT_STEPS = 200
+BATCHES_AHEAD = 4
 
 Draw = Callable[[int], TrainingPicture]
 """The picture of a number; the same one each time."""
@@ -38,8 +43,8 @@ class TrainingSettings:
     batch: int = 8
     learning_rate: float = LEARNING_RATE
     seed: int = 0
-    workers: int = 1
-    """Processes that make pictures beside the one that trains."""
+    makers: int = 1
+    """Threads that make pictures beside the one that trains. (Processes would be forked while OpenCV's threads run.)"""
     frozen_norms: bool = False
     """Whether normalisation stays as it is, for weights that were read from a file and for small sets."""
 
@@ -49,21 +54,6 @@ class TrainingReport:
     step: int
     losses: dict[str, float]
     """Mean of each term since the last report."""
-
-
-class _Pictures(Dataset[tuple[NDArray, ...]]):
-    """Pictures by number as arrays that a batch can be made of."""
-
-    def __init__(self, draw: Draw, first: int, count: int):
-        self.draw, self.first, self.count = draw, first, count
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __getitem__(self, index: int) -> tuple[NDArray, ...]:
-        cv2.setNumThreads(1)
-        picture = self.draw(self.first + index)
-        return (picture.image.transpose(2, 0, 1).copy(), *targets(picture))
 
 
 def targets(picture: TrainingPicture) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]:
@@ -129,29 +119,21 @@ def train(
     torch.manual_seed(settings.seed)
     device = next(network.parameters()).device
     optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: _rate(step, settings.steps))
     first = 0
     if checkpoint is not None and checkpoint.is_file():
-        state = torch.load(checkpoint, map_location=device, weights_only=True)
-        network.load_state_dict(state["network"])
-        optimiser.load_state_dict(state["optimiser"])
-        schedule.load_state_dict(state["schedule"])
-        first = int(state["step"])
-    pictures = _Pictures(draw, first * settings.batch, (settings.steps - first) * settings.batch)
-    batches = DataLoader(
-        pictures, settings.batch, num_workers=settings.workers, prefetch_factor=4 if settings.workers else None
-    )
+        first = _resume(checkpoint, network, optimiser)
     sums: dict[str, float] = {}
     network.train(not settings.frozen_norms)
-    for step, batch in enumerate(batches, start=first + 1):
+    for step, batch in _batches(draw, range(first + 1, settings.steps + 1), settings):
         images, classes, wanted, border = (part.to(device) for part in batch)
         terms = losses(network(images.float()), classes, wanted, border)
         total = sum(TERMS[name] * term for name, term in terms.items())
+        for group in optimiser.param_groups:
+            group["lr"] = settings.learning_rate * _rate(step - 1, settings.steps)
         optimiser.zero_grad(set_to_none=True)
         total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimiser.step()
-        schedule.step()
         for name, term in terms.items():
             sums[name] = sums.get(name, 0.0) + float(term.detach())
         if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
@@ -159,8 +141,36 @@ def train(
             yield TrainingReport(step, {name: value / done for name, value in sums.items()})
             sums = {}
             if checkpoint is not None:
-                _save(checkpoint, network, optimiser, schedule, step)
+                _save(checkpoint, network, optimiser, step)
     network.eval()
+
+
+def _batches(
+    draw: Draw, steps: range, settings: TrainingSettings
+) -> Iterator[tuple[int, tuple[Tensor, Tensor, Tensor, Tensor]]]:
+    """What each step learns from, made ahead of it: images, and `targets`."""
+
+    def made(step: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        numbers = range((step - 1) * settings.batch, step * settings.batch)
+        pictures = [draw(number) for number in numbers]
+        images = np.stack([picture.image.transpose(2, 0, 1) for picture in pictures])
+        classes, wanted, border = (np.stack(part) for part in zip(*map(targets, pictures), strict=True))
+        return torch.from_numpy(images), torch.from_numpy(classes), torch.from_numpy(wanted), torch.from_numpy(border)
+
+    if not settings.makers:
+        yield from ((step, made(step)) for step in steps)
+        return
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # pictures are small, and the cores have other work
+    try:
+        with ThreadPoolExecutor(settings.makers) as pool:
+            ahead: deque[Future[tuple[Tensor, Tensor, Tensor, Tensor]]] = deque()
+            waiting = iter(steps)
+            for step in steps:
+                ahead.extend(pool.submit(made, later) for later in islice(waiting, BATCHES_AHEAD - len(ahead)))
+                yield step, ahead.popleft().result()
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def _rate(step: int, steps: int) -> float:
@@ -172,21 +182,32 @@ def _rate(step: int, steps: int) -> float:
     return min((step + 1) / rise, 1.0) * min((steps - step) / max(steps - fall, 1), 1.0)
 
 
-def _save(
-    path: Path,
-    network: BollsNetwork,
-    optimiser: torch.optim.Optimizer,
-    schedule: torch.optim.lr_scheduler.LRScheduler,
-    step: int,
-) -> None:
-    partial = path.with_suffix(".partial")
-    torch.save(
-        {
-            "network": network.state_dict(),
-            "optimiser": optimiser.state_dict(),
-            "schedule": schedule.state_dict(),
-            "step": step,
-        },
-        partial,
-    )
+def _save(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer, step: int) -> None:
+    """Weights, statistics and the optimiser's state as plain arrays: reading them back can run nothing."""
+    arrays = {f"network/{name}": values.cpu().numpy() for name, values in network.state_dict().items()}
+    for number, state in optimiser.state_dict()["state"].items():
+        arrays |= {f"optimiser/{number}/{name}": values.cpu().numpy() for name, values in state.items()}
+    partial = path.with_suffix(".partial.npz")
+    np.savez(partial, step=step, **arrays)
     partial.replace(path)
+
+
+def _resume(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer) -> int:
+    """Take over what `_save` wrote; the step that it was written after.
+
+    Raises:
+        BadInput: the file is damaged, or of another network.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            named = {name: torch.from_numpy(arrays[name]) for name in arrays.files}
+        network.load_state_dict({name.split("/")[1]: v for name, v in named.items() if name.startswith("network/")})
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, values in named.items():
+            if name.startswith("optimiser/"):
+                _, number, part = name.split("/")
+                state.setdefault(int(number), {})[part] = values
+        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+        return int(named["step"])
+    except (ValueError, KeyError, RuntimeError, OSError, BadZipFile) as error:
+        raise BadInput(f"{path} cannot be gone on with; remove it to train anew") from error

@@ -61,6 +61,7 @@ def test_annotations_teach_a_network(tmp_path):
             y, x = rng.integers(0, 70), 40 * boll - 30
             ids[y : y + 24, x : x + 24] = boll
         image[ids > 0] = 150
+        (drawn / "masks").mkdir(parents=True, exist_ok=True)
         write_image(drawn / f"{number}.jpg", image)
         write_ids(drawn / "masks" / f"{number}.png", ids)
     (tmp_path / "bright.onnx").write_bytes(bright_network(diameter_px=16))

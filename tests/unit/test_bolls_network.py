@@ -140,7 +140,7 @@ def first_weights(network: BollsNetwork) -> np.ndarray:
 
 def test_training_learns_and_goes_on_to_the_step_after_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr("cotton3dg.masks.bolls_training.CHECKPOINT_STEPS", 3)
-    settings = TrainingSettings(steps=12, batch=2, workers=0)
+    settings = TrainingSettings(steps=12, batch=2, makers=0)
 
     def draw(number: int) -> TrainingPicture:
         base = picture()
@@ -149,19 +149,19 @@ def test_training_learns_and_goes_on_to_the_step_after_a_kill(tmp_path, monkeypa
 
     torch.manual_seed(0)
     whole = BollsNetwork()
-    reports = list(train(whole, draw, settings, tmp_path / "whole.pt"))
+    reports = list(train(whole, draw, settings, tmp_path / "whole.npz"))
     assert [report.step for report in reports] == [3, 6, 9, 12]
     assert reports[-1].losses["classes"] < reports[0].losses["classes"]
 
     torch.manual_seed(0)
     killed = BollsNetwork()
-    for report in train(killed, draw, settings, tmp_path / "killed.pt"):
+    for report in train(killed, draw, settings, tmp_path / "killed.npz"):
         if report.step == 6:
             continue
         if report.step == 9:
             break  # the checkpoint of step 9 is not written any more: that of step 6 is what there is
     again = BollsNetwork()
-    steps = [report.step for report in train(again, draw, settings, tmp_path / "killed.pt")]
+    steps = [report.step for report in train(again, draw, settings, tmp_path / "killed.npz")]
     assert steps == [9, 12]
     np.testing.assert_array_equal(first_weights(again), first_weights(whole))
 
@@ -169,6 +169,6 @@ def test_training_learns_and_goes_on_to_the_step_after_a_kill(tmp_path, monkeypa
 def test_frozen_norms_stay_what_they_were(network, tmp_path):
     tuned = from_onnx(to_onnx(network), "net")
     before = tuned.stem.norm.running_var.clone()
-    list(train(tuned, lambda _: picture(), TrainingSettings(steps=1, batch=1, workers=0, frozen_norms=True)))
+    list(train(tuned, lambda _: picture(), TrainingSettings(steps=1, batch=1, makers=0, frozen_norms=True)))
     torch.testing.assert_close(tuned.stem.norm.running_var, before)
     assert not np.array_equal(first_weights(tuned), first_weights(network))

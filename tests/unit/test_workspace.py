@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import stat
 
 import pytest
 
@@ -137,8 +138,9 @@ def write_as_nobody(root, answers):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become a user without permission")
 def test_a_read_only_folder_is_explained(workspace):
-    for folder in (workspace.root, *workspace.root.parents[:3]):
-        folder.chmod(0o755)
+    for folder in (workspace.root, *workspace.root.parents):
+        if not folder.stat().st_mode & stat.S_IXOTH:
+            folder.chmod(0o755)
     context = multiprocessing.get_context("fork")
     answers = context.SimpleQueue()
     writer = context.Process(target=write_as_nobody, args=(workspace.root, answers))

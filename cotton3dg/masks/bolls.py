@@ -175,64 +175,80 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
 def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Bolls where votes meet, and the pixels that voted for each."""
     rows, columns = np.nonzero(maps.lint > SURE)
-    if not len(rows):
-        return np.zeros(maps.image_shape, np.uint16), {}
-    votes = maps.votes[:, rows, columns].T
-    diameters = maps.diameters[rows, columns]
-    middles, sizes = _middles(votes, diameters, maps)
-    owners = _owners(votes, middles, sizes)
     ids = np.zeros(maps.lint.shape, np.uint16)
-    ids[rows, columns] = owners
+    if len(rows):
+        votes = maps.votes[:, rows, columns].T
+        middles, sizes = _middles(votes, maps.diameters[rows, columns], maps)
+        ids[rows, columns] = nearest_middles(votes, middles, sizes)
     return ids_of_image(ids, maps)
 
 
 def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
-    """(B, 2) places where enough votes meet, most first, and (B,) the size that these votes tell."""
+    """(B, 2) places where enough votes meet, most first, and (B,) the mean size that these votes tell; px."""
     # The middle of a boll that the image's edge cuts may lie beyond it.
-    shape = tuple(side + 2 * MARGIN for side in maps.lint.shape)
+    shape = (maps.lint.shape[0] + 2 * MARGIN, maps.lint.shape[1] + 2 * MARGIN)
     # A boll seen whole gives votes of weight 1 in all.
     weights = (maps.scale**2 / (np.pi / 4 * diameters**2)).astype(np.float32)
-    heat = np.zeros(shape, np.float32)
+    heat, sized = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     octaves = np.round(np.log2(diameters / (OFFSET_PX * maps.scale / 2))).clip(OCTAVES[0], OCTAVES[-1])
     x, y = (votes / maps.scale + MARGIN).T
     inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
     for octave in OCTAVES:
         chosen = inside & (octaves == octave)
-        if chosen.any():
-            sigma = VOTE_SPREAD * OFFSET_PX * 2.0**octave / 2
-            part = np.zeros(shape, np.float32)
-            np.add.at(part, (y[chosen].astype(int), x[chosen].astype(int)), weights[chosen])
-            # Scaled so that votes that agree give their sum at the peak.
-            heat += cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
-    peaks = (heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE)
-    rows, columns = np.nonzero(peaks)
-    order = np.argsort(-heat[rows, columns], kind="stable")
-    places = np.stack([columns, rows], axis=1)[order].astype(np.float32) + np.float32(0.5 - MARGIN)
-    places *= np.float32(maps.scale)
-    middles: list[Float32] = []
-    sizes: list[float] = []
-    for place in places:
-        near = np.linalg.norm(votes - place, axis=1) < VOTE_SPREAD * 2 * diameters
-        if not near.any():
+        if not chosen.any():
             continue
-        size = float(np.median(diameters[near]))
-        if all(
-            np.linalg.norm(place - other) > APART * max(size, own) for other, own in zip(middles, sizes, strict=True)
-        ):
-            middles.append(place)
-            sizes.append(size)
-    return np.array(middles, np.float32).reshape(-1, 2), np.array(sizes, np.float32)
+        sigma = VOTE_SPREAD * OFFSET_PX * 2.0**octave / 2
+        cells = np.ravel_multi_index((y[chosen].astype(int), x[chosen].astype(int)), shape)
+        heat += _gathered(cells, weights[chosen], shape, sigma)
+        sized += _gathered(cells, weights[chosen] * diameters[chosen], shape, sigma)
+    rows, columns = np.nonzero((heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE))
+    order = np.argsort(-heat[rows, columns], kind="stable")
+    rows, columns = rows[order], columns[order]
+    places = ((np.stack([columns, rows], axis=1) + 0.5 - MARGIN) * maps.scale).astype(np.float32)
+    sizes = sized[rows, columns] / heat[rows, columns]
+    kept = apart(places, sizes)
+    return places[kept], sizes[kept].astype(np.float32)
 
 
-def _owners(votes: Float32, middles: Float32, sizes: Float32) -> NDArray[np.uint16]:
-    """(N,) number of the middle, from 1, that each vote is nearest to, in diameters; 0 = none within reach."""
-    owners = np.zeros(len(votes), np.uint16)
-    least = np.full(len(votes), REACH, np.float32)
-    for number, (middle, size) in enumerate(zip(middles, sizes, strict=True), start=1):
-        distances = np.linalg.norm(votes - middle, axis=1) / size
-        closer = distances < least
-        owners[closer], least[closer] = number, distances[closer]
-    return owners
+def _gathered(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
+    """Values summed over their neighbourhood, (H, W): those that agree give their sum at the peak."""
+    part = np.bincount(cells, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
+    return cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
+
+
+def apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
+    """Which of (N, D) places, the surest first, are no nearer to a surer one than `APART` of the larger's size (N,)."""
+    from scipy.spatial import cKDTree
+
+    if not len(places):
+        return np.zeros(0, np.intp)
+    tree = cKDTree(places)
+    alive = np.ones(len(places), bool)
+    kept = []
+    for number, size in enumerate(sizes):
+        if not alive[number]:
+            continue
+        kept.append(number)
+        near = np.array(tree.query_ball_point(places[number], APART * max(float(size), float(sizes.max()))), int)
+        far = np.linalg.norm(places[near] - places[number], axis=1)
+        alive[near[far < APART * np.maximum(sizes[near], size)]] = False
+    return np.array(kept, np.intp)
+
+
+def nearest_middles(votes: Float32, middles: Float32, sizes: Float32) -> NDArray[np.uint16]:
+    """(N,) number of the middle (B, D), from 1, that each vote (N, D) is nearest to, in diameters (B,) of the boll;
+    0 = none within reach."""
+    from scipy.spatial import cKDTree
+
+    if not len(middles) or not len(votes):
+        return np.zeros(len(votes), np.uint16)
+    # The nearest in their own diameters is among the nearest few.
+    distances, which = cKDTree(middles).query(votes, k=min(4, len(middles)))
+    distances, which = distances.reshape(len(votes), -1), which.reshape(len(votes), -1)
+    relative = distances / sizes[which]
+    best = relative.argmin(axis=1)
+    rows = np.arange(len(votes))
+    return np.where(relative[rows, best] < REACH, which[rows, best] + 1, 0).astype(np.uint16)
 
 
 def ids_of_image(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:

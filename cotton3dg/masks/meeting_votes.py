@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64, Gaussians
 from ..splat import rasterizer
-from .bolls import APART, REACH, SURE, Maps, ids_of_image
+from .bolls import APART, SURE, Maps, ids_of_image, nearest_middles
 
 SPREAD = 0.12
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
@@ -151,19 +151,8 @@ def painted(maps: Maps, votes: Votes, middles: Middles) -> tuple[NDArray[np.uint
     Returns:
         ids (H, W), 1 ... B in the order of `middles`, 0 = none; and each boll's score.
     """
-    from scipy.spatial import cKDTree
-
     ids = np.zeros(maps.lint.shape, np.uint16)
-    if len(middles.centres) and len(votes.places):
-        # Few bolls: the nearest in their own diameters is among the nearest few.
-        tree = cKDTree(middles.centres)
-        k = min(4, len(middles.centres))
-        distances, which = (a.reshape(len(votes.places), -1) for a in tree.query(votes.places, k=k))
-        relative = distances / middles.diameters[which]
-        best = relative.argmin(axis=1)
-        rows = np.arange(len(best))
-        owners = np.where(relative[rows, best] < REACH, which[rows, best] + 1, 0)
-        ids[votes.pixels] = owners
+    ids[votes.pixels] = nearest_middles(votes.places, middles.centres, middles.diameters)
     return ids_of_image(ids, maps)
 
 

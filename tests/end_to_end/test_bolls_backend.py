@@ -10,8 +10,9 @@ from scenes.lint_workspace import make_workspace
 
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.images import read_ids, write_ids, write_image
+from cotton3dg.files.images import read_ids, write_image
 from cotton3dg.files.ply import write_gaussians
+from cotton3dg.files.yolo_labels import write_yolo_labels
 from cotton3dg.masks.bolls import BollNetwork
 from cotton3dg.options import MasksOptions, MasksTrainOptions
 from cotton3dg.pipeline import stage_inputs
@@ -51,7 +52,7 @@ def test_bad_weights_name_the_remedy(plant):
 
 
 def test_annotations_teach_a_network(tmp_path):
-    """White squares beside grey ones: after some steps the squares are found that were not before."""
+    """Annotated photos make a network, judged on a photo that it did not learn from."""
     rng = np.random.default_rng(0)
     drawn = tmp_path / "drawn"
     for number in range(5):
@@ -61,15 +62,12 @@ def test_annotations_teach_a_network(tmp_path):
             y, x = rng.integers(0, 70), 40 * boll - 30
             ids[y : y + 24, x : x + 24] = boll
         image[ids > 0] = 150
-        (drawn / "masks").mkdir(parents=True, exist_ok=True)
+        (drawn / "labels").mkdir(parents=True, exist_ok=True)
         write_image(drawn / f"{number}.jpg", image)
-        write_ids(drawn / "masks" / f"{number}.png", ids)
+        write_yolo_labels(drawn / "labels" / f"{number}.txt", ids)
+    (drawn / "classes.txt").write_text("boll\n")
     (tmp_path / "bright.onnx").write_bytes(bright_network(diameter_px=16))
-    options = MasksTrainOptions(
-        annotations=str(drawn / "masks"), weights=str(tmp_path / "bright.onnx"), steps=3, batch=2
-    )
-    for path in drawn.glob("*.jpg"):
-        (drawn / "masks" / path.name).write_bytes(path.read_bytes())
+    options = MasksTrainOptions(annotations=str(drawn), weights=str(tmp_path / "bright.onnx"), steps=3, batch=2)
     weights = train(tmp_path / "model", options)
     assert weights == tmp_path / "model" / "bolls.onnx"
     document = json.loads((tmp_path / "model" / "training.json").read_text())

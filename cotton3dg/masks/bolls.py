@@ -205,9 +205,9 @@ def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, F
     order = np.argsort(-heat[rows, columns], kind="stable")
     rows, columns = rows[order], columns[order]
     places = ((np.stack([columns, rows], axis=1) + 0.5 - MARGIN) * maps.scale).astype(np.float32)
-    sizes = sized[rows, columns] / heat[rows, columns]
+    sizes = (sized[rows, columns] / heat[rows, columns]).astype(np.float32)
     kept = apart(places, sizes)
-    return places[kept], sizes[kept].astype(np.float32)
+    return places[kept], sizes[kept]
 
 
 def _gathered(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:

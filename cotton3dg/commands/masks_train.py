@@ -181,7 +181,7 @@ def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple
             partial_file = file.with_suffix(".partial.npy")
             np.save(partial_file, paint_backgrounds(number))
             partial_file.replace(file)
-        backgrounds.append(np.load(file))
+        backgrounds.append(np.load(file, allow_pickle=False))
     return plates, np.concatenate(backgrounds)
 
 

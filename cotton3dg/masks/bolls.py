@@ -25,7 +25,7 @@ OFFSET_PX = 32.0
 """What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
 STRIDE = 32
 """Sides of what the network sees are multiples of this."""
-IMAGE_SIDE = 960
+IMAGE_SIDE = 1280
 """px, longer side of what the network sees; larger images are scaled down, smaller ones are not scaled up."""
 SURE = 0.5
 """Probability of lint from which a pixel is lint."""

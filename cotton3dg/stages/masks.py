@@ -22,6 +22,7 @@ from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256, json_text
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..lifting.lift import within_orbit
 from ..masks.bolls import SHIPPED_FILE, open_bolls
 from ..masks.detect_bolls import detect_bolls
 from ..masks.detect_lint import detect_lint
@@ -30,6 +31,7 @@ from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
 from ..masks.yolo import detect_yolo
 from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
+from ..splat.metrics import focus
 from ..workspace import Workspace
 
 VERSION = 8
@@ -116,7 +118,9 @@ def by_bolls(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     network = open_bolls(_found_file(workspace, options.weights) if options.weights else None)
     views = _spaced(cameras, options)
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in views]
-    return Found(detect_bolls(images, views, network, _model(workspace), progress))
+    gaussians = _model(workspace)
+    allowed = None if gaussians is None else within_orbit(gaussians.means, cameras, *focus(cameras))
+    return Found(detect_bolls(images, views, network, gaussians, allowed, progress))
 
 
 def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:

@@ -11,6 +11,7 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from .bolls import BollNetwork, group
+from .join_parts import join_parts
 from .lint_in_space import lint_in_space
 from .meeting_votes import agreement, find_middles, votes_in_space
 from .outline_bolls import outline_bolls
@@ -47,7 +48,7 @@ def detect_bolls(
         return MaskSet(ids, scores)
     lint = lint_in_space(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
-    middles = find_middles(votes)
+    middles = join_parts(find_middles(votes), votes, lint)
     agreed = agreement(votes, middles)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(len(images) + done, total, camera.name)

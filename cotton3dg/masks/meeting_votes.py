@@ -15,13 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
-from .bolls import APART, Maps
+from .bolls import Maps
 from .lint_in_space import LintInSpace
 
-SPREAD = 0.14
+SPREAD = 0.16
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
 PITCH = 0.06
 """Side of the cells that votes are counted in, in diameters."""
+APART = 0.7
+"""Least distance, in diameters, of the middles of two bolls: those of touching ones are 0.7 to 1 apart, those of the
+locks of one boll 0.4."""
 LEAST_VIEWS = 3
 """Views whose votes a middle needs ..."""
 LEAST_SUPPORT = 0.04
@@ -48,6 +51,12 @@ FARTHEST = 0.9
 class Votes:
     """What one view says, a row a pixel of lint."""
 
+    shape: tuple[int, int]
+    """Of the view's maps."""
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+    """Rows and columns there."""
+    borders: Float32
+    """(N,) probability that another boll is next to it."""
     places: Float32
     """(N, 3) su, of the boll's middle."""
     surfaces: Float32
@@ -111,6 +120,9 @@ def votes_in_space(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
     rays = in_camera @ camera.rotation
     places = camera.centre + rays * (depths + DEEPER * bulge)[:, None]
     return Votes(
+        shape=share.shape,
+        pixels=(rows, columns),
+        borders=maps.borders[rows, columns],
         places=places.astype(np.float32),
         surfaces=surfaces,
         rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),

@@ -34,7 +34,7 @@ from ..options import MasksOptions, as_dict
 from ..splat.metrics import focus
 from ..workspace import Workspace
 
-VERSION = 8
+VERSION = 9
 
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""

@@ -117,6 +117,8 @@ def test_every_file_of_the_sources_that_the_text_names_exists(page):
         path = code.split()[0]
         if path.startswith(("cotton3dg/", "native/", "tests/", "examples/", "docs/")):
             assert list(ROOT.glob(path)), path
+        elif re.fullmatch(r"\w+/[\w/]+\.py", path):
+            assert (ROOT / "cotton3dg" / path).is_file(), path
 
 
 def test_each_question_of_a_newcomer_has_one_file_with_what_it_names():

@@ -32,6 +32,8 @@ _HOMES = {
     "files.scale": ("read_scale",),
     "geometry.camera_orbit": ("azimuths", "evenly_spaced", "fit_orbit"),
     "lifting.lift": ("ViewWeights", "lift", "rim_width_px", "with_rim", "within_orbit"),
+    "masks.bolls": ("open_bolls",),
+    "masks.detect_bolls": ("detect_bolls",),
     "masks.detect_lint": ("detect_lint",),
     "options": ("resolve",),
     "pipeline": ("plan", "run", "stage_options", "status"),

@@ -42,6 +42,8 @@ from .lifting.lift import lift as lift
 from .lifting.lift import rim_width_px as rim_width_px
 from .lifting.lift import with_rim as with_rim
 from .lifting.lift import within_orbit as within_orbit
+from .masks.bolls import open_bolls as open_bolls
+from .masks.detect_bolls import detect_bolls as detect_bolls
 from .masks.detect_lint import detect_lint as detect_lint
 from .options import resolve as resolve
 from .pipeline import plan as plan

@@ -30,12 +30,12 @@ for name, model in ("50 steps", quick), ("saved model", gaussians):
     image = np.rint(255 * np.clip(c3d.render(model, views[0].camera).image, 0, 1)).astype(np.uint8)
     print(f"{name}: {c3d.psnr_db(image, views[0].image):.1f} dB")
 
-# masks: bolls in 36 views around the plant, by colour, shape and distance.
+# masks: bolls in 36 views around the plant, by the network that comes with the program.
 orbit = c3d.fit_orbit(cameras)
 chosen = [int(i) for i in c3d.evenly_spaced(c3d.azimuths(cameras, orbit), 36)]
 seen = [cameras[i] for i in chosen]
-names = [camera.name for camera in seen]
-masks = c3d.detect_lint([photos[i] for i in chosen], seen, orbit, points, names, gaussians=gaussians)
+inside = c3d.within_orbit(gaussians.means, cameras, *c3d.focus(cameras))
+masks = c3d.detect_bolls([photos[i] for i in chosen], seen, c3d.open_bolls(), gaussians, inside)
 
 # segment: which Gaussians each mask holds.
 ids = [masks.ids[camera.name] for camera in seen]
@@ -44,7 +44,6 @@ weights = []
 for camera, mask in zip(seen, ids, strict=True):
     found = c3d.accumulate_weights(gaussians, camera, c3d.with_rim(mask, rim_px))
     weights.append(c3d.ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights))
-inside = c3d.within_orbit(gaussians.means, cameras, *c3d.focus(cameras))
 lifted = c3d.lift(weights, inside, gaussians.sha256())
 
 # cluster: selections of several views that are one boll.

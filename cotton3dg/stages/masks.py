@@ -39,9 +39,13 @@ VERSION = 9
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
+NO_LINT = (
+    "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
+    "should stand in the middle of the orbit with its lint lit; or draw masks and use --backend import"
+)
 NOTHING_FOUND = {
-    "lint": "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
-    "should stand in the middle of the orbit with its lint lit; or draw masks and use --backend import",
+    "bolls": NO_LINT,
+    "lint": NO_LINT,
     "import": "none of the imported images has a mask; if the plant has open bolls, draw them",
 }
 NO_DETECTION = "the network found no boll in any image; if the plant has open bolls, try a lower --confidence or --tile"

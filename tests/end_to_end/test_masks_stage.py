@@ -24,7 +24,7 @@ def plant(tmp_path_factory):
 
 def test_lint_masks_of_evenly_spaced_views(plant) -> None:
     workspace, truths = plant
-    outcome = masks.run(workspace, MasksOptions(views=16))
+    outcome = masks.run(workspace, MasksOptions(backend="lint", views=16))
     document = json.loads(workspace.masks_json.read_text())
     names = [image["name"] for image in document["images"]]
     assert len(names) == 16 == outcome.summary["images"]
@@ -46,7 +46,7 @@ def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> Non
     workspace, truths = make_workspace(tmp_path, BOLLS)
     made = {}
     for way in ("colours", "model"):
-        masks.run(workspace, MasksOptions(views=6))
+        masks.run(workspace, MasksOptions(backend="lint", views=6))
         made[way] = {path.name: read_ids(path) for path in workspace.folder("masks").glob("*.png")}
         with workspace.writing("train") as folder:
             write_gaussians(folder / workspace.gaussians_ply.name, room_model())
@@ -55,7 +55,7 @@ def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> Non
         found, truth = made["model"][f"{Path(name).stem}.png"] > 0, truths[name] > 0
         assert (found & truth).sum() > 0.75 * (found | truth).sum()
     model = workspace.gaussians_ply
-    assert model in stage_inputs(workspace, "masks", MasksOptions())
+    assert model in stage_inputs(workspace, "masks", MasksOptions(backend="lint"))
     assert model in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights="."))
     assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights=".", prompts="."))
     assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="import"))
@@ -63,7 +63,7 @@ def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> Non
 
 def test_a_plant_without_open_bolls_is_told_not_failed(tmp_path: Path) -> None:
     workspace, _ = make_workspace(tmp_path, np.zeros((0, 3)))
-    outcome = masks.run(workspace, MasksOptions(views=6))
+    outcome = masks.run(workspace, MasksOptions(backend="lint", views=6))
     assert outcome.flags == ("no_masks",)
     assert outcome.summary["masks"] == 0 and outcome.summary["images"] == 6
     assert "--backend import" in outcome.warnings[0]
@@ -92,7 +92,7 @@ def test_own_masks_in_the_plant_folder_need_no_option_and_count_as_input(plant) 
 
 def test_masks_of_unknown_images_are_refused_and_the_old_result_stays(plant, tmp_path: Path) -> None:
     workspace, truths = plant
-    masks.run(workspace, MasksOptions(views=4))
+    masks.run(workspace, MasksOptions(backend="lint", views=4))
     before = workspace.masks_json.read_bytes()
     write_ids(tmp_path / "IMG_77.png", next(iter(truths.values())))
     with pytest.raises(BadInput, match="IMG_77"):

@@ -6,7 +6,6 @@ next one waits for them, skips what is up to date and goes on.
 
 from __future__ import annotations
 
-import csv
 import os
 import resource
 import signal
@@ -25,7 +24,7 @@ from .core.columns import Column
 from .core.machine import usable_cores
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.saving import write_text_atomically
-from .files.tables import BOLLS, TRAITS, csv_text
+from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
 from .resource_checks import OUT_OF_MEMORY
 from .workspace import Workspace
 
@@ -123,6 +122,8 @@ class Batch:
     """Write the page of all plants beside the table."""
     results: dict[str, Result] = field(default_factory=dict)
     _tried: int = 0
+    _tables: dict[tuple[str, str], list[dict[str, Any]]] = field(default_factory=dict)
+    """Of the plants that are done, as the batch's tables are saved again after each plant."""
     _processes: set[subprocess.Popen[str]] = field(default_factory=set)
     _saving: threading.Lock = field(default_factory=threading.Lock)
     _draining: threading.Event = field(default_factory=threading.Event)
@@ -242,15 +243,17 @@ class Batch:
 
     def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
         """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""
-        path: Path = getattr(Workspace(self.folder / result.folder), table)
-        if result.state != "done" or not path.is_file():
+        if result.state != "done":
             return []
-        columns = TRAITS if table == "traits_csv" else BOLLS
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [
-                {column.name: _value(row.get(column.name, ""), column) for column in columns}
-                for row in csv.DictReader(file)
+        key = result.folder, table
+        if key not in self._tables:
+            path: Path = getattr(Workspace(self.folder / result.folder), table)
+            columns = TRAITS if table == "traits_csv" else BOLLS
+            self._tables[key] = [
+                {column.name: value_of(row.get(column.name, ""), column) for column in columns}
+                for row in (read_rows(path) if path.is_file() else [])
             ]
+        return self._tables[key]
 
 
 def saved_results(folder: Path) -> dict[str, Result]:
@@ -261,11 +264,10 @@ def saved_results(folder: Path) -> dict[str, Result]:
     """
     if not (folder / TABLE).is_file():
         raise MissingInput(f"{TABLE} is missing; run the whole batch first")
-    with (folder / TABLE).open(encoding="utf-8-sig", newline="") as file:
-        results = [
-            Result(_folder(row), row["state"], int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
-            for row in csv.DictReader(file)
-        ]
+    results = [
+        Result(row["folder"], row["state"], int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
+        for row in read_rows(folder / TABLE)
+    ]
     return {result.folder: result for result in results if (folder / result.folder).is_dir()}
 
 
@@ -282,12 +284,6 @@ def result_of(name: str, code: int, said: str) -> Result:
     if code in (-signal.SIGINT, INTERRUPTED):
         return Result(name, "waiting", None, "interrupted")
     return Result(name, "failed", code, _reason(Path(name).name, code, said))
-
-
-def _folder(row: dict[str, str]) -> str:
-    """The cell without the apostrophe that keeps spreadsheets from computing a name such as =1."""
-    name = row["folder"]
-    return name[1:] if name[:1] == "'" and name[1:2] in "=+-@" else name
 
 
 def _bound(pid: int, slot: list[int], jobs: int) -> None:
@@ -312,15 +308,6 @@ def _reason(name: str, code: int, said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     printed = " ".join(name.split())  # on one line, whatever the folder is called
     return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
-
-
-def _value(cell: str, column: Column) -> Any:
-    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like."""
-    if not cell:
-        return None
-    if not column.unit:
-        return cell
-    return float(cell) if column.digits is not None else int(cell)
 
 
 def _duration(seconds: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 from pathlib import Path
@@ -14,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from .core.progress import Progress as StageProgress
+from .files.tables import read_rows
 from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
@@ -125,10 +125,9 @@ def print_status(entries: list[dict[str, Any]]) -> None:
 
 def print_traits(traits_csv: Path) -> None:
     """The plant's row, one trait a line, and where it is saved."""
-    with traits_csv.open(encoding="utf-8-sig", newline="") as file:
-        for row in csv.DictReader(file):
-            for name, value in row.items():
-                print(f"{name:<22} {value}")
+    for row in read_rows(traits_csv):
+        for name, value in row.items():
+            print(f"{name:<22} {value}")
     print(f"saved as {traits_csv}")
 
 

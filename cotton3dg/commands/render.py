@@ -7,7 +7,6 @@ Not a stage of the pipeline: nothing depends on it.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,15 +20,16 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
+from ..documents.bolls import boll_labels, read_bolls
+from ..documents.frames import FramesInfo
+from ..documents.scale import read_scale
 from ..errors import BadInput, BadUsage, NoBolls
 from ..files.arrays import read_array
-from ..files.bolls import boll_labels, read_bolls
 from ..files.colmap import read_cameras
 from ..files.encode import video_encoder
 from ..files.images import fitted_size, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
-from ..files.scale import read_scale
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import framed, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
@@ -137,11 +137,8 @@ def _ordered_cameras(workspace: Workspace) -> list[Camera]:
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     if len(cameras) < 2:
         raise BadInput("a film needs at least 2 registered images; run `cotton3dg sfm` again")
-    try:
-        ordered = bool(json.loads(workspace.frames_json.read_text(encoding="utf-8")).get("ordered", True))
-    except (OSError, ValueError, AttributeError):
-        ordered = True
-    if ordered:
+    taken = FramesInfo.load_if_there(workspace.frames_json)
+    if taken is None or taken.ordered:
         return cameras
     return [cameras[i] for i in np.argsort(azimuths(cameras, fit_orbit(cameras)), kind="stable")]
 

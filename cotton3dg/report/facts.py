@@ -6,17 +6,22 @@ shown: a stage counts as done only when its record is ok, all stages before it a
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from ..errors import Cotton3dgError
+from ..documents.document import Document
+from ..documents.frames import FramesInfo
+from ..documents.scale import ScaleInfo
+from ..documents.sfm import SfmInfo
+from ..documents.train import Effects, TrainMetrics
+from ..errors import BadInput, Cotton3dgError
+from ..files.tables import read_rows
 from ..options import STAGE_OPTIONS
 from ..workspace import Workspace
 
 STAGES = tuple(STAGE_OPTIONS)
+T = TypeVar("T", bound=Document)
 
 
 @dataclass(frozen=True)
@@ -43,11 +48,11 @@ class Facts:
     """Rows of bolls.csv."""
     columns: dict[str, str]
     """What each column means, by its name."""
-    frames: dict[str, Any]
-    sfm: dict[str, Any]
-    metrics: dict[str, Any]
-    effects: dict[str, Any]
-    scale: dict[str, Any]
+    frames: FramesInfo | None
+    sfm: SfmInfo | None
+    metrics: TrainMetrics | None
+    effects: Effects | None
+    scale: ScaleInfo | None
 
     def done(self, stage: str) -> bool:
         return any(item.stage == stage and item.state == "done" for item in self.stages)
@@ -65,12 +70,15 @@ class Facts:
 
 
 def read_facts(workspace: Workspace) -> Facts:
-    """Gather what there is; what is missing or damaged is left empty."""
+    """Gather what there is; what is missing or damaged is None or empty."""
     stages = stage_states(workspace)
     done = {item.stage for item in stages if item.state == "done"}
 
-    def when_done(stage: str, path: Path) -> dict[str, Any]:
-        return _json(path) if stage in done else {}
+    def when_done(stage: str, kind: type[T], path: Path) -> T | None:
+        try:
+            return kind.load(path) if stage in done else None
+        except BadInput:
+            return None
 
     traits = _rows(workspace.traits_csv) if "traits" in done else []
     plant_id = traits[0].get("plant_id", "") if traits else ""
@@ -81,11 +89,11 @@ def read_facts(workspace: Workspace) -> Facts:
         traits=traits[0] if traits else {},
         bolls=_rows(workspace.bolls_csv) if "traits" in done else [],
         columns={row.get("column", ""): row.get("description", "") for row in _rows(workspace.columns_csv)},
-        frames=when_done("frames", workspace.frames_json),
-        sfm=when_done("sfm", workspace.sfm_json),
-        metrics=when_done("train", workspace.metrics_json),
-        effects=when_done("train", workspace.effects_json),
-        scale=when_done("scale", workspace.scale_json),
+        frames=when_done("frames", FramesInfo, workspace.frames_json),
+        sfm=when_done("sfm", SfmInfo, workspace.sfm_json),
+        metrics=when_done("train", TrainMetrics, workspace.metrics_json),
+        effects=when_done("train", Effects, workspace.effects_json),
+        scale=when_done("scale", ScaleInfo, workspace.scale_json),
     )
 
 
@@ -124,32 +132,8 @@ def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
     return ""
 
 
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
-
-
 def _rows(path: Path) -> list[dict[str, str]]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [
-                {str(key): unquoted(str(value or "")) for key, value in row.items()} for row in csv.DictReader(file)
-            ]
-    except (OSError, ValueError, csv.Error):
+        return read_rows(path)
+    except BadInput:
         return []
-
-
-def unquoted(cell: str) -> str:
-    """A cell without the apostrophe that keeps spreadsheets from computing it."""
-    return cell[1:] if cell[:1] == "'" and cell[1:].lstrip()[:1] in ("=", "+", "-", "@") else cell
-
-
-def number(cell: Any) -> float | None:
-    """A cell of a table as a number; None when it is blank or none."""
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return None

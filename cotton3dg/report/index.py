@@ -13,8 +13,8 @@ import numpy as np
 from .. import __version__
 from ..errors import Cotton3dgError
 from ..files.images import read_image
+from ..files.tables import number
 from ..workspace import Workspace
-from .facts import number
 from .figures import jpeg_uri
 from .page import TEMPLATES, page
 
@@ -65,8 +65,7 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 
 
 def _value(row: Mapping[str, Any], trait: str) -> float:
-    found = number(row.get(trait)) if row["state"] == "done" else None
-    return np.nan if found is None else found
+    return number(row.get(trait)) if row["state"] == "done" else np.nan
 
 
 def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:

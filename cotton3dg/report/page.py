@@ -9,18 +9,18 @@ from __future__ import annotations
 import base64
 import hashlib
 import logging
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import __version__
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
+from ..files.tables import number
 from ..workspace import Workspace
 from .advice import boll_doubts, capture_advice, meaning
-from .facts import STAGES, Facts, number, read_facts
+from .facts import STAGES, Facts, read_facts
 from .pictures import Pictures
 
 VERSION = 1
@@ -148,11 +148,11 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
 
 def headline(facts: Facts) -> str:
     """What was filmed and what came of it, in a line."""
-    video, told = facts.frames.get("video", {}), []
+    told = []
     if facts.frames:
-        told.append(str(facts.frames.get("file", "photos")))
-    if video:
-        told.append(f"{figure(video.get('duration_s'))} s, {video.get('width')} × {video.get('height')} px")
+        told.append(facts.frames.file or "photos")
+        if video := facts.frames.video:
+            told.append(f"{figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
         told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
         told.append(f"measured in {figure(facts.traits.get('seconds'), 0)} s")
@@ -168,23 +168,23 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
         value = number(row.get(column))
-        if value is None:
+        if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
         trait, _, _ = column.rpartition("_")
         error = number(row.get(column.replace(trait, f"{trait}_error")))
-        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error else ""
+        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error > 0 else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
 
     mean = number(row.get("boll_volume_mean_cm3"))
     solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
-    volume_note = f"{mean:.1f} cm³ a boll" if mean is not None else ""
-    if solid and all(value is not None for value in solid):
-        volume_note += f"; {sum(value or 0 for value in solid):.0f} cm³ without hollows"
+    volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
+    if solid and math.isfinite(sum(solid)):
+        volume_note += f"; {sum(solid):.0f} cm³ without hollows"
     length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
-    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if length is not None and width is not None else ""
+    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
     spread = number(row.get("boll_count_error"))
-    count_error = f"± {spread:.1f}" if spread else ""
+    count_error = f"± {spread:.1f}" if spread > 0 else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": count_error, "note": count_note},
@@ -211,7 +211,7 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
 
 def stage_rows(facts: Facts) -> list[dict[str, Any]]:
     """Seconds, memory, key figures and remarks of each stage."""
-    seconds = [number(item.record.get("seconds")) or 0.0 for item in facts.stages]
+    seconds = [float(item.record.get("seconds") or 0.0) for item in facts.stages]
     longest = max([*seconds, 1e-9])
     return [
         {
@@ -231,7 +231,7 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
 def figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
     known = number(value)
-    return "–" if known is None or not np.isfinite(known) else f"{known:,.{digits}f}".replace(",", "\u202f")
+    return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 
 def _told(summary: dict[str, Any]) -> str:

@@ -11,11 +11,10 @@ from ..clustering.boll_shape import close_flagged
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..documents.bolls import boll_labels, bolls_info, read_lifted
 from ..errors import BadInput
-from ..files.bolls import boll_facts, boll_labels, read_lifted
 from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
-from ..files.saving import json_text
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
@@ -43,9 +42,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = close_flagged(bolls)
     labels = boll_labels(bolls, len(gaussians))
-    table = {"gaussians_sha256": lifted.gaussians_sha256, "bolls": [boll_facts(boll) for boll in bolls]}
     with workspace.writing("cluster") as folder:
-        (folder / workspace.bolls_json.name).write_text(json_text(table), encoding="utf-8")
+        bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core.machine import usable_cores
 from ..core.scene import Gaussians
+from ..documents.train import Effects, TrainMetrics
 from ..files.ply import read_gaussians
+from ..files.tables import number, read_rows
 from ..options import TrainOptions
 from ..pipeline import STAGES
 from ..splat.metrics import PLANT_REGION, focus, view_quality
@@ -37,15 +36,14 @@ def empty_row(sweep: str, setting: str, state: str, reason: str = "") -> dict[st
 def finished_row(workspace: Workspace, sweep: str, setting: str, options: TrainOptions) -> dict[str, Any]:
     """What the study says of a finished folder; seconds are those of all stages, whichever setting ran them."""
     records = [workspace.read_record(stage) or {} for stage in STAGES]
-    with workspace.traits_csv.open(encoding="utf-8-sig", newline="") as file:
-        traits = next(csv.DictReader(file))
-    metrics = read_json(workspace.metrics_json)
+    (traits,) = read_rows(workspace.traits_csv)
+    metrics = TrainMetrics.load(workspace.metrics_json)
     cpu_s = sum(_number(record.get("cpu_seconds")) for record in records)
     row = empty_row(sweep, setting, "done")
-    row |= {key: _number(metrics.get(key)) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
-    row |= {trait: _number(traits[trait]) for trait in ERRORS}
+    row |= {key: getattr(metrics, key) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
+    row |= {trait: number(traits[trait]) for trait in ERRORS}
     row |= {
-        "n_gaussians": metrics.get("n_gaussians"),
+        "n_gaussians": metrics.n_gaussians,
         "n_frames": int(traits["n_frames"]),
         "seconds": sum(_number(record.get("seconds")) for record in records),
         "cpu_seconds": cpu_s,
@@ -64,8 +62,8 @@ def _rendering(workspace: Workspace, options: TrainOptions) -> dict[str, float]:
         return {key: _number(known[key]) for key in ("render_cpu_s", "full_psnr_db")}
     views = load_views(workspace, FULL_SIDE)
     centre, radius_su = focus([view.camera for view in views])
-    exposure = read_json(workspace.effects_json).get("exposure", {})
-    gains = exposure.get("gains", {}) if exposure.get("on") else {}
+    exposure = Effects.load(workspace.effects_json).exposure
+    gains = (exposure.gains or {}) if exposure.on else {}
     _, held_out = hold_out(views, options.holdout)
     qualities = [
         view_quality(
@@ -91,10 +89,6 @@ def _render_cpu_s(gaussians: Gaussians, view: View) -> float:
         render(gaussians, view.camera)
         times.append(time.process_time() - began)
     return min(times)
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _number(value: Any) -> float:

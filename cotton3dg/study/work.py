@@ -15,6 +15,7 @@ from typing import Any
 
 from .. import __version__, pipeline
 from ..core.machine import usable_cores
+from ..documents.train import TrainMetrics
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..files.encode import crop_video
@@ -26,7 +27,7 @@ from ..planning.cost import costs, footage
 from ..planning.tradeoff import duration, typical_ratio
 from ..workspace import Workspace
 from .plot import write_plot
-from .rows import empty_row, finished_row, read_json
+from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
 from .tables import COLUMNS, markdown, with_errors
 
@@ -163,7 +164,7 @@ class Study:
         outcomes = module.save_intermediate(base, options, workspaces, progress)
         for steps, outcome in outcomes.items():
             workspace = workspaces[steps]
-            reached = read_json(workspace.metrics_json)
+            reached = TrainMetrics.load(workspace.metrics_json)
             record = {
                 "stage": "train",
                 "stage_version": module.VERSION,
@@ -176,8 +177,8 @@ class Study:
                 "summary": outcome.summary,
                 "flags": list(outcome.flags),
                 "warnings": list(outcome.warnings),
-                "seconds": reached["seconds"],
-                "cpu_seconds": reached["cpu_seconds"],
+                "seconds": reached.seconds,
+                "cpu_seconds": reached.cpu_seconds,
                 "peak_memory_mib": (base.read_record("train") or {}).get("peak_memory_mib"),
             }
             workspace.write_record("train", record)

@@ -30,9 +30,9 @@ from markdown_tables import markdown
 from true_scene import TruePlant, true_plant, true_scale
 
 from cotton3dg.core.machine import usable_cores
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.files.saving import write_text_atomically
-from cotton3dg.files.scale import read_scale
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
 
 PLANTS: dict[str, str] = {

@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from scenes.documents import frames_info, table_scale, train_metrics
 from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
 from cotton3dg.commands.render import render
-from cotton3dg.core.measurements import Scale
+from cotton3dg.core.bolls import BollInstance
+from cotton3dg.documents.bolls import bolls_info
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import list_images, read_image
 from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.saving import json_text
-from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.video import probe, read_frames
 from cotton3dg.geometry.camera_paths import framed, walk
 from cotton3dg.options import RenderOptions, TraitsOptions
@@ -50,12 +50,11 @@ def write_cameras(folder):
 def write_bolls(workspace, labels):
     gaussians = read_gaussians(workspace.gaussians_ply)
     bolls = [
-        {"id": k, "centre_su": gaussians.means[labels == k].mean(0), "diameter_su": 0.1, "views": ["000000.jpg"],
-         "confidence": 0.75, "flags": []}
+        BollInstance(k, np.flatnonzero(labels == k), ("000000.jpg",), gaussians.means[labels == k].mean(0), 0.1, 0.75)
         for k in range(1, labels.max() + 1)
-    ]  # fmt: skip
+    ]
     with workspace.writing("cluster") as folder:
-        (folder / "bolls.json").write_text(json_text({"gaussians_sha256": gaussians.sha256(), "bolls": bolls}))
+        bolls_info(bolls, gaussians.sha256()).save(folder / "bolls.json")
         np.save(folder / "labels.npy", labels.astype(np.int32))
 
 
@@ -78,12 +77,8 @@ def workspace(tmp_path):
 def measured(workspace):
     """With bolls, a scale and the plant."""
     write_bolls(workspace, plant_scene()[1])
-    up = POSE.rotation[:, 2]
-    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-    facts = scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners))
-    with workspace.writing("scale") as folder:
-        (folder / "scale.json").write_text(json_text(facts))
-    workspace.metrics_json.write_text(json_text({"pixel_su": 1e-4}))
+    table_scale().save(workspace.scale_json)
+    train_metrics().save(workspace.metrics_json)
     traits.run(workspace, TraitsOptions())
     return workspace
 
@@ -214,8 +209,7 @@ def test_photos_without_an_order_are_passed_in_a_circle(workspace):
         pose = pycolmap.Rigid3d(views[place].cam_from_scene)
         model.frames[model.images[image_id].frame_id].set_cam_from_world(1, pose)
     model.write_binary(str(workspace.undistorted / "sparse"))
-    workspace.frames_json.parent.mkdir()
-    workspace.frames_json.write_text(json.dumps({"ordered": False}))
+    frames_info([], ordered=False).save(workspace.frames_json)
     images, _ = images_of(workspace, replace(SMALL, view="orbit", frames=40))
     # Once around from the first photo, one way or the other.
     circle = views[shuffled[0] :] + views[: shuffled[0]]

@@ -22,6 +22,7 @@ from typing import Any
 
 from .core.columns import Column
 from .core.machine import usable_cores
+from .core.state import State
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
@@ -42,7 +43,7 @@ WORTH_RETRYING = (StageFailed.exit_code, OutOfResources.exit_code)
 INTERRUPTED = 130
 """Exit code of a run that Ctrl-C ended."""
 
-STATES = ("failed", "waiting", "done")
+STATES = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
 
 COLUMNS = (
@@ -59,7 +60,7 @@ class Result:
     """What became of one plant."""
 
     folder: str
-    state: str = "waiting"
+    state: State = State.WAITING
     exit_code: int | None = None
     reason: str = ""
 
@@ -213,7 +214,7 @@ class Batch:
             process.send_signal(signal.SIGINT)
 
     def _outcome(self, result: Result) -> str:
-        if result.state != "done":
+        if result.state != State.DONE:
             return f"{result.state}: {result.reason}"
         row = self._rows(result, "traits_csv")[0]
         flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
@@ -243,7 +244,7 @@ class Batch:
 
     def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
         """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""
-        if result.state != "done":
+        if result.state != State.DONE:
             return []
         key = result.folder, table
         if key not in self._tables:
@@ -265,7 +266,7 @@ def saved_results(folder: Path) -> dict[str, Result]:
     if not (folder / TABLE).is_file():
         raise MissingInput(f"{TABLE} is missing; run the whole batch first")
     results = [
-        Result(row["folder"], row["state"], int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
+        Result(row["folder"], State(row["state"]), int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
         for row in read_rows(folder / TABLE)
     ]
     return {result.folder: result for result in results if (folder / result.folder).is_dir()}
@@ -280,10 +281,10 @@ def result_of(name: str, code: int, said: str) -> Result:
         said: what it printed.
     """
     if code == 0:
-        return Result(name, "done", 0)
+        return Result(name, State.DONE, 0)
     if code in (-signal.SIGINT, INTERRUPTED):
-        return Result(name, "waiting", None, "interrupted")
-    return Result(name, "failed", code, _reason(Path(name).name, code, said))
+        return Result(name, State.WAITING, None, "interrupted")
+    return Result(name, State.FAILED, code, _reason(Path(name).name, code, said))
 
 
 def _bound(pid: int, slot: list[int], jobs: int) -> None:

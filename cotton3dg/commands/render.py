@@ -160,7 +160,8 @@ def _plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool
     if not required and not workspace.plant_npy.exists():
         return unknown
     rows = read_array(workspace.require(workspace.plant_npy, "traits"))
-    measured = (workspace.read_record("traits") or {}).get("inputs", {})
+    record = workspace.read_record("traits")
+    measured = record.inputs if record else {}
     now = workspace.hashes(workspace.gaussians_ply)
     current = rows.shape == (n,) and all(measured.get(name, found) == found for name, found in now.items())
     if current and rows.any():
@@ -191,7 +192,8 @@ def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) 
 
 def _size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple[int, int]:
     """Width and height, px: those of the training images, where one is given the other by their aspect."""
-    trained = (workspace.read_record("train") or {}).get("options", {}).get("max_side", TrainOptions().max_side)
+    record = workspace.read_record("train")
+    trained = (record.options if record else {}).get("max_side", TrainOptions().max_side)
     width, height = fitted_size(camera.width, camera.height, trained)
     if options.width or options.height:
         width = options.width or _even(options.height * camera.width / camera.height)

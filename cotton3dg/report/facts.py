@@ -1,15 +1,12 @@
-"""What the files of a plant's folder say about it, and which of them still belong to its video.
-
-A stage that fails leaves the results of later stages as they were, made from other frames or options. They are not
-shown: a stage counts as done only when its record is ok, all stages before it are done, and it read what they wrote.
-"""
+"""What the files of a plant's folder say about it, as far as they still belong to its video."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from ..core.state import State
 from ..documents.document import Document
 from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
@@ -17,21 +14,10 @@ from ..documents.sfm import SfmInfo
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput, Cotton3dgError
 from ..files.tables import read_rows
-from ..options import STAGE_OPTIONS
+from ..stages.staleness import StageState, recorded_states
 from ..workspace import Workspace
 
-STAGES = tuple(STAGE_OPTIONS)
 T = TypeVar("T", bound=Document)
-
-
-@dataclass(frozen=True)
-class StageState:
-    """One stage as its record tells it."""
-
-    stage: str
-    state: str
-    """done, failed, outdated or missing."""
-    record: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -55,24 +41,19 @@ class Facts:
     scale: ScaleInfo | None
 
     def done(self, stage: str) -> bool:
-        return any(item.stage == stage and item.state == "done" for item in self.stages)
+        return any(item.stage == stage and item.done for item in self.stages)
 
     @property
     def flags(self) -> list[str]:
         """Quality flags of all stages that are done, each once."""
-        found = [flag for item in self.stages if item.state == "done" for flag in item.record.get("flags", [])]
-        return list(dict.fromkeys(found))
-
-    @property
-    def warnings(self) -> list[tuple[str, str]]:
-        """(stage, sentence) of all stages that are done."""
-        return [(item.stage, text) for item in self.stages if item.state == "done" for text in item.record["warnings"]]
+        records = [item.record for item in self.stages if item.done and item.record]
+        return list(dict.fromkeys(flag for record in records for flag in record.flags))
 
 
 def read_facts(workspace: Workspace) -> Facts:
     """Gather what there is; what is missing or damaged is None or empty."""
-    stages = stage_states(workspace)
-    done = {item.stage for item in stages if item.state == "done"}
+    stages = recorded_states(workspace)
+    done = {item.stage for item in stages if item.done}
 
     def when_done(stage: str, kind: type[T], path: Path) -> T | None:
         try:
@@ -97,37 +78,16 @@ def read_facts(workspace: Workspace) -> Facts:
     )
 
 
-def stage_states(workspace: Workspace) -> tuple[StageState, ...]:
-    """The state of every stage, by comparing the hashes in the records; no large file is read."""
-    states: list[StageState] = []
-    made: dict[str, str] = {}
-    intact = True
-    for stage in STAGES:
-        record = workspace.read_record(stage)
-        if record is None:
-            state, record = "missing", {}
-        elif record.get("status") != "ok":
-            state = "failed"
-        else:
-            read = {name: found for name, found in record.get("inputs", {}).items() if name.split("/")[0] in STAGES}
-            current = intact and all(made.get(name) == found for name, found in read.items())
-            state = "done" if current else "outdated"
-        intact &= state == "done"
-        made |= record.get("outputs", {})
-        states.append(StageState(stage, state, {"flags": [], "warnings": [], "summary": {}} | record))
-    return tuple(states)
-
-
 def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
     for item in stages:
-        if item.state == "failed":
-            return str(item.record.get("error", f"{item.stage} failed; see run.log"))
-        if item.state != "done":
+        if item.state == State.FAILED:
+            return item.reason
+        if not item.done:
             try:
                 workspace.capture()
             except Cotton3dgError as error:
                 return str(error)
-            why = "has not run yet" if item.state == "missing" else "ran before something it depends on changed"
+            why = "has not run yet" if item.state == State.MISSING else "ran before something it depends on changed"
             return f"the stage {item.stage} {why}; run `cotton3dg run` on this plant"
     return ""
 

@@ -11,6 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from .. import __version__
+from ..core.state import State
 from ..errors import Cotton3dgError
 from ..files.images import read_image
 from ..files.tables import number
@@ -45,7 +46,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> st
     content = {
         "name": name,
         "plants": plants,
-        "counts": {state: sum(row["state"] == state for row in rows) for state in ("failed", "waiting", "done")},
+        "counts": {state: sum(row["state"] == state for row in rows) for state in State},
         "n_outliers": sum(bool(plant["outliers"]) for plant in plants),
         "shown": SHOWN,
         "histograms": [_histogram(trait, values[trait]) for trait in SHOWN],
@@ -65,7 +66,7 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 
 
 def _value(row: Mapping[str, Any], trait: str) -> float:
-    return number(row.get(trait)) if row["state"] == "done" else np.nan
+    return number(row.get(trait)) if row["state"] == State.DONE else np.nan
 
 
 def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:

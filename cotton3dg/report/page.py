@@ -11,30 +11,55 @@ import hashlib
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..core.state import State
+from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
 from ..files.tables import number
+from ..stages.stage import STAGES
 from ..workspace import Workspace
 from .advice import boll_doubts, capture_advice, meaning
-from .facts import STAGES, Facts, read_facts
+from .facts import Facts, read_facts
 from .pictures import Pictures
 
 VERSION = 1
+RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
 """How a page begins that this tool made."""
 log = logging.getLogger("cotton3dg")
 
 
+@dataclass(frozen=True)
+class Fingerprint(Document):
+    """records/report.json: what a page was made from."""
+
+    REMEDY = "run `cotton3dg report`"
+
+    report_version: int
+    cotton3dg_version: str
+    templates: dict[str, str]
+    """SHA-256 by name."""
+    records: dict[str, str]
+    """SHA-256 of the stages' records, which hold those of all files."""
+    failure: str
+    page: str
+    """SHA-256 of the page itself."""
+
+
 def stale(workspace: Workspace, failure: str = "") -> bool:
-    """Whether the page would be another one now, by the hashes of the stages' records (which hold those of all files),
-    and of the page itself."""
-    saved = workspace.read_record("report")
-    return not workspace.report_html.is_file() or saved is None or saved != _fingerprint(workspace, failure)
+    """Whether the page would be another one now."""
+    if not workspace.report_html.is_file():
+        return True
+    try:
+        return Fingerprint.load(workspace.record_file(RECORD)) != _fingerprint(workspace, failure)
+    except BadInput:
+        return True
 
 
 def make_report(workspace: Workspace, failure: str = "") -> Path:
@@ -44,7 +69,7 @@ def make_report(workspace: Workspace, failure: str = "") -> Path:
         failure: why there is no result, where the records do not tell.
     """
     write_page(workspace.report_html, plant_page(workspace, failure))
-    workspace.write_record("report", _fingerprint(workspace, failure))
+    workspace.keep(_fingerprint(workspace, failure), RECORD)
     return workspace.report_html
 
 
@@ -211,20 +236,20 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
 
 def stage_rows(facts: Facts) -> list[dict[str, Any]]:
     """Seconds, memory, key figures and remarks of each stage."""
-    seconds = [float(item.record.get("seconds") or 0.0) for item in facts.stages]
-    longest = max([*seconds, 1e-9])
+    longest = max([*(item.record.seconds for item in facts.stages if item.record), 1e-9])
+    words = {State.MISSING: "not run", State.STALE: "out of date"}
     return [
         {
             "stage": item.stage,
-            "state": {"missing": "not run", "outdated": "out of date"}.get(item.state, item.state),
-            "seconds": number(item.record.get("seconds")),
-            "cpu_seconds": number(item.record.get("cpu_seconds")),
-            "memory_mib": number(item.record.get("peak_memory_mib")),
-            "share": 100 * spent / longest,
-            "summary": _told(item.record["summary"]) if item.state == "done" else "",
-            "remarks": [item.record["error"]] if item.state == "failed" else item.record["warnings"],
+            "state": words.get(item.state, item.state),
+            "seconds": record and record.seconds,
+            "cpu_seconds": record and record.cpu_seconds,
+            "memory_mib": record and record.peak_memory_mib,
+            "share": 100 * record.seconds / longest if record else 0.0,
+            "summary": _told(record.summary) if record and item.done else "",
+            "remarks": [item.reason] if item.state == State.FAILED else record.warnings if record else [],
         }
-        for item, spent in zip(facts.stages, seconds, strict=True)
+        for item, record in ((item, item.record) for item in facts.stages)
     ]
 
 
@@ -253,13 +278,13 @@ def _plotly() -> str:
     return path.read_text("utf-8").replace("</script", "<\\/script")
 
 
-def _fingerprint(workspace: Workspace, failure: str) -> dict[str, Any]:
+def _fingerprint(workspace: Workspace, failure: str) -> Fingerprint:
     records = {stage: workspace.record_file(stage) for stage in STAGES}
-    return {
-        "report_version": VERSION,
-        "cotton3dg_version": __version__,
-        "templates": {path.name: file_sha256(path) for path in sorted(TEMPLATES.iterdir())},
-        "records": {stage: file_sha256(path) for stage, path in records.items() if path.is_file()},
-        "failure": failure,
-        "page": file_sha256(workspace.report_html) if workspace.report_html.is_file() else "",
-    }
+    return Fingerprint(
+        report_version=VERSION,
+        cotton3dg_version=__version__,
+        templates={path.name: file_sha256(path) for path in sorted(TEMPLATES.iterdir())},
+        records={stage: file_sha256(path) for stage, path in records.items() if path.is_file()},
+        failure=failure,
+        page=file_sha256(workspace.report_html) if workspace.report_html.is_file() else "",
+    )

@@ -18,8 +18,7 @@ from ..files.ply import coloured, read_gaussians, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
-
-VERSION = 3
+from .stage import Cost, Stage, twice_the_model
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -60,3 +59,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     return StageOutcome(
         summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
     )
+
+
+STAGE = Stage(
+    "cluster", version=3, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+)

@@ -32,9 +32,10 @@ from ..masks.yolo import detect_yolo
 from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
 from ..workspace import Workspace
+from .stage import Cost, Stage, Work
 
-VERSION = 8
-
+MASK_BYTES = 2**18
+"""Of one image's masks on the disk, generous."""
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
@@ -311,3 +312,17 @@ def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, st
         files = [path] if path.is_file() else sorted([*path.glob("*.safetensors"), *path.glob("*.bin")])
         sums |= {f"{path.name}/{file.name}" if path.is_dir() else file.name: file_sha256(file) for file in files}
     return sums
+
+
+def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
+    return options.views * MASK_BYTES
+
+
+def _cost(work: Work) -> Cost:
+    """Views vote on what is lint, whether they get masks or not."""
+    width, height = work.size
+    image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
+    return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
+
+
+STAGE = Stage("masks", version=8, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

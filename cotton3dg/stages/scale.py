@@ -27,8 +27,8 @@ from ..scale.sections import scale_from_sections
 from ..scale.table import NoTable, TableFit, find_table, outlined, scale_from_table
 from ..scale.two_points import scale_from_distance
 from ..workspace import Workspace
+from .stage import Cost, Stage
 
-VERSION = 5
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3
@@ -235,3 +235,6 @@ def _evidence(fit: TableFit) -> dict[str, Any]:
         evidence["edge_support"] = list(fit.rim.support)
         evidence["edge_views"] = list(fit.rim.views)
     return evidence
+
+
+STAGE = Stage("scale", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

@@ -39,8 +39,8 @@ from ..options import SegmentOptions
 from ..splat.metrics import focus, to_uint8
 from ..splat.rasterizer import accumulate_weights, render_values
 from ..workspace import Workspace
+from .stage import Cost, Stage, Work, twice_the_model
 
-VERSION = 3
 SHOWN_VIEWS = 4
 """Maps of probabilities that are saved as images."""
 
@@ -234,3 +234,14 @@ def _by_features(
             dropped_masks=dropped,
         ),
     )
+
+
+def _cost(work: Work) -> Cost:
+    """Lifting the masks, and for the other methods the optimisation besides."""
+    options: SegmentOptions = work.options["segment"]
+    lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
+    steps_s = {"probability": 0.004 * options.steps, "affinity": 0.02 * options.feature_steps}
+    return Cost(lifting_s + steps_s.get(options.method, 0.0))
+
+
+STAGE = Stage("segment", version=3, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -28,14 +28,17 @@ from ..files.reconstruction import (
 from ..files.saving import json_text
 from ..options import SfmOptions
 from ..workspace import Workspace
-
-VERSION = 5
+from .stage import Cost, Stage, Work
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
 PHOTO_SIZE, PHOTO_FEATURES = 2, 4
 """Photos are sharper than a video's frames and stand farther apart: they get these factors of size and features. (Twice
 the features place 8 of 16 photos of a turn, four times all.)"""
+FEATURES_PER_MP = 5700
+"""Features that a megapixel has, unless there is a limit."""
+FEATURE_BYTES = 200
+"""A SIFT feature with its share of the matches, in the database that is kept meanwhile."""
 MIN_REGISTERED_PCT = 40.0
 FEW_REGISTERED_PCT = 80.0
 MIN_REGISTERED = 3
@@ -156,3 +159,29 @@ def _outcome(info: SfmInfo) -> StageOutcome:
         warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
     return StageOutcome({key: round(getattr(info, key), 3) for key in keys}, tuple(flags), tuple(warnings))
+
+
+def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
+    images = [path.stat().st_size for path in workspace.frame_images()]
+    return 2 * sum(images) + len(images) * options.max_features * FEATURE_BYTES
+
+
+def _cost(work: Work) -> Cost:
+    """Features of each image, matches of each pair, and cameras placed one after the other."""
+    options, images, ordered = work.options["sfm"], work.images, work.source.is_video
+    mp = work.megapixels(VIDEO_FEATURE_SIDE * (1 if ordered else PHOTO_SIZE))
+    wanted = options.max_features * (1 if ordered else PHOTO_FEATURES)
+    fullness = min(wanted, FEATURES_PER_MP * mp) / 2048
+    pairs = images * options.overlap if ordered else images * (images - 1) / 2
+    return Cost((0.05 + 0.55 * mp) * images + 0.05 * fullness**2 * pairs, 0.005 * fullness**2 * images**2)
+
+
+STAGE = Stage(
+    "sfm",
+    version=5,
+    inputs=inputs,
+    run=run,
+    cost=_cost,
+    disk_bytes=_disk_bytes,
+    droppable=lambda workspace: sorted((workspace.undistorted / "images").glob("*.jpg")),
+)

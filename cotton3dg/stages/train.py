@@ -37,15 +37,15 @@ from ..files.saving import explained_disk_errors, json_text, replacing
 from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
+from ..splat.densify import scheduled_count
 from ..splat.exposure import VISIBLE, corrected, exposure
-from ..splat.initialise import starting_gaussians
+from ..splat.initialise import FILL_SHARE, START_SHARE, starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.motion import longest_tracks
-from ..splat.trainer import Fit, Training, fit
+from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..workspace import Workspace
-
-VERSION = 8
+from .stage import Cost, Stage, Work
 
 T = TypeVar("T")
 
@@ -54,6 +54,8 @@ LOW_PSNR_DB = 22.0
 
 COMPARISONS = 4
 """Held-out views saved beside their renders."""
+COST_SLICES = 20
+"""Parts of a training over which its cost takes the number of Gaussians as constant."""
 MOTION_POINTS = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""
 
@@ -155,7 +157,13 @@ def _start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Ga
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:
     """Hash of all that decides what a training makes."""
-    facts = [__version__, VERSION, _native.instruction_set(), as_dict(options), workspace.hashes(*inputs(workspace))]
+    facts = [
+        __version__,
+        STAGE.version,
+        _native.instruction_set(),
+        as_dict(options),
+        workspace.hashes(*inputs(workspace)),
+    ]
     return hashlib.sha256(json_text(facts).encode()).hexdigest()
 
 
@@ -323,3 +331,30 @@ def _outcome(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
             " names their images, records/train.rejected.npz holds the first"
         )
     return StageOutcome(summary, tuple(flags), tuple(warnings))
+
+
+def _disk_bytes(_: Workspace, options: TrainOptions) -> float:
+    # float32: 14 parameters, 3 normals and the colours; the checkpoint holds them with two moments and more.
+    values = 17 + 3 * (options.sh_degree + 1) ** 2
+    return 5 * 4 * values * options.max_gaussians
+
+
+def _cost(work: Work) -> Cost:
+    """Loading the images, and all steps: each costs by its pixels and by the Gaussians there are by then."""
+    options: TrainOptions = work.options["train"]
+    full_mp = work.megapixels(options.max_side)
+    ends = levels(min(options.max_side, max(work.size)), options.steps)
+    start = (START_SHARE + FILL_SHARE) * options.max_gaussians
+    # A fifth of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
+    per_million = 0.4 + 0.006 * (options.sh_degree + 1) ** 2
+    steps_s = 0.0
+    for i in range(COST_SLICES):
+        share = (i + 0.5) / COST_SLICES
+        factor = next(factor for until, factor in ends if share * options.steps < until or factor == 1)
+        grown = (share - DENSIFY_FROM) / (DENSIFY_UNTIL - DENSIFY_FROM)
+        millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
+        steps_s += options.steps / COST_SLICES * (0.15 * full_mp / factor**2 + per_million * millions)
+    return Cost((0.05 + 0.22 * full_mp) * work.images + steps_s)
+
+
+STAGE = Stage("train", version=8, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)

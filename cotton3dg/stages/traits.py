@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,20 +12,21 @@ from ..core.measurements import PlantEvidence, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import read_bolls
+from ..documents.record import Record
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.train import TrainMetrics
 from ..errors import BadInput
 from ..files.ply import read_gaussians
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
-from ..options import STAGE_OPTIONS, TraitsOptions
+from ..options import TraitsOptions
 from ..traits.isolate import isolate_plant
 from ..traits.measure import measure_bolls, measure_silhouette, summarise_plant
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
+from .stage import STAGES, Cost, Stage, Work
 
-VERSION = 5
-EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
+EARLIER_STAGES = tuple(stage for stage in STAGES if stage != "traits")
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -70,8 +70,8 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     traits = summarise_plant(boll_traits, silhouette, scale, metrics.pixel_su)
     flags += traits.flags
     plant_id = options.plant_id or workspace.plant_id
-    records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
-    all_flags = _united([*(flag for record in records for flag in record.get("flags", [])), *flags])
+    records = [record for record in map(workspace.read_record, EARLIER_STAGES) if record]
+    all_flags = _united([*(flag for record in records for flag in record.flags), *flags])
     whose = {"plant_id": plant_id}
     row = whose | cells_of(traits, _evidence(workspace, scale, metrics, records, all_flags))
     boll_cells = [whose | cells_of(boll) for boll in boll_traits]
@@ -95,7 +95,7 @@ def _evidence(
     workspace: Workspace,
     scale: Scale | None,
     metrics: TrainMetrics,
-    records: list[dict[str, Any]],
+    records: list[Record],
     flags: tuple[str, ...],
 ) -> PlantEvidence:
     """What earlier stages say about capture and cost; None where they do not."""
@@ -106,7 +106,7 @@ def _evidence(
         n_frames=sfm.n_frames if sfm else None,
         registered_pct=100.0 * len(sfm.registered) / sfm.n_frames if sfm else None,
         psnr_db=metrics.psnr_db,
-        seconds=float(sum(record.get("seconds") or 0.0 for record in records)),
+        seconds=float(sum(record.seconds for record in records)),
         flags=flags,
         version=__version__,
     )
@@ -120,3 +120,10 @@ def _united(flags: list[str]) -> tuple[str, ...]:
 def _write_csv(path: Path, text: str) -> None:
     # In binary: the text has its own line ends.
     path.write_bytes(text.encode("utf-8"))
+
+
+def _cost(work: Work) -> Cost:
+    return Cost(0.0, 1.5 + 28 * work.million_gaussians)
+
+
+STAGE = Stage("traits", version=5, inputs=inputs, run=run, cost=_cost)

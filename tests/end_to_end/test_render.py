@@ -16,6 +16,7 @@ from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 from cotton3dg.commands.render import render
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import list_images, read_image
@@ -69,7 +70,7 @@ def workspace(tmp_path):
     gaussians.sh[:, 0] = np.sin(POSE.cm(gaussians.means) / [25, 15, 30])
     with workspace.writing("train") as folder:
         write_gaussians(folder / "gaussians.ply", gaussians)
-    workspace.write_record("train", {"status": "ok", "options": {"max_side": 240}})
+    workspace.write_record(Record("train", "ok", options={"max_side": 240}))
     return workspace
 
 
@@ -238,14 +239,14 @@ def test_what_is_missing_is_named(workspace, tmp_path):
 def test_bolls_and_plant_of_another_model_are_refused(measured):
     gaussians = read_gaussians(measured.gaussians_ply)
     write_gaussians(measured.gaussians_ply, gaussians[np.arange(len(gaussians))[::-1]])
-    measured.write_record("traits", {"inputs": {"train/gaussians.ply": "of before"}})
+    measured.write_record(Record("traits", inputs={"train/gaussians.ply": "of before"}))
     with pytest.raises(BadInput, match="cotton3dg cluster"):
         render(measured, replace(SMALL, show="bolls"))
     with pytest.raises(BadInput, match="cotton3dg traits"):
         render(measured, replace(SMALL, plant_only=True))
     render(measured, replace(SMALL, frames=1))
     np.save(measured.plant_npy, np.zeros(len(gaussians), bool))
-    measured.write_record("traits", {})
+    measured.write_record(Record("traits"))
     with pytest.raises(BadInput, match="without --plant-only"):
         render(measured, replace(SMALL, plant_only=True))
     measured.plant_npy.write_bytes(b"\x93NUMPY")

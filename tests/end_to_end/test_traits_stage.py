@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.record import Record
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.ply import read_gaussians, write_gaussians
@@ -46,8 +47,8 @@ def workspace(tmp_path):
     names = [f"{k}" for k in range(100)]
     sfm_info(names, tuple(names[93:])).save(workspace.sfm_json)
     train_metrics(psnr_db=31.4159).save(workspace.metrics_json)
-    workspace.write_record("sfm", {"status": "ok", "seconds": 100.25, "flags": ["few_frames_registered"]})
-    workspace.write_record("train", {"status": "ok", "seconds": 200.5, "flags": ["low_psnr", "few_frames_registered"]})
+    workspace.write_record(Record("sfm", "ok", seconds=100.25, flags=("few_frames_registered",)))
+    workspace.write_record(Record("train", "ok", seconds=200.5, flags=("low_psnr", "few_frames_registered")))
     return workspace
 
 

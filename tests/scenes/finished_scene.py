@@ -1,27 +1,24 @@
 """A plant's folder as a whole run leaves it, made by code in seconds: all stages done, with records."""
 
+from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
+from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.files.images import write_ids, write_image
 from cotton3dg.files.ply import write_gaussians
-from cotton3dg.options import STAGE_OPTIONS, as_dict, resolve
-from cotton3dg.pipeline import stage_inputs, stage_options
+from cotton3dg.options import resolve
+from cotton3dg.pipeline import stage_options
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.rasterizer import render, render_values
-from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
+from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace
 from scenes.boll_scene import write_model
 from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
 from scenes.table_scene import POSE, orbit, plant_scene
 
-MODULES: dict[str, ModuleType] = {
-    "frames": frames, "sfm": sfm, "train": train, "masks": masks,
-    "segment": segment, "cluster": cluster, "scale": scale, "traits": traits,
-}  # fmt: skip
 N_VIEWS, N_BOLLS = 16, 4
 UNPLACED = f"{N_VIEWS:06d}.jpg"
 
@@ -29,15 +26,12 @@ UNPLACED = f"{N_VIEWS:06d}.jpg"
 def record(workspace: Workspace, stage: str, flags: tuple[str, ...] = (), warnings: tuple[str, ...] = ()) -> None:
     """As the pipeline writes it for a stage that is done."""
     options = stage_options(workspace)[stage]
-    found: dict[str, Any] = {
-        "stage": stage, "status": "ok", "stage_version": MODULES[stage].VERSION,
-        "options": as_dict(options),
-        "seconds": 1.25, "cpu_seconds": 2.5, "peak_memory_mib": 321.0,
-        "inputs": workspace.hashes(*stage_inputs(workspace, stage, options)),
-        "outputs": workspace.hashes(workspace.folder(stage)),
-        "summary": {"n": 3}, "flags": flags, "warnings": warnings,
-    }  # fmt: skip
-    workspace.write_record(stage, found)
+    found = replace(
+        stage_of(stage).record(options, ""), seconds=1.25, cpu_seconds=2.5, peak_memory_mib=321.0,
+        inputs=workspace.hashes(*stage_of(stage).reads(workspace, options)),
+    )  # fmt: skip
+    outcome = StageOutcome({"n": 3}, flags, warnings)
+    workspace.write_record(found.done(outcome, workspace.hashes(workspace.folder(stage))))
 
 
 def finished_workspace(folder: Path) -> Workspace:
@@ -91,5 +85,4 @@ def finished_workspace(folder: Path) -> Workspace:
     record(workspace, "scale")
     traits.run(workspace, resolve("traits"))
     record(workspace, "traits")
-    assert list(MODULES) == list(STAGE_OPTIONS)
     return workspace

@@ -34,7 +34,7 @@ class Document:
             BadInput: no such file, damaged, or of a version that said less.
         """
         try:
-            return cls.of(json.loads(path.read_text(encoding="utf-8")))
+            return cls.parsed(json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
             raise BadInput(f"{path.name} is damaged or of another version ({error}); {cls.REMEDY}") from error
 
@@ -48,7 +48,7 @@ class Document:
         return cls.load(path) if path.is_file() else None
 
     @classmethod
-    def of(cls, value: Any) -> Self:
+    def parsed(cls, value: Any) -> Self:
         """The document that a parsed file holds.
 
         Raises:

@@ -16,6 +16,14 @@ from .document import Document
 
 
 @dataclass(frozen=True)
+class BollMask:
+    """A mask that shows a boll."""
+
+    view: str
+    mask_id: int
+
+
+@dataclass(frozen=True)
 class BollFacts:
     """One boll without its Gaussians, which are those that labels.npy gives its id."""
 
@@ -26,6 +34,7 @@ class BollFacts:
     views: tuple[str, ...]
     confidence: float
     flags: tuple[str, ...]
+    masks: tuple[BollMask, ...]
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,7 @@ def bolls_info(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInf
             boll.views,
             boll.confidence,
             boll.flags,
+            tuple(BollMask(view, mask_id) for view, mask_id in boll.masks),
         )
         for boll in bolls
     )
@@ -121,6 +131,7 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
             boll.diameter_su,
             boll.confidence,
             boll.flags,
+            tuple((mask.view, mask.mask_id) for mask in boll.masks),
         )
         for boll in info.bolls
     ]

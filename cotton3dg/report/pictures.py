@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
-from ..documents.bolls import boll_labels, read_bolls, read_lifted
+from ..documents.bolls import boll_labels, read_bolls
 from ..documents.scale import read_scale
 from ..files.arrays import read_array
 from ..files.colmap import read_cameras
@@ -25,7 +25,6 @@ from ..workspace import Workspace
 from .facts import Facts
 from .figures import (
     Picture,
-    bolls_of_masks,
     box_around,
     cut_out,
     jpeg_uri,
@@ -87,10 +86,11 @@ class Pictures:
     @cached_property
     def owners(self) -> dict[str, dict[int, int]]:
         """View -> mask id -> boll."""
-        if not self.bolls or self.gaussians is None:
-            return {}
-        labels = boll_labels(self.bolls, len(self.gaussians))
-        return bolls_of_masks(read_lifted(self.workspace.selections_npz), labels)
+        owners: dict[str, dict[int, int]] = {}
+        for boll in self.bolls:
+            for view, mask_id in boll.masks:
+                owners.setdefault(view, {})[mask_id] = boll.boll_id
+        return owners
 
     @cached_property
     def plant_rows(self) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..clustering.agglomerative import cluster_objects
+from ..clustering.boll_masks import with_masks
 from ..clustering.boll_shape import close_flagged
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
@@ -41,6 +42,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = close_flagged(bolls)
     labels = boll_labels(bolls, len(gaussians))
+    bolls = with_masks(bolls, lifted, labels)
     with workspace.writing("cluster") as folder:
         bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
@@ -62,5 +64,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE = Stage(
-    "cluster", version=3, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=4, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import pytest
 from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
 
-from cotton3dg.documents.bolls import BollFacts, BollsInfo
+from cotton3dg.documents.bolls import BollFacts, BollMask, BollsInfo
 from cotton3dg.documents.frames import FramesInfo
 from cotton3dg.documents.masks import MaskedImage, MasksInfo
 from cotton3dg.documents.scale import ScaleInfo, read_scale
@@ -25,7 +25,7 @@ DOCUMENTS = [
     MasksInfo("lint", {"views": 36}, {}, 0.25, (MaskedImage("a", 2, {"1": 0.5}), MaskedImage("b", 0, {}))),
     SegmentInfo("lift", 0, rim_px=1, weights_seconds=0.5),
     SegmentInfo("probability", 0, vote=MeanIous({"0.5": 0.9}), by_steps=(ReachedIous({"0.5": 0.8}, None, 100, 2.0),)),
-    BollsInfo("0" * 64, (BollFacts(1, (0.0, 1.0, 2.0), 0.1, 400, ("a", "b"), 0.75, ("large",)),)),
+    BollsInfo("0" * 64, (BollFacts(1, (0.0, 1.0, 2.0), 0.1, 400, ("a", "b"), 0.75, ("large",), (BollMask("a", 3),)),)),
     table_scale(evidence={"edge_support": [0.9]}, references=({"source": "table"},), refused={"aruco": "none"}),
     ScaleInfo("none", "no table"),
 ]

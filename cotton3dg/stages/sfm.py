@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.coverage import Orbit, orbit, out_of_view
+from ..capture.coverage import Coverage, coverage, out_of_view
 from ..capture.image_pairs import image_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
@@ -72,12 +72,12 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
             _check_registered(models, names)
         models[0], lens = _with_lens(models[0], options)
         registered, centres, forwards = poses(models[0])
-        path = orbit(centres, forwards)
-        _check_coverage(path)
+        walk = coverage(centres, forwards)
+        _check_coverage(walk)
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
-        info = _info(models, names, registered, path, lens, out_of_view(path.target, cameras))
+        info = _info(models, names, registered, walk, lens, out_of_view(walk.target, cameras))
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
@@ -106,16 +106,16 @@ def _check_registered(models: list[Any], names: list[str]) -> None:
         )
 
 
-def _check_coverage(path: Orbit) -> None:
-    if not path.coverage_deg >= MIN_COVERAGE_DEG:
+def _check_coverage(walk: Coverage) -> None:
+    if not walk.coverage_deg >= MIN_COVERAGE_DEG:
         raise CaptureFailed(
-            f"the camera went {path.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
+            f"the camera went {walk.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
             " one slow full turn, walking around the plant"
         )
 
 
 def _info(
-    models: list[Any], names: list[str], registered: list[str], path: Orbit, lens: LensDecision, lost: list[str]
+    models: list[Any], names: list[str], registered: list[str], walk: Coverage, lens: LensDecision, lost: list[str]
 ) -> SfmInfo:
     """How good the first of the models is, of all images `names`, and what it misses."""
     model = models[0]
@@ -133,11 +133,11 @@ def _info(
         camera_model=camera.model_name,
         camera_params=tuple(camera.params.tolist()),
         focal_length_px=camera.mean_focal_length(),
-        orbit_coverage_deg=path.coverage_deg,
-        orbit_largest_gap_deg=path.largest_gap_deg,
-        orbit_radius_su=path.radius_su,
-        orbit_axis=tuple(path.axis.tolist()),
-        orbit_target=tuple(path.target.tolist()),
+        orbit_coverage_deg=walk.coverage_deg,
+        orbit_largest_gap_deg=walk.largest_gap_deg,
+        orbit_radius_su=walk.radius_su,
+        orbit_axis=tuple(walk.axis.tolist()),
+        orbit_target=tuple(walk.target.tolist()),
         distortion=lens,
         plant_out_of_view=tuple(lost),
     )

@@ -85,3 +85,11 @@ def test_a_scale_that_is_not_complete_is_refused(tmp_path, known):
     replace(table_scale(), **known).save(path)
     with pytest.raises(BadInput, match="no usable scale; run `cotton3dg scale --force`"):
         read_scale(path)
+
+
+def test_bolls_of_a_program_that_kept_no_masks_are_refused(tmp_path):
+    path = tmp_path / "bolls.json"
+    boll = {"id": 1, "centre_su": [0, 1, 2], "diameter_su": 0.1, "n_gaussians": 400, "views": ["a"], "confidence": 1.0}
+    path.write_text(json.dumps({"gaussians_sha256": "0" * 64, "bolls": [boll | {"flags": []}]}))
+    with pytest.raises(BadInput, match=r"bolls\[0\] has no masks.*; run `cotton3dg cluster --force`"):
+        BollsInfo.load(path)

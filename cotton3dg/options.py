@@ -80,7 +80,7 @@ class MasksOptions:
     """2D boll masks."""
 
     backend: str = option(
-        "lint",
+        "bolls",
         "who finds the bolls in the images",
         paper="yolo, sam, grounded-sam",
         choices=("bolls", "lint", "import", "yolo", "sam", "grounded-sam"),

@@ -24,7 +24,7 @@ from ..files.images import read_image, write_image
 from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
-from ..masks.bolls import IMAGE_SIDE, BollNetwork, find_bolls, shipped_weights
+from ..masks.bolls import BollNetwork, find_bolls, seen_size, shipped_weights
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..options import MasksTrainOptions, as_dict
 from ..simulate.backgrounds import paint_backgrounds
@@ -206,8 +206,7 @@ def _photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhoto:
     import cv2
 
     image = _matching(name, path, ids)
-    factor = min(1.0, IMAGE_SIDE / max(ids.shape))
-    size = max(round(ids.shape[1] * factor), 1), max(round(ids.shape[0] * factor), 1)
+    size = seen_size(*ids.shape)
     return AnnotatedPhoto(
         cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
     )

@@ -25,8 +25,10 @@ OFFSET_PX = 32.0
 """What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
 STRIDE = 32
 """Sides of what the network sees are multiples of this."""
-IMAGE_SIDE = 960
-"""px, longer side of what the network sees; larger images are scaled down, smaller ones are not scaled up."""
+IMAGE_SIDE = 1280
+"""px, longer side of what the network sees; larger images are scaled down, smaller ones up, ..."""
+LARGEST_ZOOM = 2.0
+"""... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
 SURE = 0.5
 """Probability of lint from which a pixel is lint."""
 VOTE_SPREAD = 0.10
@@ -65,6 +67,12 @@ class Maps:
         return self.probabilities[LINT]
 
 
+def seen_size(height: int, width: int) -> tuple[int, int]:
+    """Width and height, px, of what the network sees of an image."""
+    factor = min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
+    return max(round(width * factor), 1), max(round(height * factor), 1)
+
+
 class BollNetwork:
     """Weights ready to run."""
 
@@ -83,11 +91,9 @@ class BollNetwork:
     def maps(self, image: NDArray[np.uint8]) -> Maps:
         """What the network says of an (H, W, 3) sRGB image."""
         height, width = image.shape[:2]
-        factor = min(1.0, IMAGE_SIDE / max(height, width))
-        seen = image
-        if factor < 1:
-            size = max(round(width * factor), 1), max(round(height * factor), 1)
-            seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        size = seen_size(height, width)
+        smaller = size[0] < width
+        seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
         rows, columns = seen.shape[:2]
         below, right = -rows % STRIDE, -columns % STRIDE
         padded = cv2.copyMakeBorder(seen, 0, below, 0, right, cv2.BORDER_REPLICATE)

@@ -11,7 +11,10 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from .bolls import BollNetwork, group
-from .meeting_votes import find_middles, painted, votes_in_space
+from .join_parts import join_parts
+from .lint_in_space import lint_in_space
+from .meeting_votes import agreement, find_middles, votes_in_space
+from .outline_bolls import outline_bolls
 
 
 def detect_bolls(
@@ -19,6 +22,7 @@ def detect_bolls(
     cameras: Sequence[Camera],
     network: BollNetwork,
     gaussians: Gaussians | None = None,
+    allowed: NDArray[np.bool_] | None = None,
     progress: Progress = silent,
 ) -> MaskSet:
     """Masks of each image.
@@ -26,20 +30,28 @@ def detect_bolls(
     Args:
         images: (H, W, 3) sRGB.
         cameras: theirs.
-        gaussians: the plant's model, which makes votes places in space; None = each image is taken alone.
+        gaussians: the plant's model, which lets the images tell each other what they show; None = each is taken alone.
+        allowed: (N,) which Gaussians may be a boll's; None = all.
+    Returns:
+        By camera name; with a model a boll has the same id in all images, and its score is the views' agreement.
     """
     ids: dict[str, NDArray[np.uint16]] = {}
     scores: dict[str, dict[int, float]] = {}
     maps = []
+    total = len(images) * (1 if gaussians is None else 2)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
-        progress(done, len(images), camera.name)
+        progress(done, total, camera.name)
         maps.append(network.maps(image))
     if gaussians is None:
         for view, camera in zip(maps, cameras, strict=True):
             ids[camera.name], scores[camera.name] = group(view)
         return MaskSet(ids, scores)
-    votes = [votes_in_space(view, camera, gaussians) for view, camera in zip(maps, cameras, strict=True)]
-    middles = find_middles(votes)
-    for view, own, camera in zip(maps, votes, cameras, strict=True):
-        ids[camera.name], scores[camera.name] = painted(view, own, middles)
+    lint = lint_in_space(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
+    votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
+    middles = join_parts(find_middles(votes), votes, lint)
+    agreed = agreement(votes, middles)
+    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
+        progress(len(images) + done, total, camera.name)
+        ids[camera.name] = outline_bolls(image, camera, lint, middles)
+        scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(ids[camera.name]) if k}
     return MaskSet(ids, scores)

@@ -1,8 +1,9 @@
 """Where the votes of all views meet in space: bolls told apart by what every image says of their middles.
 
 In one image touching bolls may look like one, and one like two; the middles that the network sees from all sides agree
-only where there is a boll. A trained model tells how far each pixel is, so that its vote is a place in space: the
-middle of the boll lies deeper than what is seen of it, by as much as a ball of the boll's size bulges there.
+only where there is a boll. The lint in space tells how far each pixel's is, so that its vote is a place: the middle of
+the boll lies deeper than what is seen of it. How much deeper is a guess, so a middle that was found is moved to where
+the rays of its votes pass each other nearest, which no depth has a say in.
 """
 
 from __future__ import annotations
@@ -13,31 +14,57 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Camera, Float32, Float64, Gaussians
-from ..splat import rasterizer
-from .bolls import APART, SURE, Maps, ids_of_image, nearest_middles
+from ..core.scene import Camera, Float32, Float64
+from .bolls import Maps
+from .lint_in_space import LintInSpace
 
-SPREAD = 0.12
+SPREAD = 0.16
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
-PITCH = 0.08
+PITCH = 0.06
 """Side of the cells that votes are counted in, in diameters."""
+APART = 0.7
+"""Least distance, in diameters, of the middles of two bolls: those of touching ones are 0.7 to 1 apart, those of the
+locks of one boll 0.4."""
 LEAST_VIEWS = 3
 """Views whose votes a middle needs ..."""
 LEAST_SUPPORT = 0.04
 """... and their sum, in bolls seen whole, a view."""
 LARGEST_GRID = 30_000_000
-SEEN = 0.5
-"""Least opacity of what a pixel shows."""
+SEEN = 0.4
+"""Least share of lint, by all views, in a pixel that votes ..."""
+HEARD = 0.2
+"""... and least probability of lint by its own: the network says nothing of the boll of what it takes for no lint."""
+DEEPER = 0.6
+"""How much deeper than what is seen of it the middle of a boll lies, in the depths of a ball: the middles of Gaussians
+lie below the surface that they show."""
+OWN = 0.45
+"""Distance, in diameters, from a middle of the votes whose rays move it."""
+AGREES = 0.15
+"""Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
+that the boll is there."""
+ROUNDS = 4
+FARTHEST = 0.9
+"""Distance, in diameters, from its middle of the farthest lint of a boll."""
 
 
 @dataclass(frozen=True)
 class Votes:
     """What one view says, a row a pixel of lint."""
 
+    shape: tuple[int, int]
+    """Of the view's maps."""
     pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
-    """Rows and columns in the view's maps."""
+    """Rows and columns there."""
+    borders: Float32
+    """(N,) probability that another boll is next to it."""
     places: Float32
     """(N, 3) su, of the boll's middle."""
+    surfaces: Float32
+    """(N, 3) su, of the lint that is seen."""
+    rays: Float32
+    """(N, 3) of unit length, from the eye to the middle."""
+    eye: Float64
+    """(3,) su."""
     diameters: Float32
     """(N,) su."""
     weights: Float32
@@ -57,8 +84,21 @@ class Middles:
     views: NDArray[np.int64]
     """(B,) views with votes for it."""
 
+    def nearest(self, places: Float32) -> tuple[NDArray[np.uint16], Float32]:
+        """Which boll lint at (N, 3) places is of, from 1, 0 = none is near; and the distance (N,), diameters."""
+        from scipy.spatial import cKDTree
 
-def votes_in_space(maps: Maps, camera: Camera, gaussians: Gaussians) -> Votes:
+        if not len(self.centres) or not len(places):
+            return np.zeros(len(places), np.uint16), np.full(len(places), np.inf, np.float32)
+        # The nearest in their own diameters is among the nearest few.
+        distances, which = cKDTree(self.centres).query(places, k=min(6, len(self.centres)))
+        relative = distances.reshape(len(places), -1) / self.diameters[which.reshape(len(places), -1)]
+        best = np.arange(len(places)), relative.argmin(axis=1)
+        owners = which.reshape(len(places), -1)[best] + 1
+        return np.where(relative[best] < FARTHEST, owners, 0).astype(np.uint16), relative[best].astype(np.float32)
+
+
+def votes_in_space(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
     """The votes of one view.
 
     Args:
@@ -66,22 +106,30 @@ def votes_in_space(maps: Maps, camera: Camera, gaussians: Gaussians) -> Votes:
     """
     height, width = maps.lint.shape
     small = camera.resized(width, height)
-    rendered = rasterizer.render_values(gaussians, small, np.ones((len(gaussians), 1), np.float32))
-    solid = rendered.image[..., 0]
-    rows, columns = np.nonzero((maps.lint > SURE) & (solid > SEEN))
-    depths = rendered.depth[rows, columns]
+    share, seen = lint.seen(small)
+    rows, columns = np.nonzero((share > SEEN) & (maps.lint > HEARD))
+    surfaces = seen[rows, columns]
+    depths = (surfaces @ camera.rotation.T + camera.cam_from_scene[:, 3])[:, 2]
     votes_px = maps.votes[:, rows, columns].T / np.float32(maps.scale)
     diameters_px = maps.diameters[rows, columns] / np.float32(maps.scale)
     away_px = np.linalg.norm(votes_px - np.stack([columns + 0.5, rows + 0.5], axis=1), axis=1)
     su_of_px = depths / np.float32(small.fx)
     bulge = np.sqrt((0.25 * diameters_px**2 - away_px**2).clip(min=0)) * su_of_px
-    z = depths + bulge
-    in_camera = np.stack(
-        [(votes_px[:, 0] - small.cx) / small.fx * z, (votes_px[:, 1] - small.cy) / small.fy * z, z], axis=1
+    across = (votes_px - (small.cx, small.cy)) / (small.fx, small.fy)
+    in_camera = np.column_stack([across, np.ones(len(across))])
+    rays = in_camera @ camera.rotation
+    places = camera.centre + rays * (depths + DEEPER * bulge)[:, None]
+    return Votes(
+        shape=share.shape,
+        pixels=(rows, columns),
+        borders=maps.borders[rows, columns],
+        places=places.astype(np.float32),
+        surfaces=surfaces,
+        rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),
+        eye=np.asarray(camera.centre, np.float64),
+        diameters=(diameters_px * su_of_px).astype(np.float32),
+        weights=(maps.lint[rows, columns] / (np.pi / 4 * diameters_px**2)).astype(np.float32),
     )
-    places = (in_camera - camera.cam_from_scene[:, 3]) @ camera.rotation
-    weights = maps.lint[rows, columns] / (np.pi / 4 * diameters_px**2)
-    return Votes((rows, columns), places.astype(np.float32), diameters_px * su_of_px, weights.astype(np.float32))
 
 
 def find_middles(votes: Sequence[Votes]) -> Middles:
@@ -101,14 +149,18 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
         return nothing
     diameters = np.concatenate([view.diameters for view in votes])
     weights = np.concatenate([view.weights for view in votes])
+    rays = np.concatenate([view.rays for view in votes])
     view_of = np.repeat(np.arange(len(votes)), [len(view.places) for view in votes])
+    eyes = np.array([view.eye for view in votes])
     usual = _weighted_median(diameters, weights)
     low, high = _extent(places, weights, usual)
     pitch = max(PITCH * usual, float(np.cbrt((high - low).prod() / LARGEST_GRID)))
     shape = np.ceil((high - low) / pitch).astype(int) + 1
     cells = np.floor((places - low) / pitch).astype(int)
     inside = ((cells >= 0) & (cells < shape)).all(axis=1)
-    places, diameters, weights, view_of, cells = (a[inside] for a in (places, diameters, weights, view_of, cells))
+    places, diameters, weights, rays, view_of, cells = (
+        a[inside] for a in (places, diameters, weights, rays, view_of, cells)
+    )
     heat = np.bincount(np.ravel_multi_index(tuple(cells.T), shape), weights, minlength=int(shape.prod()))
     heat = heat.reshape(shape).astype(np.float32)
     sigma = SPREAD * usual / pitch
@@ -118,7 +170,7 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > 0.2 * least))
     order = np.argsort(-heat[tuple(peaks.T)], kind="stable")
     tree = cKDTree(places)
-    found: list[tuple[Float32, float, float, int]] = []
+    found: list[tuple[Float64, float, float, int]] = []
     for cell in peaks[order]:
         place = low + (cell + 0.5) * pitch
         for _ in range(3):
@@ -131,29 +183,58 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
         views = len(np.unique(view_of[near]))
         support = float(weights[near].sum())
         size = _weighted_median(diameters[near], weights[near])
-        apart = all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in found)
-        if apart and views >= min(LEAST_VIEWS, len(votes)) and support >= least:
-            found.append((place.astype(np.float32), size, support, views))
+        if views < min(LEAST_VIEWS, len(votes)) or support < least or not _is_apart(place, size, found):
+            continue
+        own = np.array(tree.query_ball_point(place, OWN * size), int)
+        place = where_rays_meet(eyes[view_of[own]], rays[own], weights[own], place, size)
+        if _is_apart(place, size, found):
+            found.append((place, size, support, views))
     if not found:
         return nothing
     found.sort(key=lambda item: -item[2])
     return Middles(
-        centres=np.array([item[0] for item in found]),
+        centres=np.array([item[0] for item in found], np.float32),
         diameters=np.array([item[1] for item in found], np.float32),
         support=np.array([item[2] for item in found], np.float32),
         views=np.array([item[3] for item in found]),
     )
 
 
-def painted(maps: Maps, votes: Votes, middles: Middles) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Masks in one image: each pixel of lint belongs to the middle that its vote is nearest to.
+def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float, float, int]]) -> bool:
+    return all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in others)
 
-    Returns:
-        ids (H, W), 1 ... B in the order of `middles`, 0 = none; and each boll's score.
+
+def where_rays_meet(eyes: Float64, rays: Float32, weights: Float32, place: Float64, size: float) -> Float64:
+    """The point (3,) that rays (N, 3) from eyes (N, 3) pass nearest: least squares, far rays counting less (Cauchy).
+
+    Args:
+        place: (3,) about where; it stays where it is along directions that no ray crosses.
+        size: of the boll, su.
     """
-    ids = np.zeros(maps.lint.shape, np.uint16)
-    ids[votes.pixels] = nearest_middles(votes.places, middles.centres, middles.diameters)
-    return ids_of_image(ids, maps)
+    across = np.eye(3) - rays[:, :, None].astype(np.float64) * rays[:, None, :]
+    to_eyes = np.einsum("nij,nj->ni", across, eyes)
+    moved = place
+    for _ in range(ROUNDS):
+        distances = np.linalg.norm(np.einsum("nij,j->ni", across, moved) - to_eyes, axis=1)
+        trust = weights / (1 + (distances / (AGREES * size)) ** 2)
+        matrix = np.einsum("n,nij->ij", trust, across)
+        hold = 1e-3 * np.trace(matrix)
+        moved = np.linalg.solve(matrix + hold * np.eye(3), trust @ to_eyes + hold * place)
+    return moved
+
+
+def agreement(votes: Sequence[Votes], middles: Middles) -> Float32:
+    """(B,) share of what is seen of each boll's lint, over all views, whose votes go to this boll's middle."""
+    own, agreed = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
+    for view in votes:
+        boll = middles.nearest(view.surfaces)[0]
+        to = np.concatenate([np.zeros((1, 3)), middles.centres])[boll] - view.eye
+        size = np.concatenate([[1.0], middles.diameters])[boll]
+        along = np.einsum("ni,ni->n", to, view.rays)
+        distances = np.linalg.norm(to - along[:, None] * view.rays, axis=1)
+        own += np.bincount(boll, view.weights, len(own))
+        agreed += np.bincount(boll, view.weights * (distances < 2 * AGREES * size), len(own))
+    return (agreed[1:] / np.maximum(own[1:], 1e-9)).astype(np.float32)
 
 
 def _extent(places: Float32, weights: Float32, usual: float) -> tuple[Float64, Float64]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32
+from .graph_cut import FEWEST, cut_groups
 from .model_proximity import ModelProximity
 from .voxel_voting import LintVolume, pixels_of
 
@@ -27,10 +28,6 @@ NO_LINT = 0.05
 """Score below which what is near is no lint but bur, branch or leaf."""
 MARGIN = 4.0
 """Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
-ITERATIONS = 2
-"""Rounds of GrabCut; more change hardly a pixel."""
-FEWEST = 20
-"""Pixels, of lint and of surroundings, that a colour model of five Gaussians takes."""
 UNDECIDED = 1.5
 """Voxels on either side of the border of two bolls within which the crease in the image decides."""
 SPECK = 9
@@ -129,21 +126,12 @@ def lint_pixels(
     trimap[sure | ((score > SURELY) & (expected > 0) & small[expected])] = cv2.GC_FGD
     within = outside <= reach
     trimap[~within if near is None else ~within | ~near] = cv2.GC_BGD
-    lint = np.zeros(expected.shape, bool)
-    _, groups, boxes, _ = cv2.connectedComponentsWithStats(within.astype(np.uint8))
-    margin = int(np.ceil(MARGIN * pitch_px))
-    for group, (left, top, width, height, _) in enumerate(boxes[1:], start=1):
-        window = np.s_[max(top - margin, 0) : top + height + margin, max(left - margin, 0) : left + width + margin]
-        cut = trimap[window].copy()
-        begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
-        if min(begun.sum(), (~begun).sum()) >= FEWEST:
-            cv2.setRNGSeed(0)  # GrabCut begins its models with a random k-means
-            shown = image[window] if near is None else surrounded(image[window], score[window], near[window])
-            models = np.zeros((1, 65)), np.zeros((1, 65))
-            cv2.grabCut(np.ascontiguousarray(shown), cut, None, *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
-            begun = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
-        lint[window] |= begun & (groups[window] == group)
-    return lint
+    margin_px = int(np.ceil(MARGIN * pitch_px))
+    if near is None:
+        return cut_groups(image, trimap, within, margin_px)
+    return cut_groups(
+        image, trimap, within, margin_px, lambda window: surrounded(image[window], score[window], near[window])
+    )
 
 
 def surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:

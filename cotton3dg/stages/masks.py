@@ -23,6 +23,7 @@ from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
 from ..files.saving import file_sha256
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..lifting.lift import within_orbit
 from ..masks.bolls import SHIPPED_FILE, open_bolls
 from ..masks.detect_bolls import detect_bolls
 from ..masks.detect_lint import detect_lint
@@ -31,6 +32,7 @@ from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
 from ..masks.yolo import detect_yolo
 from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
+from ..splat.metrics import focus
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
@@ -119,7 +121,9 @@ def by_bolls(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     network = open_bolls(_found_file(workspace, options.weights) if options.weights else None)
     views = _spaced(cameras, options)
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in views]
-    return Found(detect_bolls(images, views, network, _model(workspace), progress))
+    gaussians = _model(workspace)
+    allowed = None if gaussians is None else within_orbit(gaussians.means, cameras, *focus(cameras))
+    return Found(detect_bolls(images, views, network, gaussians, allowed, progress))
 
 
 def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
@@ -325,4 +329,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=8, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE = Stage("masks", version=9, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -41,6 +41,7 @@ ELSEWHERE = {
     "make setup": "make bare-test",
     "make demo": "make bare-test",
     "make test": ".ci/run",
+    "make lint": ".ci/run",
     "make clean": "test_make_clean_leaves_the_sources",
     "make study-set": "test_accuracy_tools.py",
     "make segmentation-sweep": "test_accuracy_tools.py",

@@ -180,7 +180,7 @@ CASES = (
         POINTS + "test_case_31_volume_far_from_the_origin",
         POINTS + "test_case_31_volume_scales_with_the_cube",
     )),
-    Case(32, "flat or symmetric set in an oriented box", "rank-aware, sorted axes, ties told", (
+    Case(32, "flat or symmetric set in an oriented box", "rank-aware, sorted axes, ties reported", (
         POINTS + "test_case_32_boxes_of_symmetric_and_flat_sets",
         POINTS + "test_case_32_rectangles_of_flat_sets",
     )),
@@ -202,7 +202,7 @@ CASES = (
         POINTS + "test_case_35_a_scale_file_without_a_usable_scale_is_refused",
         "tests/end_to_end/test_traits_stage.py::test_without_a_scale_metric_cells_are_blank",
     )),
-    Case(36, "wrong sub-model chosen", "the largest; refused below 40 % of the images; the rest is told", (
+    Case(36, "wrong sub-model chosen", "the largest; refused below 40 % of the images; the rest is reported", (
         SFM + "test_case_36_of_two_places_the_one_with_more_images_is_taken_and_the_rest_is_told",
         SFM + "test_case_36_models_are_ordered_by_images_then_points",
         SFM + "test_case_36_a_small_share_of_the_images_is_refused",

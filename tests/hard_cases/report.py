@@ -60,9 +60,9 @@ def page() -> str:
     lines = [
         "# Hard cases",
         "",
-        "What has broken other splatting and measuring programs, what this one promises instead, and the tests that",
-        "show it. `make hard-cases` runs them and prints verdicts, seconds and the worst values measured; `make",
-        "sanitize` runs those of the C++ core under the address, undefined-behaviour and thread sanitizers.",
+        "Each row is a case that has broken other splatting or measuring programs, the promise of this program and the",
+        "tests of the promise. `make hard-cases` runs them and prints verdicts, seconds and the worst measured values.",
+        "`make sanitize` runs the tests of the C++ core under the address, undefined-behaviour and thread sanitizers.",
         "Written by `python tests/hard_cases/report.py --page docs/hard_cases.md`.",
         "",
         "| # | case | promise | tests |",

@@ -31,7 +31,7 @@ TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
 
 
 def page_id(page):
-    return page.name
+    return str(page.relative_to(ROOT))
 
 
 @pytest.mark.parametrize("page", [*PAGES, *SCRIPTS], ids=page_id)
@@ -109,6 +109,25 @@ def test_every_link_leads_somewhere(page):
             file = (page.parent / name) if name else page
             assert file.exists(), target
             assert not anchor or anchor in anchors(file.read_text(encoding="utf-8")), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_every_file_of_the_sources_that_the_text_names_exists(page):
+    for code in prose_code(page):
+        path = code.split()[0]
+        if path.startswith(("cotton3dg/", "native/", "tests/", "examples/", "docs/")):
+            assert list(ROOT.glob(path)), path
+        elif re.fullmatch(r"\w+/[\w/]+\.py", path):
+            assert (ROOT / "cotton3dg" / path).is_file(), path
+
+
+def test_each_question_of_a_newcomer_has_one_file_with_what_it_names():
+    part = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("\n## ")[1]
+    rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.endswith("|")][2:]
+    assert len(rows) == 5
+    for question, answer, sign in rows:
+        file, name = answer.strip("`"), re.findall(r"`(\w+)`", sign)[0]
+        assert re.search(rf"\b{name}\b", (ROOT / file).read_text(encoding="utf-8")), question
 
 
 def test_pictures_are_small():

@@ -14,13 +14,14 @@ from .core.measurements import PlantTraits as PlantTraits
 from .core.measurements import Scale as Scale
 from .core.scene import Camera as Camera
 from .core.scene import Gaussians as Gaussians
+from .documents.bolls import boll_labels as boll_labels
+from .documents.bolls import read_bolls as read_bolls
+from .documents.bolls import read_lifted as read_lifted
+from .documents.scale import read_scale as read_scale
 from .errors import Cotton3dgError as Cotton3dgError
 from .evaluation.masks import score_masks as score_masks
 from .evaluation.plant import compare_bolls as compare_bolls
 from .files.annotations import read_masks as read_masks
-from .files.bolls import boll_labels as boll_labels
-from .files.bolls import read_bolls as read_bolls
-from .files.bolls import read_lifted as read_lifted
 from .files.colmap import read_cameras as read_cameras
 from .files.colmap import read_points as read_points
 from .files.images import read_ids as read_ids
@@ -33,7 +34,6 @@ from .files.ply import write_gaussians as write_gaussians
 from .files.reconstruction import ReconstructionSettings as ReconstructionSettings
 from .files.reconstruction import reconstruct as reconstruct
 from .files.reconstruction import undistort as undistort
-from .files.scale import read_scale as read_scale
 from .geometry.camera_orbit import azimuths as azimuths
 from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit

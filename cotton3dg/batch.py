@@ -6,7 +6,6 @@ next one waits for them, skips what is up to date and goes on.
 
 from __future__ import annotations
 
-import csv
 import os
 import resource
 import signal
@@ -23,9 +22,10 @@ from typing import Any
 
 from .core.columns import Column
 from .core.machine import usable_cores
+from .core.state import State
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .files.saving import write_text_atomically
-from .files.tables import BOLLS, TRAITS, csv_text
+from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
 from .resource_checks import OUT_OF_MEMORY
 from .workspace import Workspace
 
@@ -43,7 +43,7 @@ WORTH_RETRYING = (StageFailed.exit_code, OutOfResources.exit_code)
 INTERRUPTED = 130
 """Exit code of a run that Ctrl-C ended."""
 
-STATES = ("failed", "waiting", "done")
+STATES = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
 
 COLUMNS = (
@@ -60,7 +60,7 @@ class Result:
     """What became of one plant."""
 
     folder: str
-    state: str = "waiting"
+    state: State = State.WAITING
     exit_code: int | None = None
     reason: str = ""
 
@@ -123,6 +123,8 @@ class Batch:
     """Write the page of all plants beside the table."""
     results: dict[str, Result] = field(default_factory=dict)
     _tried: int = 0
+    _tables: dict[tuple[str, str], list[dict[str, Any]]] = field(default_factory=dict)
+    """Of the plants that are done, as the batch's tables are saved again after each plant."""
     _processes: set[subprocess.Popen[str]] = field(default_factory=set)
     _saving: threading.Lock = field(default_factory=threading.Lock)
     _draining: threading.Event = field(default_factory=threading.Event)
@@ -212,7 +214,7 @@ class Batch:
             process.send_signal(signal.SIGINT)
 
     def _outcome(self, result: Result) -> str:
-        if result.state != "done":
+        if result.state != State.DONE:
             return f"{result.state}: {result.reason}"
         row = self._rows(result, "traits_csv")[0]
         flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
@@ -242,15 +244,17 @@ class Batch:
 
     def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
         """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""
-        path: Path = getattr(Workspace(self.folder / result.folder), table)
-        if result.state != "done" or not path.is_file():
+        if result.state != State.DONE:
             return []
-        columns = TRAITS if table == "traits_csv" else BOLLS
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [
-                {column.name: _value(row.get(column.name, ""), column) for column in columns}
-                for row in csv.DictReader(file)
+        key = result.folder, table
+        if key not in self._tables:
+            path: Path = getattr(Workspace(self.folder / result.folder), table)
+            columns = TRAITS if table == "traits_csv" else BOLLS
+            self._tables[key] = [
+                {column.name: value_of(row.get(column.name, ""), column) for column in columns}
+                for row in (read_rows(path) if path.is_file() else [])
             ]
+        return self._tables[key]
 
 
 def saved_results(folder: Path) -> dict[str, Result]:
@@ -261,11 +265,10 @@ def saved_results(folder: Path) -> dict[str, Result]:
     """
     if not (folder / TABLE).is_file():
         raise MissingInput(f"{TABLE} is missing; run the whole batch first")
-    with (folder / TABLE).open(encoding="utf-8-sig", newline="") as file:
-        results = [
-            Result(_folder(row), row["state"], int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
-            for row in csv.DictReader(file)
-        ]
+    results = [
+        Result(row["folder"], State(row["state"]), int(row["exit_code"]) if row["exit_code"] else None, row["reason"])
+        for row in read_rows(folder / TABLE)
+    ]
     return {result.folder: result for result in results if (folder / result.folder).is_dir()}
 
 
@@ -278,16 +281,10 @@ def result_of(name: str, code: int, said: str) -> Result:
         said: what it printed.
     """
     if code == 0:
-        return Result(name, "done", 0)
+        return Result(name, State.DONE, 0)
     if code in (-signal.SIGINT, INTERRUPTED):
-        return Result(name, "waiting", None, "interrupted")
-    return Result(name, "failed", code, _reason(Path(name).name, code, said))
-
-
-def _folder(row: dict[str, str]) -> str:
-    """The cell without the apostrophe that keeps spreadsheets from computing a name such as =1."""
-    name = row["folder"]
-    return name[1:] if name[:1] == "'" and name[1:2] in "=+-@" else name
+        return Result(name, State.WAITING, None, "interrupted")
+    return Result(name, State.FAILED, code, _reason(Path(name).name, code, said))
 
 
 def _bound(pid: int, slot: list[int], jobs: int) -> None:
@@ -312,15 +309,6 @@ def _reason(name: str, code: int, said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     printed = " ".join(name.split())  # on one line, whatever the folder is called
     return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
-
-
-def _value(cell: str, column: Column) -> Any:
-    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like."""
-    if not cell:
-        return None
-    if not column.unit:
-        return cell
-    return float(cell) if column.digits is not None else int(cell)
 
 
 def _duration(seconds: float) -> str:

@@ -26,6 +26,7 @@ from .cli_arguments import (
     reported,
     with_flags,
 )
+from .core.state import State
 from .errors import SOME_FAILED, BadUsage
 from .options import (
     STAGE_OPTIONS,
@@ -139,7 +140,7 @@ def batch(
             raise BadUsage(f"--engine {engine} is unknown; use local or slurm")
         if only_failed:
             work.results = saved_results(folder)
-            failed = {result.folder for result in work.results.values() if result.state == "failed"}
+            failed = {result.folder for result in work.results.values() if result.state == State.FAILED}
             plants = [plant for plant in plants if plant.relative_to(folder).as_posix() in failed]
         if status:
             results = slurm.status(work, plants)
@@ -151,7 +152,7 @@ def batch(
         else:
             results = work.run(plants)
         display.print_batch(results, folder / TABLE)
-    if any(result.state != "done" for result in results):
+    if any(result.state != State.DONE for result in results):
         raise typer.Exit(SOME_FAILED)
 
 
@@ -168,11 +169,11 @@ def status(
 
     with reported(plant_dir):
         workspace = Workspace(plant_dir)
-        entries = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parsed_overrides(set_)))
+        states = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parsed_overrides(set_)))
         if as_json:
-            typer.echo(json.dumps(entries, indent=1))
+            typer.echo(json.dumps(display.status_entries(states), indent=1))
         else:
-            display.print_status(entries)
+            display.print_status(states)
 
 
 @app.command(rich_help_panel="Trying it out")

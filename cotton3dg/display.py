@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 from pathlib import Path
@@ -14,6 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from .core.progress import Progress as StageProgress
+from .core.state import State
+from .documents.record import Record
+from .files.tables import read_rows
 from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from .commands.doctor import Finding
     from .evaluation.masks import MaskScore
     from .evaluation.plant import BollMatches, TraitError
+    from .stages.staleness import StageState
 
 PLAIN_INTERVAL_S = 30.0
 """How often a line is printed where there is no terminal."""
@@ -82,10 +85,10 @@ class ProgressDisplay(Watcher):
 
         return show
 
-    def finished(self, step: Step, record: dict[str, Any]) -> None:
-        facts = ", ".join(f"{key} {_short(value)}" for key, value in list(record["summary"].items())[:4])
-        self._say(f"{step.stage}: done in {record['seconds']:.1f} s" + (f" ({facts})" if facts else ""))
-        for warning in record["warnings"]:
+    def finished(self, step: Step, record: Record) -> None:
+        facts = ", ".join(f"{key} {_short(value)}" for key, value in list(record.summary.items())[:4])
+        self._say(f"{step.stage}: done in {record.seconds:.1f} s" + (f" ({facts})" if facts else ""))
+        for warning in record.warnings:
             self._say(f"{step.stage}: warning: {warning}")
 
     def skipped(self, step: Step) -> None:
@@ -111,12 +114,29 @@ def print_plan(steps: list[Step]) -> None:
         print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
 
 
-def print_status(entries: list[dict[str, Any]]) -> None:
+def status_entries(states: list[StageState]) -> list[dict[str, Any]]:
+    """One entry a stage: its state, why, seconds, peak memory, flags, warnings and summary."""
+    return [
+        {
+            "stage": item.stage,
+            "state": item.state,
+            "reason": item.reason,
+            "seconds": item.record and item.record.seconds,
+            "peak_memory_mib": item.record and item.record.peak_memory_mib,
+            "flags": item.record.flags if item.record else (),
+            "warnings": item.record.warnings if item.record else (),
+            "summary": item.record.summary if item.record else {},
+        }
+        for item in states
+    ]
+
+
+def print_status(states: list[StageState]) -> None:
     """A table of all stages."""
     table = Table(box=None, pad_edge=False)
     for heading in ("stage", "state", "seconds", "MiB", "remarks"):
         table.add_column(heading, justify="right" if heading in ("seconds", "MiB") else "left")
-    for entry in entries:
+    for entry in status_entries(states):
         remarks = "; ".join([entry["reason"], *entry["flags"]]).strip("; ")
         figures = ["" if entry[key] is None else f"{entry[key]:.1f}" for key in ("seconds", "peak_memory_mib")]
         table.add_row(entry["stage"], entry["state"], *figures, remarks)
@@ -125,19 +145,18 @@ def print_status(entries: list[dict[str, Any]]) -> None:
 
 def print_traits(traits_csv: Path) -> None:
     """The plant's row, one trait a line, and where it is saved."""
-    with traits_csv.open(encoding="utf-8-sig", newline="") as file:
-        for row in csv.DictReader(file):
-            for name, value in row.items():
-                print(f"{name:<22} {value}")
+    for row in read_rows(traits_csv):
+        for name, value in row.items():
+            print(f"{name:<22} {value}")
     print(f"saved as {traits_csv}")
 
 
 def print_batch(results: list[Result], table: Path) -> None:
     """How many plants are done, the reasons of those that are not, and where the table is."""
     for result in results:
-        if result.state != "done":
+        if result.state != State.DONE:
             print(f"{result.folder}: {result.state}" + (f": {result.reason}" if result.reason else ""))
-    print(f"{sum(result.state == 'done' for result in results)} of {len(results)} plants done\nsaved as {table}")
+    print(f"{sum(result.state == State.DONE for result in results)} of {len(results)} plants done\nsaved as {table}")
 
 
 def print_findings(findings: list[Finding]) -> None:

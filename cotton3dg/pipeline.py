@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib
 import logging
 import resource
 import sys
@@ -11,23 +10,20 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-from . import __version__
-from .core.outcome import StageOutcome
 from .core.progress import Progress, silent
+from .documents.record import Record
 from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
-from .options import PRESET_VALUES, PRESETS, STAGE_OPTIONS, as_dict, read_toml, resolve
+from .options import PRESET_VALUES, PRESETS, read_toml, resolve
 from .resource_checks import check_disk, check_memory, is_out_of_memory
+from .stages.stage import STAGES, stage_of
+from .stages.staleness import StageState, stale_reason, state_of
 from .workspace import Workspace
 
-STAGES = tuple(STAGE_OPTIONS)
 log = logging.getLogger("cotton3dg")
-
-UP_TO_DATE = ""
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class Watcher:
         """A stage starts; returns the progress to hand to it."""
         return silent
 
-    def finished(self, step: Step, record: dict[str, Any]) -> None:
+    def finished(self, step: Step, record: Record) -> None:
         """A stage ended and its record is saved."""
 
     def skipped(self, step: Step) -> None:
@@ -55,18 +51,6 @@ class Watcher:
 
     def reported(self, remark: str) -> None:
         """The plant's page was made, or could not be made."""
-
-
-def stage_module(stage: str) -> ModuleType:
-    """Module of a stage, imported when needed because some pull in large libraries."""
-    return importlib.import_module(f"cotton3dg.stages.{stage}")
-
-
-def stage_inputs(workspace: Workspace, stage: str, options: Any) -> list[Path]:
-    """What a stage reads: of the plant's folder, and the files anywhere that its options name."""
-    module = stage_module(stage)
-    named = module.named_files(workspace, options) if hasattr(module, "named_files") else []
-    return [*module.inputs(workspace), *named]
 
 
 def stage_options(
@@ -104,34 +88,6 @@ def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
     return stages
 
 
-def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
-    """Why `stage` has to run, or '' when its saved result is what it would make again.
-
-    Decided by content alone: options, the stage's version, and the hashes of inputs and outputs; never by time.
-    """
-    module, record = stage_module(stage), workspace.read_record(stage)
-    if record is None:
-        return "no finished result"
-    if record.get("status") != "ok":
-        return "its last run failed"
-    if record.get("stage_version") != module.VERSION:
-        return f"version {record.get('stage_version')} -> {module.VERSION}"
-    before, now = record.get("options", {}), as_dict(options)
-    for key in now:
-        if before.get(key, object()) != now[key]:
-            return f"option {key} {before.get(key)} -> {now[key]}"
-    for kind, paths in (
-        ("input", stage_inputs(workspace, stage, options)),
-        ("output", [workspace.folder(stage)]),
-    ):
-        recorded, found = record.get(f"{kind}s", {}), workspace.hashes(*paths)
-        for name in sorted(recorded.keys() | found.keys()):
-            if recorded.get(name) != found.get(name):
-                change = "is missing" if name not in found else "is new" if name not in recorded else "changed"
-                return f"{kind} {name} {change}"
-    return UP_TO_DATE
-
-
 def _reason_to_run(workspace: Workspace, stage: str, options: Any, stages: tuple[str, ...], force: bool) -> str:
     if force:
         return "forced"
@@ -145,11 +101,12 @@ def _reason_to_run(workspace: Workspace, stage: str, options: Any, stages: tuple
 def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
     """The stages that have to make their files again because `clean` dropped them and `stage` reads them."""
     steps: list[Step] = []
-    makers = {name.split("/")[0] for name in workspace.dropped(*stage_module(stage).inputs(workspace))}
+    makers = {name.split("/")[0] for name in workspace.dropped(*stage_of(stage).inputs(workspace))}
     for maker in (name for name in STAGES if name in makers):
-        recorded = (workspace.read_record(maker) or {})["options"]
+        record = workspace.read_record(maker)
         steps += _remade_for(workspace, maker)
-        steps.append(Step(maker, resolve(maker, recorded), f"{stage} reads what clean dropped"))
+        recorded = resolve(maker, record.options if record else {})
+        steps.append(Step(maker, recorded, f"{stage} reads what clean dropped"))
     return steps
 
 
@@ -225,68 +182,51 @@ def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
         watcher.reported(f"warning: could not be made ({error}); the results are not affected")
 
 
-def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> dict[str, Any]:
+def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     """Run one stage and save its record, also when it fails."""
-    module = stage_module(step.stage)
-    record: dict[str, Any] = {
-        "stage": step.stage,
-        "stage_version": module.VERSION,
-        "cotton3dg_version": __version__,
-        "options": as_dict(step.options),
-        "reason": step.reason,
-    }
+    stage = stage_of(step.stage)
+    record = stage.record(step.options, step.reason)
     _reset_peak_memory()
     wall_s, cpu_s = time.perf_counter(), _cpu_seconds()
     failure: Cotton3dgError | None = None
     try:
         check_memory()
         check_disk(workspace, step.stage, step.options)
-        record["inputs"] = workspace.hashes(*stage_inputs(workspace, step.stage, step.options))
-        outcome: StageOutcome = module.run(workspace, step.options, progress)
-        record |= {
-            "status": "ok",
-            "outputs": workspace.hashes(workspace.folder(step.stage)),
-            "summary": outcome.summary,
-            "flags": list(outcome.flags),
-            "warnings": list(outcome.warnings),
-        }
+        record = replace(record, inputs=workspace.hashes(*stage.reads(workspace, step.options)))
+        outcome = stage.run(workspace, step.options, progress)
+        record = record.done(outcome, workspace.hashes(workspace.folder(step.stage)))
     except Cotton3dgError as error:
         failure = error
     except Exception as error:
         log.error("%s", traceback.format_exc())
-        if is_out_of_memory(error):
-            failure = OutOfResources(
-                f"{step.stage} ran out of memory; use --preset draft, fewer --jobs or a machine with more memory"
-            )
-        else:
-            failure = StageFailed(
-                f"{step.stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}"
-            )
+        failure = _explained(error, step.stage, workspace)
         failure.__cause__ = error
-    record |= {
-        "seconds": round(time.perf_counter() - wall_s, 3),
-        "cpu_seconds": round(_cpu_seconds() - cpu_s, 3),
-        "peak_memory_mib": _peak_memory_mib(),
-    }
+    record = replace(
+        record,
+        seconds=round(time.perf_counter() - wall_s, 3),
+        cpu_seconds=round(_cpu_seconds() - cpu_s, 3),
+        peak_memory_mib=_peak_memory_mib(),
+    )
     if failure:
-        record |= {"status": "failed", "error": str(failure), "exit_code": failure.exit_code}
-    _save_record(workspace, step.stage, record, failure)
-    if failure:
+        # That the stage failed matters more than a failure to say so.
+        with suppress(Cotton3dgError):
+            workspace.write_record(replace(record, error=str(failure), exit_code=failure.exit_code))
         log.error("%s failed: %s", step.stage, failure)
         raise failure
-    for warning in record["warnings"]:
+    workspace.write_record(record)
+    for warning in record.warnings:
         log.warning("%s: %s", step.stage, warning)
-    log.info("%s done in %.1f s: %s", step.stage, record["seconds"], record["summary"])
+    log.info("%s done in %.1f s: %s", step.stage, record.seconds, record.summary)
     return record
 
 
-def _save_record(workspace: Workspace, stage: str, record: dict[str, Any], failure: Cotton3dgError | None) -> None:
-    """Save the record; when the stage failed already, its failure matters more than one of saving."""
-    try:
-        workspace.write_record(stage, record)
-    except Cotton3dgError:
-        if failure is None:
-            raise
+def _explained(error: Exception, stage: str, workspace: Workspace) -> Cotton3dgError:
+    """What an error means that no stage foresaw."""
+    if is_out_of_memory(error):
+        return OutOfResources(
+            f"{stage} ran out of memory; use --preset draft, fewer --jobs or a machine with more memory"
+        )
+    return StageFailed(f"{stage}: {type(error).__name__}: {error}; details are in {workspace.log_file.name}")
 
 
 @contextmanager
@@ -331,27 +271,9 @@ def _peak_memory_mib() -> float:
         return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
 
 
-def status(workspace: Workspace, options: dict[str, Any]) -> list[dict[str, Any]]:
-    """One entry a stage: its state, why, seconds, peak memory, flags and warnings."""
-    entries = []
-    for step in plan(workspace, options, STAGES):
-        record = workspace.read_record(step.stage) or {}
-        if record.get("status") == "failed":
-            state, reason = "failed", record.get("error", "")
-        elif step.reason:
-            state, reason = "stale" if record else "missing", step.reason
-        else:
-            state, reason = "ok", ""
-        entries.append(
-            {
-                "stage": step.stage,
-                "state": state,
-                "reason": reason,
-                "seconds": record.get("seconds"),
-                "peak_memory_mib": record.get("peak_memory_mib"),
-                "flags": record.get("flags", []),
-                "warnings": record.get("warnings", []),
-                "summary": record.get("summary", {}),
-            }
-        )
-    return entries
+def status(workspace: Workspace, options: dict[str, Any]) -> list[StageState]:
+    """How each stage does with these options, and why it is to run."""
+    return [
+        state_of(step.stage, workspace.read_record(step.stage), step.reason)
+        for step in plan(workspace, options, STAGES)
+    ]

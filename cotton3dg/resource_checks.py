@@ -9,16 +9,12 @@ import shutil
 from typing import Any
 
 from .errors import OutOfResources
+from .stages.stage import stage_of
 from .workspace import Workspace
 
 MIB = 2**20
 SPARE_MIB = 16
 """For records, the log and the small tables."""
-JPEG_BYTES_A_PIXEL = 1.0
-"""At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""
-FEATURE_BYTES = 200
-"""A SIFT feature with its share of the matches, in the database that sfm keeps while it works."""
-MASK_MIB = 0.25
 LEAST_MEMORY_MIB = {resource.RLIMIT_AS: 2000, resource.RLIMIT_DATA: 1000}
 """Address space and data that the libraries take with a small plant. Below it some of them end the process without a
 word that can be caught."""
@@ -60,25 +56,8 @@ def check_memory() -> None:
 
 
 def needed_disk_mib(workspace: Workspace, stage: str, options: Any) -> float:
-    """About what a stage writes, by its options and by the size of what it reads; generous."""
-    match stage:
-        case "frames":
-            pixels = options.count * options.max_side**2 * 9 / 16
-            needed = pixels * JPEG_BYTES_A_PIXEL
-        case "sfm":
-            images = [path.stat().st_size for path in workspace.frame_images()]
-            needed = 2 * sum(images) + len(images) * options.max_features * FEATURE_BYTES
-        case "train":
-            # float32: 14 parameters, 3 normals and the colours; the checkpoint holds them with two moments and more.
-            values = 17 + 3 * (options.sh_degree + 1) ** 2
-            needed = 5 * 4 * values * options.max_gaussians
-        case "masks":
-            needed = options.views * MASK_MIB * MIB
-        case "segment" | "cluster":
-            needed = 2 * workspace.gaussians_ply.stat().st_size if workspace.gaussians_ply.exists() else 0
-        case _:
-            needed = 0
-    return SPARE_MIB + needed / MIB
+    """About what a stage writes; generous."""
+    return SPARE_MIB + stage_of(stage).disk_bytes(workspace, options) / MIB
 
 
 def is_out_of_memory(error: BaseException) -> bool:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from .batch import RUN, Batch, Result, result_of, saved_results
+from .core.state import State
 from .errors import BadUsage, EnvironmentUnusable
 from .files.saving import explained_disk_errors, json_text, write_text_atomically
 
@@ -159,14 +160,15 @@ def status(batch: Batch, plants: Sequence[Path]) -> list[Result]:
 
 def _result(folder: Path, name: str, job: str | None, waiting: dict[str, str]) -> Result:
     if job is None:
-        return Result(name, "waiting", None, "not submitted")
+        return Result(name, State.WAITING, None, "not submitted")
     if job in waiting:
-        return Result(name, "waiting", None, f"job {job} is {waiting[job].lower()}")
+        return Result(name, State.WAITING, None, f"job {job} is {waiting[job].lower()}")
     try:
         saved = json.loads((folder / name / OUTCOME).read_text(encoding="utf-8"))
-        return Result(name, str(saved["state"]), saved["exit_code"], str(saved["reason"]))
+        return Result(name, State(saved["state"]), saved["exit_code"], str(saved["reason"]))
     except (OSError, ValueError, KeyError, TypeError):
-        return Result(name, "failed", None, f"job {job} ended without a word; submit again to go on, or see its {LOG}")
+        reason = f"job {job} ended without a word; submit again to go on, or see its {LOG}"
+        return Result(name, State.FAILED, None, reason)
 
 
 def _jobs(folder: Path) -> dict[str, str]:

@@ -15,8 +15,9 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
+from .documents.document import Document
+from .documents.record import Record
 from .errors import BadInput, EnvironmentUnusable, MissingInput
 from .files.saving import (
     FULL_BELOW_BYTES,
@@ -24,9 +25,7 @@ from .files.saving import (
     file_sha256,
     fsync,
     full_disk,
-    json_text,
     link,
-    write_text_atomically,
 )
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
@@ -265,7 +264,7 @@ class Workspace:
             link(self.folder(stage), folder)
         record = self.read_record(stage)
         if record:
-            other.write_record(stage, record)
+            other.write_record(record)
 
     def require(self, path: Path, stage: str) -> Path:
         """`path`, or MissingInput naming the stage that makes it."""
@@ -333,17 +332,21 @@ class Workspace:
     def record_file(self, stage: str) -> Path:
         return self.root / "records" / f"{stage}.json"
 
-    def read_record(self, stage: str) -> dict[str, Any] | None:
+    def read_record(self, stage: str) -> Record | None:
         """The record of the last run of `stage`; None when there is none that can be read."""
         try:
-            record = json.loads(self.record_file(stage).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            return Record.load(self.record_file(stage))
+        except BadInput:
             return None
-        return record if isinstance(record, dict) else None
 
-    def write_record(self, stage: str, record: dict[str, Any]) -> None:
+    def write_record(self, record: Record) -> None:
+        """Save the record of its stage."""
+        self.keep(record, record.stage)
+
+    def keep(self, document: Document, name: str) -> None:
+        """Save what is to be remembered of this plant under a name beside the records of the stages."""
         with explained_disk_errors(self.root):
-            write_text_atomically(self.record_file(stage), json_text(record))
+            document.save(self.record_file(name))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
         """SHA-256 of files, and of all files below folders, by path: from the plant's folder, or absolute if outside.
@@ -372,8 +375,11 @@ class Workspace:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             return {}
         # A stage that wrote anew took its old record away, and with it the word for files that it no longer makes.
-        records = {stage: self.read_record(stage) or {} for stage in {name.split("/")[0] for name in names}}
-        hashes = {name: records[name.split("/")[0]].get("outputs", {}).get(name) for name in names}
+        outputs: dict[str, str] = {}
+        for stage in {name.split("/")[0] for name in names}:
+            record = self.read_record(stage)
+            outputs |= record.outputs if record else {}
+        hashes = {name: outputs.get(name) for name in names}
         return {
             name: sha256
             for name, sha256 in hashes.items()

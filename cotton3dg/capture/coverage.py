@@ -15,7 +15,7 @@ GAP_BIN_DEG = 15.0
 
 
 @dataclass(frozen=True)
-class Orbit:
+class Coverage:
     """How the cameras stand around what they look at."""
 
     axis: NDArray[np.float64]
@@ -39,8 +39,8 @@ def out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
     return lost
 
 
-def orbit(centres: NDArray, forwards: NDArray) -> Orbit:
-    """Measure the orbit of cameras.
+def coverage(centres: NDArray, forwards: NDArray) -> Coverage:
+    """Measure the walk of cameras around what they look at.
 
     Args:
         centres: (n, 3) su, n >= 3. forwards: (n, 3) unit viewing directions.
@@ -56,7 +56,7 @@ def orbit(centres: NDArray, forwards: NDArray) -> Orbit:
     angles = np.degrees(np.arctan2((centres - target) @ y, (centres - target) @ x))
     angles = np.sort(angles % 360.0)
     gaps = np.diff(np.append(angles, angles[0] + 360.0))
-    return Orbit(
+    return Coverage(
         axis=axis,
         target=target,
         radius_su=float(np.median(np.linalg.norm(centres - target, axis=1))),

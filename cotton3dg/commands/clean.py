@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
-from ..options import STAGE_OPTIONS
+from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 
 LEFT = re.compile(r"\.(.+)\.(partial|old)")
@@ -36,8 +36,8 @@ def clean(workspace: Workspace) -> Dropped:
         EnvironmentUnusable: another process works in the folder.
     """
     with workspace.locked(), explained_disk_errors(workspace.root):
-        records = [workspace.read_record(stage) or {} for stage in STAGE_OPTIONS]
-        finished = all(record.get("status") == "ok" for record in records)
+        records = [workspace.read_record(stage) for stage in STAGES]
+        finished = all(record and record.is_ok for record in records)
         images = _unchanged_images(workspace) if finished else []
         # The names come first: killed in between, files that still are there count as there.
         if images:
@@ -53,24 +53,23 @@ def clean(workspace: Workspace) -> Dropped:
 
 
 def _unchanged_images(workspace: Workspace) -> list[Path]:
-    """The images of frames and sfm that are what the records say; one that somebody changed is theirs."""
-    recorded = {
-        name: sha256
-        for stage in ("frames", "sfm")
-        for name, sha256 in (workspace.read_record(stage) or {}).get("outputs", {}).items()
-    }
-    undistorted = sorted((workspace.undistorted / "images").glob("*.jpg"))
-    return [
-        path
-        for path in (*workspace.frame_images(), *undistorted)
-        if recorded.get(path.relative_to(workspace.root).as_posix()) == file_sha256(path)
-    ]
+    """What stages can make again and is what their records say; a file that somebody changed is theirs."""
+    found = []
+    for stage in STAGES:
+        record = workspace.read_record(stage)
+        recorded = record.outputs if record else {}
+        found += [
+            path
+            for path in stage_of(stage).droppable(workspace)
+            if recorded.get(path.relative_to(workspace.root).as_posix()) == file_sha256(path)
+        ]
+    return found
 
 
 def _partial_folders(workspace: Workspace) -> list[Path]:
     """Folders of unfinished saves. In the plant's own folder only names of ours count."""
     stages, films = _partials(workspace.root), _partials(workspace.root / "render")
-    ours = {*STAGE_OPTIONS, "annotations"}
+    ours = {*STAGES, "annotations"}
     return [
         path for path, name in (*stages, *films) if path.is_dir() and (name in ours or path.parent != workspace.root)
     ]

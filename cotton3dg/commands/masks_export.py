@@ -8,10 +8,10 @@ Correct them in the tool, export COCO, Labelme or YOLO labels, and hand that to 
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
+from ..documents.masks import MasksInfo
 from ..errors import MissingInput
 from ..files.coco import coco_document
 from ..files.colmap import read_cameras
@@ -28,9 +28,9 @@ def export(workspace: Workspace) -> Path:
     Raises:
         MissingInput: there are no masks.
     """
-    document = json.loads(workspace.require(workspace.masks_json, "masks").read_text(encoding="utf-8"))
+    masks = MasksInfo.load(workspace.require(workspace.masks_json, "masks"))
     cameras = {camera.name for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))}
-    names = [image["name"] for image in document["images"]]
+    names = [image.name for image in masks.images]
     if missing := sorted(set(names) - cameras):
         raise MissingInput(f"the image {missing[0]} of the masks is gone; run `cotton3dg masks` again")
     final = workspace.annotations_json

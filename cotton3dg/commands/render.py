@@ -7,7 +7,6 @@ Not a stage of the pipeline: nothing depends on it.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,15 +20,16 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
+from ..documents.bolls import boll_labels, read_bolls
+from ..documents.frames import FramesInfo
+from ..documents.scale import read_scale
 from ..errors import BadInput, BadUsage, NoBolls
 from ..files.arrays import read_array
-from ..files.bolls import boll_labels, read_bolls
 from ..files.colmap import read_cameras
 from ..files.encode import video_encoder
 from ..files.images import fitted_size, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
-from ..files.scale import read_scale
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import framed, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
@@ -137,11 +137,8 @@ def _ordered_cameras(workspace: Workspace) -> list[Camera]:
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     if len(cameras) < 2:
         raise BadInput("a film needs at least 2 registered images; run `cotton3dg sfm` again")
-    try:
-        ordered = bool(json.loads(workspace.frames_json.read_text(encoding="utf-8")).get("ordered", True))
-    except (OSError, ValueError, AttributeError):
-        ordered = True
-    if ordered:
+    taken = FramesInfo.load_if_there(workspace.frames_json)
+    if taken is None or taken.ordered:
         return cameras
     return [cameras[i] for i in np.argsort(azimuths(cameras, fit_orbit(cameras)), kind="stable")]
 
@@ -163,7 +160,8 @@ def _plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool
     if not required and not workspace.plant_npy.exists():
         return unknown
     rows = read_array(workspace.require(workspace.plant_npy, "traits"))
-    measured = (workspace.read_record("traits") or {}).get("inputs", {})
+    record = workspace.read_record("traits")
+    measured = record.inputs if record else {}
     now = workspace.hashes(workspace.gaussians_ply)
     current = rows.shape == (n,) and all(measured.get(name, found) == found for name, found in now.items())
     if current and rows.any():
@@ -194,7 +192,8 @@ def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) 
 
 def _size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple[int, int]:
     """Width and height, px: those of the training images, where one is given the other by their aspect."""
-    trained = (workspace.read_record("train") or {}).get("options", {}).get("max_side", TrainOptions().max_side)
+    record = workspace.read_record("train")
+    trained = (record.options if record else {}).get("max_side", TrainOptions().max_side)
     width, height = fitted_size(camera.width, camera.height, trained)
     if options.width or options.height:
         width = options.width or _even(options.height * camera.width / camera.height)

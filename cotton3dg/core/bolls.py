@@ -65,3 +65,5 @@ class BollInstance:
     confidence: float
     """0..1, the share of the views that see the boll and agree on it."""
     flags: tuple[str, ...] = ()
+    masks: tuple[tuple[str, int], ...] = ()
+    """(view, mask id) of each mask that shows it; of touching bolls in one mask only the one that fills most of it."""

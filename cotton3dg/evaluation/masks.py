@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..documents.frames import FramesInfo
 from ..errors import BadInput
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras
@@ -99,9 +100,9 @@ def _of_video(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16
     """True masks by the stem of the frame that was taken from the same place of the video."""
     document = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
     file_of_index = {index: name for name, index in document.get("frames", document).items()}
-    taken = json.loads(workspace.require(workspace.frames_json, "frames").read_text(encoding="utf-8"))["images"]
+    taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
     return {
-        Path(image["name"]).stem: read_ids(folder / file_of_index[image["source_index"]])
-        for image in taken
-        if image["source_index"] in file_of_index
+        Path(image.name).stem: read_ids(folder / file_of_index[image.source_index])
+        for image in taken.images
+        if image.source_index in file_of_index
     }

@@ -5,18 +5,17 @@ The truth is a `truth.json` as `cotton3dg simulate` writes it (metres, origin at
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadInput, MissingInput
+from ..documents.truth import Truth
+from ..errors import MissingInput
 from ..files.cloud import read_cloud
+from ..files.tables import number, read_rows
 from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls
@@ -75,12 +74,14 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
         MissingInput: no truth, or the traits stage has not run.
         BadInput: the truth lacks what is compared.
     """
-    truth = _read_truth(truth_json)
-    row = _rows(workspace.require(workspace.traits_csv, "traits"))[0]
-    errors = [TraitError(trait, _number(row[trait]), float(truth[key])) for trait, key in TRUTH_OF_TRAIT.items()]
-    bolls = _rows(workspace.require(workspace.bolls_csv, "traits"))
-    measured_cm = np.array([[_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
-    measured_cm3 = np.array([_number(boll["volume_cm3"]) for boll in bolls])
+    if not truth_json.is_file():
+        raise MissingInput(f"{truth_json.name} is missing; give the plant's truth with --truth FILE")
+    truth = Truth.load(truth_json)
+    row = _plant_row(workspace)
+    errors = [TraitError(trait, number(row[trait]), getattr(truth, key)) for trait, key in TRUTH_OF_TRAIT.items()]
+    bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
+    measured_cm = np.array([[number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
+    measured_cm3 = np.array([number(boll["volume_cm3"]) for boll in bolls])
     true_cm, true_cm3 = _true_bolls(truth)
     return errors, compare_bolls(measured_cm, measured_cm3, true_cm, true_cm3)
 
@@ -97,7 +98,7 @@ def evaluate_cloud(
     """
     points_cm, labels = read_cloud(cloud, cm_per_unit)
     true = measure_cloud(points_cm, labels, tube_height_cm)
-    row = _rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    row = _plant_row(workspace)
     size, volumes = true.silhouette, true.boll_volumes_cm3
     truth = {
         "plant_height_cm": size.height_cm,
@@ -109,7 +110,7 @@ def evaluate_cloud(
     }
     if labels is not None:
         truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
-    return [TraitError(trait, _number(row[trait]), value) for trait, value in truth.items()]
+    return [TraitError(trait, number(row[trait]), value) for trait, value in truth.items()]
 
 
 def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:
@@ -138,30 +139,12 @@ def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray,
     )
 
 
-def _read_truth(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise MissingInput(f"{path.name} is missing; give the plant's truth with --truth FILE")
-    try:
-        truth = json.loads(path.read_text(encoding="utf-8"))
-        missing = [key for key in (*TRUTH_OF_TRAIT.values(), "bolls", "stem_base_xyz_m") if key not in truth]
-    except (ValueError, TypeError, OSError) as error:
-        raise BadInput(f"{path.name} cannot be read: {error}") from error
-    if missing:
-        raise BadInput(f"{path.name} has no {', '.join(missing)}; `cotton3dg simulate` writes a complete one")
-    return truth
-
-
-def _true_bolls(truth: dict[str, Any]) -> tuple[NDArray, NDArray]:
+def _true_bolls(truth: Truth) -> tuple[NDArray, NDArray]:
     """Centres (T, 3) in cm in the plant frame, and volumes (T,) in cm³."""
-    stem_m = np.array(truth["stem_base_xyz_m"], np.float64)
-    centres_m = np.array([boll["centre_xyz_m"] for boll in truth["bolls"]], np.float64).reshape(-1, 3)
-    return 100.0 * (centres_m - stem_m), np.array([boll["convex_volume_cm3"] for boll in truth["bolls"]], np.float64)
+    centres_m = np.array([boll.centre_xyz_m for boll in truth.bolls], np.float64).reshape(-1, 3)
+    volumes_cm3 = np.array([boll.convex_volume_cm3 for boll in truth.bolls], np.float64)
+    return 100.0 * (centres_m - np.array(truth.stem_base_xyz_m, np.float64)), volumes_cm3
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _number(cell: str) -> float:
-    return float(cell) if cell else math.nan
+def _plant_row(workspace: Workspace) -> dict[str, str]:
+    return read_rows(workspace.require(workspace.traits_csv, "traits"))[0]

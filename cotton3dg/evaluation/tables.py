@@ -6,7 +6,6 @@ column boll_weight_g of the truth is besides predicted from the measured boll vo
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from ..core.columns import Column
 from ..errors import BadInput, MissingInput
 from ..files.saving import explained_disk_errors
 from ..files.scatter import write_scatter
-from ..files.tables import csv_text
+from ..files.tables import csv_text, number, read_rows
 
 ID = "plant_id"
 WEIGHT = "boll_weight_g"
@@ -114,7 +113,7 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
     traits = [name for name in _columns(truth) if name in _columns(measured) and name not in NOT_TRAITS]
     scores, pairs, blank = [], {}, {}
     for trait in traits:
-        values = np.array([[_number(table[plant][trait]) for table in (truth, measured)] for plant in plants])
+        values = np.array([[_finite(table[plant][trait]) for table in (truth, measured)] for plant in plants])
         true, found = values.T
         if not np.isfinite(true).any():
             continue
@@ -126,7 +125,7 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
             blank[trait] = tuple(plant for plant, lacks in zip(plants, lacking, strict=True) if lacks)
     weight_error_pct = math.nan
     if WEIGHT in _columns(truth) and VOLUME in _columns(measured):
-        values = np.array([[_number(truth[p][WEIGHT]), _number(measured[p][VOLUME])] for p in plants])
+        values = np.array([[_finite(truth[p][WEIGHT]), _finite(measured[p][VOLUME])] for p in plants])
         weights, volumes = values[np.isfinite(values).all(axis=1)].T
         predicted = left_out_predictions(volumes, weights)
         if np.isfinite(predicted).any():
@@ -200,14 +199,10 @@ def _by_plant(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
     """Rows by plant, and the plants that have several."""
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with a column {ID}")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{path.name} cannot be read ({error}); save it as CSV in UTF-8") from error
+    rows = read_rows(path)
     if not rows or ID not in rows[0]:
         raise BadInput(f"{path.name} has no column {ID}; name the plants in one")
-    names = [(row[ID] or "").strip() for row in rows]
+    names = [row[ID].strip() for row in rows]
     twice = [name for name, count in Counter(names).items() if count > 1]
     return {name: row for name, row in zip(names, rows, strict=True) if name}, twice
 
@@ -216,10 +211,7 @@ def _columns(table: dict[str, dict[str, str]]) -> Sequence[str]:
     return [name for name in next(iter(table.values()), {}) if name]
 
 
-def _number(cell: str | None) -> float:
-    """A cell's number; NaN when it is blank or no number."""
-    try:
-        value = float(cell or "nan")
-    except ValueError:
-        return math.nan
+def _finite(cell: str) -> float:
+    """A cell's number; NaN also of one that is not finite."""
+    value = number(cell)
     return value if math.isfinite(value) else math.nan

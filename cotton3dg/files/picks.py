@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
+from .tables import read_rows
 
 COLUMNS = ("point", "image", "x_px", "y_px")
 
@@ -23,12 +23,7 @@ def read_picks(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
         BadInput: a column is missing, a number cannot be read, or a point was picked twice in an image.
     """
     picks: dict[str, dict[str, NDArray[np.float64]]] = {}
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{path.name} cannot be read ({error}); save it as CSV in UTF-8") from error
-    for line, row in enumerate(rows, 2):
+    for line, row in enumerate(read_rows(path), 2):
         if missing := [column for column in COLUMNS if not row.get(column)]:
             raise BadInput(f"{path.name}, line {line}: no {', '.join(missing)}; give {', '.join(COLUMNS)}")
         try:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..core.columns import Column, columns_of
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
+from ..errors import BadInput
 
 BYTE_ORDER_MARK = "\ufeff"
 
@@ -60,6 +63,47 @@ def columns_text(tables: Mapping[str, Sequence[Column]], *, excel: bool = False)
     return csv_text(COLUMNS, rows, excel=excel)
 
 
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table by the names of its columns, as text: "" for a blank cell, and without the apostrophe that
+    `csv_text` puts before what a spreadsheet would compute.
+
+    Raises:
+        BadInput: no such file, not UTF-8, or lines with more cells than the header.
+    """
+    import pandas as pd
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # cells that no column has
+            table = pd.read_csv(
+                path, dtype=str, na_filter=False, encoding="utf-8-sig", index_col=False, compression=None
+            )
+    except pd.errors.EmptyDataError:
+        return []
+    except (OSError, ValueError, pd.errors.ParserWarning) as error:
+        raise BadInput(
+            f"{path.name} cannot be read ({' '.join(str(error).split())}); save it as CSV in UTF-8"
+        ) from error
+    return [{name: _computed(cell) for name, cell in row.items()} for row in table.to_dict("records")]
+
+
+def number(cell: Any) -> float:
+    """What a cell says as a number; NaN where there is none, it is blank or says something else."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def value_of(cell: str, column: Column) -> Any:
+    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like."""
+    if not cell:
+        return None
+    if not column.unit:
+        return cell
+    return float(cell) if column.digits is not None else int(cell)
+
+
 def _cell(value: Any, digits: int | None) -> str:
     if value is None:
         return ""
@@ -80,4 +124,14 @@ def _cell(value: Any, digits: int | None) -> str:
 def _harmless(text: str) -> str:
     """`text` as a spreadsheet shows it instead of computing it."""
     text = text.replace("\0", "")
-    return "'" + text if text.lstrip().startswith(("=", "+", "-", "@")) or text[:1] in ("\t", "\r") else text
+    return "'" + text if _is_computed(text) else text
+
+
+def _computed(cell: str) -> str:
+    """The text that `_harmless` made a cell of."""
+    return cell[1:] if cell[:1] == "'" and _is_computed(cell[1:]) else cell
+
+
+def _is_computed(text: str) -> bool:
+    """Whether a spreadsheet takes a text for a formula."""
+    return text.lstrip().startswith(("=", "+", "-", "@")) or text[:1] in ("\t", "\r")

@@ -5,11 +5,10 @@ The result is kept in the user's cache folder, for all plants.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ import numpy as np
 from .. import _native
 from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
-from ..files.saving import json_text, write_text_atomically
+from ..documents.document import Document
+from ..errors import BadInput
 from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
 from ..workspace import user_cache
@@ -36,6 +36,17 @@ N_GAUSSIANS = 60_000
 SPLATTED_PX, FEATURES_PX = (480, 270), (1280, 720)
 
 
+@dataclass(frozen=True)
+class Calibration(Document):
+    """What was measured, and on what."""
+
+    REMEDY = "run `cotton3dg doctor --calibrate`"
+
+    of: dict[str, Any]
+    """What it holds for, as `_identity` says it."""
+    machine: Machine
+
+
 def calibrated(tell: Callable[[str], None] = print) -> Machine:
     """What was measured here, or is measured now if nothing was with this version, processor and number of cores."""
     saved = read_calibration()
@@ -48,10 +59,10 @@ def calibrated(tell: Callable[[str], None] = print) -> Machine:
 def read_calibration() -> Machine | None:
     """What was measured on this machine, if it still holds."""
     try:
-        saved = json.loads(user_cache("calibration.json").read_text(encoding="utf-8"))
-        return Machine(**saved["machine"]) if saved["of"] == _identity() else None
-    except (OSError, ValueError, KeyError, TypeError):
+        saved = Calibration.load(user_cache("calibration.json"))
+    except BadInput:
         return None
+    return saved.machine if saved.of == _identity() else None
 
 
 def calibrate() -> Machine:
@@ -69,7 +80,7 @@ def calibrate() -> Machine:
         splatting=round(splatting_s / SPLATTING_S, 3),
         imaging=round(imaging_s / IMAGING_S, 3),
     )
-    write_text_atomically(user_cache("calibration.json"), json_text({"of": _identity(), "machine": asdict(machine)}))
+    Calibration(_identity(), machine).save(user_cache("calibration.json"))
     return machine
 
 

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import pipeline
+from ..documents.document import Document
 from ..errors import BadUsage
 from ..options import PRESET_VALUES
-from ..pipeline import STAGES, Watcher
+from ..pipeline import Watcher
+from ..stages.stage import STAGES, Footage
 from ..workspace import Workspace
-from .cost import Footage, Machine, costs, footage, seconds
+from .cost import Machine, costs, footage, seconds
 from .tradeoff import duration
 
 RECORD = "time_budget"
@@ -67,6 +69,17 @@ class Choice:
     options: dict[str, Any]
     """Of all stages."""
     expected_s: float
+
+
+@dataclass(frozen=True)
+class BudgetInfo(Document):
+    """records/time_budget.json: what was chosen; for people, as no program needs it."""
+
+    REMEDY = "run `cotton3dg run` with --time-budget"
+
+    budget_s: float
+    expected_s: float
+    chosen: str
 
 
 def choose(
@@ -160,13 +173,12 @@ class Budget:
         """All stages, as `pipeline.run`; steps are chosen again once the cameras are known."""
         early, late = pipeline.selected(STAGES[0], "sfm"), pipeline.selected("train", STAGES[-1])
         pipeline.run(self.workspace, self.choice.options, early, force=force, wait=wait, watcher=watcher)
-        spent_s = {stage: float((self.workspace.read_record(stage) or {})["seconds"]) for stage in early}
+        records = [record for record in map(self.workspace.read_record, early) if record]
+        spent_s = {record.stage: record.seconds for record in records}
         self.choice = choose(
             self.budget_s, self._resolve, self.source, self.machine, spent_s, ladder=(self.choice.rung,)
         )
         words = told(self.choice, self.budget_s)
         self.tell(f"cameras took {duration(sum(spent_s.values()))}; {words}")
-        self.workspace.write_record(
-            RECORD, {"budget_s": self.budget_s, "expected_s": self.choice.expected_s, "chosen": words}
-        )
+        self.workspace.keep(BudgetInfo(self.budget_s, self.choice.expected_s, words), RECORD)
         pipeline.run(self.workspace, self.choice.options, late, force=force, wait=wait, watcher=watcher, report=report)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .facts import Facts, number
+from ..documents.frames import FramesInfo
+from ..documents.scale import ScaleInfo
+from ..documents.sfm import LensDecision, SfmInfo
+from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
+from .facts import Facts
 
 BLURRED = 0.4
 """`blur` from which a frame counts as blurred (capture/frame_quality.py judges the median by the same)."""
@@ -184,9 +188,13 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
     Args:
         bolls_px: widths of the bolls in the training images.
     """
-    found = [*_walk(facts.sfm), *_images(facts.frames), *_length(facts.frames), *_table(facts.scale)]
-    found += _exposure(facts.effects.get("exposure", {})) + _lens(facts.effects.get("distortion", {}))
-    found += _blur(facts.effects.get("motion_blur", {})) + _shutter(facts.effects.get("rolling_shutter", {}))
+    frames, effects = facts.frames, facts.effects
+    found = _walk(facts.sfm) if facts.sfm else []
+    found += [*_images(frames), *_length(frames)] if frames else []
+    found += _table(facts.scale) if facts.scale else []
+    if effects:
+        found += [*_exposure(effects.exposure), *_lens(effects.distortion)]
+        found += [*_blur(effects.motion_blur), *_shutter(effects.rolling_shutter)]
     if len(bolls_px):
         width = float(np.median(bolls_px))
         good = width >= 2 * SMALL_BOLL_PX
@@ -199,39 +207,37 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
     return sorted(found, key=lambda item: item.good)
 
 
-def _walk(sfm: dict[str, Any]) -> list[Advice]:
-    if "orbit_coverage_deg" not in sfm:
-        return []
-    covered, gap = sfm["orbit_coverage_deg"], sfm["orbit_largest_gap_deg"]
+def _walk(sfm: SfmInfo) -> list[Advice]:
+    covered, gap = sfm.orbit_coverage_deg, sfm.orbit_largest_gap_deg
     good = covered >= 340 and gap <= WIDE_GAP_DEG
     remedy = "" if good else "; walk a full turn and end where you began"
     text = f"You walked {covered:.0f}° around the plant, the widest gap is {gap:.0f}°{remedy}."
     found = [Advice(good, "Walk", text)]
-    missed, n = sfm.get("unregistered", []), sfm.get("n_frames", 0)
+    missed, n = sfm.unregistered, sfm.n_frames
     remedy = "" if not missed else "; walk more slowly where they are, and keep plant and table in view"
     text = f"{n - len(missed)} of {n} frames could be placed{remedy}."
     found.append(Advice(not missed, "Placed frames", text))
-    lost = sfm.get("plant_out_of_view", [])
+    lost = sfm.plant_out_of_view
     if lost:
         text = f"The plant leaves the image in {len(lost)} frames, first in {lost[0]}; keep it in the middle."
         found.append(Advice(False, "Framing", text))
     return found
 
 
-def _images(frames: dict[str, Any]) -> list[Advice]:
-    images = frames.get("images", [])
+def _images(frames: FramesInfo) -> list[Advice]:
+    images = frames.images
     if not images:
         return []
-    blurs = np.array([image["blur"] for image in images])
-    blurred = [image for image in images if image["blur"] > BLURRED]
+    blurs = np.array([image.blur for image in images])
+    blurred = [image for image in images if image.blur > BLURRED]
     where = ""
     if blurred:
-        times = [image["timestamp_s"] for image in blurred if "timestamp_s" in image]
+        times = [image.timestamp_s for image in blurred if image.timestamp_s is not None]
         where = f", from {min(times):.1f} to {max(times):.1f} s of the video" if times else ""
     remedy = "; walk more slowly there or switch on more light" if blurred else ""
     text = f"{len(blurred)} of {len(images)} frames are blurred{where}{remedy} (median blur {np.median(blurs):.2f})."
     found = [Advice(not blurred, "Sharpness", text)]
-    light = np.array([image["mean_luminance"] for image in images])
+    light = np.array([image.mean_luminance for image in images])
     ratio = float(np.percentile(light, 95) / max(np.percentile(light, 5), 1e-3))
     good = ratio < EXPOSURE_RATIO and float(np.median(light)) > 0.1
     remedy = "" if good else "; lock the exposure (long press on the plant) and light it evenly"
@@ -239,69 +245,68 @@ def _images(frames: dict[str, Any]) -> list[Advice]:
     return [*found, Advice(good, "Light", text)]
 
 
-def _exposure(found: dict[str, Any]) -> list[Advice]:
+def _exposure(found: ExposureDecision) -> list[Advice]:
     """The evidence for or against the camera's exposure having drifted, and what was done about it."""
-    if "spread_pct" not in found:
+    if found.spread_pct is None:
         return []
-    size = f"{found['spread_pct']:.1f} % (± {number(found['error_pct']) or 0:.1f} %)"
-    if found["on"]:
+    size = f"{found.spread_pct:.1f} % (± {found.error_pct or 0:.1f} %)"
+    if found.on:
         text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
         return [Advice(False, "Exposure", text)]
-    visible = f"{found['visible_from_pct']:.0f} % begins to matter"
+    visible = f"{found.visible_from_pct:.0f} % begins to matter"
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
 
 
-def _lens(found: dict[str, Any]) -> list[Advice]:
+def _lens(found: LensDecision | None) -> list[Advice]:
     """Whether the lens was found to bend what is straight; either is fine."""
-    if "rise_pct" not in found:
+    if found is None or found.rise_pct is None:
         return []
-    if found["on"]:
-        return [
-            Advice(True, "Lens", f"It bends straight lines, by {found['corner_px']:.1f} px in the corners; corrected.")
-        ]
-    needed = f"explains {max(found['rise_pct'], 0):.2f} % of the error, needed from {found['needed_from_pct']:.1f} %"
+    if found.on:
+        text = f"It bends straight lines, by {found.corner_px:.1f} px in the corners; corrected."
+        return [Advice(True, "Lens", text)]
+    needed = f"explains {max(found.rise_pct, 0):.2f} % of the error, needed from {found.needed_from_pct:.1f} %"
     return [Advice(True, "Lens", f"Straight: a distortion {needed}. The images were used as they are.")]
 
 
-def _blur(found: dict[str, Any]) -> list[Advice]:
+def _blur(found: MotionBlurFound | None) -> list[Advice]:
     """By how much the walk blurred the images; the model does not allow for it."""
-    if number(found.get("median_px")) is None:
+    if found is None or math.isnan(found.median_px):
         return []
-    remedy = "; walk more slowly or switch on more light" if found["found"] else ""
+    remedy = "; walk more slowly or switch on more light" if found.found else ""
     text = (
-        f"Motion blurs the middle image by {found['median_px']:.1f} px and nine of ten by less than"
-        f" {found['strong_px']:.1f} px, where {found['visible_from_px']:.0f} px begin to matter{remedy}."
+        f"Motion blurs the middle image by {found.median_px:.1f} px and nine of ten by less than"
+        f" {found.strong_px:.1f} px, where {found.visible_from_px:.0f} px begin to matter{remedy}."
     )
-    return [Advice(not found["found"], "Motion blur", text)]
+    return [Advice(not found.found, "Motion blur", text)]
 
 
-def _shutter(found: dict[str, Any]) -> list[Advice]:
+def _shutter(found: RollingShutterFound | None) -> list[Advice]:
     """Whether rows were read out one after another while the camera moved; the model does not allow for it."""
-    if number(found.get("error_frames")) is None:
+    if found is None or math.isnan(found.error_frames):
         return []
-    if not found["found"]:
-        text = f"None to be seen: {found['shift_px']:.2f} px, where {found['visible_from_px']:.1f} px begin to matter."
+    if not found.found:
+        text = f"None to be seen: {found.shift_px:.2f} px, where {found.visible_from_px:.1f} px begin to matter."
         return [Advice(True, "Rolling shutter", text)]
-    good = found["left_px"] < found["visible_from_px"]
+    good = found.left_px < found.visible_from_px
     remedy = "" if good else "; walk more slowly and evenly"
     text = (
-        f"It moves pixels by {found['shift_px']:.1f} px; the cameras' positions take up all but"
-        f" {found['left_px']:.2f} px{remedy}."
+        f"It moves pixels by {found.shift_px:.1f} px; the cameras' positions take up all but"
+        f" {found.left_px:.2f} px{remedy}."
     )
     return [Advice(good, "Rolling shutter", text)]
 
 
-def _length(frames: dict[str, Any]) -> list[Advice]:
-    duration_s = number(frames.get("video", {}).get("duration_s"))
-    if not duration_s:
+def _length(frames: FramesInfo) -> list[Advice]:
+    duration_s = frames.video.duration_s if frames.video else math.nan
+    if not duration_s > 0:
         return []
     good = duration_s >= FEW_SECONDS
     remedy = "" if good else "; 20 to 60 s let you choose sharp frames from more"
     return [Advice(good, "Length", f"The video is {duration_s:.0f} s long{remedy}.")]
 
 
-def _table(scale: dict[str, Any]) -> list[Advice]:
-    support = scale.get("evidence", {}).get("edge_support", [])
+def _table(scale: ScaleInfo) -> list[Advice]:
+    support = (scale.evidence or {}).get("edge_support", [])
     if not support:
         return []
     good = min(support) >= WEAK_EDGE

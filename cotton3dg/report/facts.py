@@ -1,32 +1,23 @@
-"""What the files of a plant's folder say about it, and which of them still belong to its video.
-
-A stage that fails leaves the results of later stages as they were, made from other frames or options. They are not
-shown: a stage counts as done only when its record is ok, all stages before it are done, and it read what they wrote.
-"""
+"""What the files of a plant's folder say about it, as far as they still belong to its video."""
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
-from ..errors import Cotton3dgError
-from ..options import STAGE_OPTIONS
+from ..core.state import State
+from ..documents.document import Document
+from ..documents.frames import FramesInfo
+from ..documents.scale import ScaleInfo
+from ..documents.sfm import SfmInfo
+from ..documents.train import Effects, TrainMetrics
+from ..errors import BadInput, Cotton3dgError
+from ..files.tables import read_rows
+from ..stages.staleness import StageState, recorded_states
 from ..workspace import Workspace
 
-STAGES = tuple(STAGE_OPTIONS)
-
-
-@dataclass(frozen=True)
-class StageState:
-    """One stage as its record tells it."""
-
-    stage: str
-    state: str
-    """done, failed, outdated or missing."""
-    record: dict[str, Any]
+T = TypeVar("T", bound=Document)
 
 
 @dataclass(frozen=True)
@@ -43,34 +34,32 @@ class Facts:
     """Rows of bolls.csv."""
     columns: dict[str, str]
     """What each column means, by its name."""
-    frames: dict[str, Any]
-    sfm: dict[str, Any]
-    metrics: dict[str, Any]
-    effects: dict[str, Any]
-    scale: dict[str, Any]
+    frames: FramesInfo | None
+    sfm: SfmInfo | None
+    metrics: TrainMetrics | None
+    effects: Effects | None
+    scale: ScaleInfo | None
 
     def done(self, stage: str) -> bool:
-        return any(item.stage == stage and item.state == "done" for item in self.stages)
+        return any(item.stage == stage and item.done for item in self.stages)
 
     @property
     def flags(self) -> list[str]:
         """Quality flags of all stages that are done, each once."""
-        found = [flag for item in self.stages if item.state == "done" for flag in item.record.get("flags", [])]
-        return list(dict.fromkeys(found))
-
-    @property
-    def warnings(self) -> list[tuple[str, str]]:
-        """(stage, sentence) of all stages that are done."""
-        return [(item.stage, text) for item in self.stages if item.state == "done" for text in item.record["warnings"]]
+        records = [item.record for item in self.stages if item.done and item.record]
+        return list(dict.fromkeys(flag for record in records for flag in record.flags))
 
 
 def read_facts(workspace: Workspace) -> Facts:
-    """Gather what there is; what is missing or damaged is left empty."""
-    stages = stage_states(workspace)
-    done = {item.stage for item in stages if item.state == "done"}
+    """Gather what there is; what is missing or damaged is None or empty."""
+    stages = recorded_states(workspace)
+    done = {item.stage for item in stages if item.done}
 
-    def when_done(stage: str, path: Path) -> dict[str, Any]:
-        return _json(path) if stage in done else {}
+    def when_done(stage: str, kind: type[T], path: Path) -> T | None:
+        try:
+            return kind.load(path) if stage in done else None
+        except BadInput:
+            return None
 
     traits = _rows(workspace.traits_csv) if "traits" in done else []
     plant_id = traits[0].get("plant_id", "") if traits else ""
@@ -81,75 +70,30 @@ def read_facts(workspace: Workspace) -> Facts:
         traits=traits[0] if traits else {},
         bolls=_rows(workspace.bolls_csv) if "traits" in done else [],
         columns={row.get("column", ""): row.get("description", "") for row in _rows(workspace.columns_csv)},
-        frames=when_done("frames", workspace.frames_json),
-        sfm=when_done("sfm", workspace.sfm_json),
-        metrics=when_done("train", workspace.metrics_json),
-        effects=when_done("train", workspace.effects_json),
-        scale=when_done("scale", workspace.scale_json),
+        frames=when_done("frames", FramesInfo, workspace.frames_json),
+        sfm=when_done("sfm", SfmInfo, workspace.sfm_json),
+        metrics=when_done("train", TrainMetrics, workspace.metrics_json),
+        effects=when_done("train", Effects, workspace.effects_json),
+        scale=when_done("scale", ScaleInfo, workspace.scale_json),
     )
-
-
-def stage_states(workspace: Workspace) -> tuple[StageState, ...]:
-    """The state of every stage, by comparing the hashes in the records; no large file is read."""
-    states: list[StageState] = []
-    made: dict[str, str] = {}
-    intact = True
-    for stage in STAGES:
-        record = workspace.read_record(stage)
-        if record is None:
-            state, record = "missing", {}
-        elif record.get("status") != "ok":
-            state = "failed"
-        else:
-            read = {name: found for name, found in record.get("inputs", {}).items() if name.split("/")[0] in STAGES}
-            current = intact and all(made.get(name) == found for name, found in read.items())
-            state = "done" if current else "outdated"
-        intact &= state == "done"
-        made |= record.get("outputs", {})
-        states.append(StageState(stage, state, {"flags": [], "warnings": [], "summary": {}} | record))
-    return tuple(states)
 
 
 def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
     for item in stages:
-        if item.state == "failed":
-            return str(item.record.get("error", f"{item.stage} failed; see run.log"))
-        if item.state != "done":
+        if item.state == State.FAILED:
+            return item.reason
+        if not item.done:
             try:
                 workspace.capture()
             except Cotton3dgError as error:
                 return str(error)
-            why = "has not run yet" if item.state == "missing" else "ran before something it depends on changed"
+            why = "has not run yet" if item.state == State.MISSING else "ran before something it depends on changed"
             return f"the stage {item.stage} {why}; run `cotton3dg run` on this plant"
     return ""
 
 
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
-
-
 def _rows(path: Path) -> list[dict[str, str]]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [
-                {str(key): unquoted(str(value or "")) for key, value in row.items()} for row in csv.DictReader(file)
-            ]
-    except (OSError, ValueError, csv.Error):
+        return read_rows(path)
+    except BadInput:
         return []
-
-
-def unquoted(cell: str) -> str:
-    """A cell without the apostrophe that keeps spreadsheets from computing it."""
-    return cell[1:] if cell[:1] == "'" and cell[1:].lstrip()[:1] in ("=", "+", "-", "@") else cell
-
-
-def number(cell: Any) -> float | None:
-    """A cell of a table as a number; None when it is blank or none."""
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return None

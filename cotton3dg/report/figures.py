@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import LiftedMasks
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
 from ..files.images import scaled_down
@@ -39,16 +38,6 @@ def colour_of(boll_id: int) -> tuple[int, int, int]:
     """RGB of a boll, as in cluster/bolls.ply."""
     red, green, blue = (boll_colours(np.array([boll_id]))[0] * 255).astype(int).tolist()
     return red, green, blue
-
-
-def bolls_of_masks(lifted: LiftedMasks, labels: NDArray[np.int32]) -> dict[str, dict[int, int]]:
-    """View -> mask id -> boll: the boll that holds most of the mask's weight; masks of no boll are left out."""
-    owners: dict[str, dict[int, int]] = {}
-    for selection in lifted.selections:
-        held = np.bincount(labels[selection.indices], weights=selection.weights, minlength=1)
-        if len(held) > 1 and held[1:].max() > 0.5 * held[0]:
-            owners.setdefault(selection.view, {})[selection.mask_id] = int(held[1:].argmax()) + 1
-    return owners
 
 
 def outlined(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:

@@ -11,10 +11,11 @@ from urllib.parse import quote
 import numpy as np
 
 from .. import __version__
+from ..core.state import State
 from ..errors import Cotton3dgError
 from ..files.images import read_image
+from ..files.tables import number
 from ..workspace import Workspace
-from .facts import number
 from .figures import jpeg_uri
 from .page import TEMPLATES, page
 
@@ -45,7 +46,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> st
     content = {
         "name": name,
         "plants": plants,
-        "counts": {state: sum(row["state"] == state for row in rows) for state in ("failed", "waiting", "done")},
+        "counts": {state: sum(row["state"] == state for row in rows) for state in State},
         "n_outliers": sum(bool(plant["outliers"]) for plant in plants),
         "shown": SHOWN,
         "histograms": [_histogram(trait, values[trait]) for trait in SHOWN],
@@ -65,8 +66,7 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 
 
 def _value(row: Mapping[str, Any], trait: str) -> float:
-    found = number(row.get(trait)) if row["state"] == "done" else None
-    return np.nan if found is None else found
+    return number(row.get(trait)) if row["state"] == State.DONE else np.nan
 
 
 def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:

@@ -9,32 +9,57 @@ from __future__ import annotations
 import base64
 import hashlib
 import logging
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import __version__
+from ..core.state import State
+from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
+from ..files.tables import number
+from ..stages.stage import STAGES
 from ..workspace import Workspace
 from .advice import boll_doubts, capture_advice, meaning
-from .facts import STAGES, Facts, number, read_facts
+from .facts import Facts, read_facts
 from .pictures import Pictures
 
 VERSION = 1
+RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
 """How a page begins that this tool made."""
 log = logging.getLogger("cotton3dg")
 
 
+@dataclass(frozen=True)
+class Fingerprint(Document):
+    """records/report.json: what a page was made from."""
+
+    REMEDY = "run `cotton3dg report`"
+
+    report_version: int
+    cotton3dg_version: str
+    templates: dict[str, str]
+    """SHA-256 by name."""
+    records: dict[str, str]
+    """SHA-256 of the stages' records, which hold those of all files."""
+    failure: str
+    page: str
+    """SHA-256 of the page itself."""
+
+
 def stale(workspace: Workspace, failure: str = "") -> bool:
-    """Whether the page would be another one now, by the hashes of the stages' records (which hold those of all files),
-    and of the page itself."""
-    saved = workspace.read_record("report")
-    return not workspace.report_html.is_file() or saved is None or saved != _fingerprint(workspace, failure)
+    """Whether the page would be another one now."""
+    if not workspace.report_html.is_file():
+        return True
+    try:
+        return Fingerprint.load(workspace.record_file(RECORD)) != _fingerprint(workspace, failure)
+    except BadInput:
+        return True
 
 
 def make_report(workspace: Workspace, failure: str = "") -> Path:
@@ -44,7 +69,7 @@ def make_report(workspace: Workspace, failure: str = "") -> Path:
         failure: why there is no result, where the records do not tell.
     """
     write_page(workspace.report_html, plant_page(workspace, failure))
-    workspace.write_record("report", _fingerprint(workspace, failure))
+    workspace.keep(_fingerprint(workspace, failure), RECORD)
     return workspace.report_html
 
 
@@ -148,11 +173,11 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
 
 def headline(facts: Facts) -> str:
     """What was filmed and what came of it, in a line."""
-    video, told = facts.frames.get("video", {}), []
+    told = []
     if facts.frames:
-        told.append(str(facts.frames.get("file", "photos")))
-    if video:
-        told.append(f"{figure(video.get('duration_s'))} s, {video.get('width')} × {video.get('height')} px")
+        told.append(facts.frames.file or "photos")
+        if video := facts.frames.video:
+            told.append(f"{figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
         told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
         told.append(f"measured in {figure(facts.traits.get('seconds'), 0)} s")
@@ -168,23 +193,23 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
         value = number(row.get(column))
-        if value is None:
+        if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
         trait, _, _ = column.rpartition("_")
         error = number(row.get(column.replace(trait, f"{trait}_error")))
-        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error else ""
+        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error > 0 else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
 
     mean = number(row.get("boll_volume_mean_cm3"))
     solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
-    volume_note = f"{mean:.1f} cm³ a boll" if mean is not None else ""
-    if solid and all(value is not None for value in solid):
-        volume_note += f"; {sum(value or 0 for value in solid):.0f} cm³ without hollows"
+    volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
+    if solid and math.isfinite(sum(solid)):
+        volume_note += f"; {sum(solid):.0f} cm³ without hollows"
     length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
-    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if length is not None and width is not None else ""
+    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
     spread = number(row.get("boll_count_error"))
-    count_error = f"± {spread:.1f}" if spread else ""
+    count_error = f"± {spread:.1f}" if spread > 0 else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": count_error, "note": count_note},
@@ -211,27 +236,27 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
 
 def stage_rows(facts: Facts) -> list[dict[str, Any]]:
     """Seconds, memory, key figures and remarks of each stage."""
-    seconds = [number(item.record.get("seconds")) or 0.0 for item in facts.stages]
-    longest = max([*seconds, 1e-9])
+    longest = max([*(item.record.seconds for item in facts.stages if item.record), 1e-9])
+    words = {State.MISSING: "not run", State.STALE: "out of date"}
     return [
         {
             "stage": item.stage,
-            "state": {"missing": "not run", "outdated": "out of date"}.get(item.state, item.state),
-            "seconds": number(item.record.get("seconds")),
-            "cpu_seconds": number(item.record.get("cpu_seconds")),
-            "memory_mib": number(item.record.get("peak_memory_mib")),
-            "share": 100 * spent / longest,
-            "summary": _told(item.record["summary"]) if item.state == "done" else "",
-            "remarks": [item.record["error"]] if item.state == "failed" else item.record["warnings"],
+            "state": words.get(item.state, item.state),
+            "seconds": record and record.seconds,
+            "cpu_seconds": record and record.cpu_seconds,
+            "memory_mib": record and record.peak_memory_mib,
+            "share": 100 * record.seconds / longest if record else 0.0,
+            "summary": _told(record.summary) if record and item.done else "",
+            "remarks": [item.reason] if item.state == State.FAILED else record.warnings if record else [],
         }
-        for item, spent in zip(facts.stages, seconds, strict=True)
+        for item, record in ((item, item.record) for item in facts.stages)
     ]
 
 
 def figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
     known = number(value)
-    return "–" if known is None or not np.isfinite(known) else f"{known:,.{digits}f}".replace(",", "\u202f")
+    return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 
 def _told(summary: dict[str, Any]) -> str:
@@ -253,13 +278,13 @@ def _plotly() -> str:
     return path.read_text("utf-8").replace("</script", "<\\/script")
 
 
-def _fingerprint(workspace: Workspace, failure: str) -> dict[str, Any]:
+def _fingerprint(workspace: Workspace, failure: str) -> Fingerprint:
     records = {stage: workspace.record_file(stage) for stage in STAGES}
-    return {
-        "report_version": VERSION,
-        "cotton3dg_version": __version__,
-        "templates": {path.name: file_sha256(path) for path in sorted(TEMPLATES.iterdir())},
-        "records": {stage: file_sha256(path) for stage, path in records.items() if path.is_file()},
-        "failure": failure,
-        "page": file_sha256(workspace.report_html) if workspace.report_html.is_file() else "",
-    }
+    return Fingerprint(
+        report_version=VERSION,
+        cotton3dg_version=__version__,
+        templates={path.name: file_sha256(path) for path in sorted(TEMPLATES.iterdir())},
+        records={stage: file_sha256(path) for stage, path in records.items() if path.is_file()},
+        failure=failure,
+        page=file_sha256(workspace.report_html) if workspace.report_html.is_file() else "",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -11,19 +12,19 @@ from numpy.typing import NDArray
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
+from ..documents.bolls import boll_labels, read_bolls
+from ..documents.scale import read_scale
 from ..files.arrays import read_array
-from ..files.bolls import boll_labels, read_bolls, read_lifted
 from ..files.colmap import read_cameras
 from ..files.images import read_ids, read_image
 from ..files.ply import read_gaussians
-from ..files.scale import read_scale
+from ..files.tables import number
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
-from .facts import Facts, number
+from .facts import Facts
 from .figures import (
     Picture,
-    bolls_of_masks,
     box_around,
     cut_out,
     jpeg_uri,
@@ -85,10 +86,11 @@ class Pictures:
     @cached_property
     def owners(self) -> dict[str, dict[int, int]]:
         """View -> mask id -> boll."""
-        if not self.bolls or self.gaussians is None:
-            return {}
-        labels = boll_labels(self.bolls, len(self.gaussians))
-        return bolls_of_masks(read_lifted(self.workspace.selections_npz), labels)
+        owners: dict[str, dict[int, int]] = {}
+        for boll in self.bolls:
+            for view, mask_id in boll.masks:
+                owners.setdefault(view, {})[mask_id] = boll.boll_id
+        return owners
 
     @cached_property
     def plant_rows(self) -> NDArray[np.bool_]:
@@ -118,15 +120,15 @@ class Pictures:
     # --------------------------------------------------------------------- parts
     def strip(self) -> list[dict[str, Any]]:
         """Small images of the walk."""
-        images = self.facts.frames.get("images", [])
-        missed = set(self.facts.sfm.get("unregistered", []))
+        images = self.facts.frames.images if self.facts.frames else ()
+        missed = self.facts.sfm.unregistered if self.facts.sfm else ()
         chosen = [images[i * len(images) // min(STRIP, len(images))] for i in range(min(STRIP, len(images)))]
         return [
             {
-                "src": jpeg_uri(read_image(self.workspace.folder("frames") / image["name"]), SMALL_PX, 75),
-                "name": image["name"],
-                "time_s": image.get("timestamp_s"),
-                "missed": image["name"] in missed,
+                "src": jpeg_uri(read_image(self.workspace.folder("frames") / image.name), SMALL_PX, 75),
+                "name": image.name,
+                "time_s": image.timestamp_s,
+                "missed": image.name in missed,
             }
             for image in chosen
         ]
@@ -154,20 +156,21 @@ class Pictures:
 
     def compared(self) -> list[dict[str, Any]]:
         """Photo and render of images that the training never saw, spread over the walk."""
-        held_out = [item for item in self.facts.metrics.get("held_out", []) if item["image"] in self.camera_of]
+        judged = self.facts.metrics.held_out if self.facts.metrics else ()
+        held_out = [item for item in judged if item.image in self.camera_of]
         if self.gaussians is None or not held_out:
             return []
         chosen = [held_out[i] for i in evenly_spaced(np.linspace(0, 2 * np.pi, len(held_out) + 1)[:-1], COMPARED)]
         pictures = []
         for item in chosen:
-            name = item["image"]
+            name = item.image
             part = self.part_of(name)
             pictures.append(
                 {
                     "name": name,
                     "photo": jpeg_uri(self.photo(name)[part], MIDDLE_PX),
                     "render": jpeg_uri(rendered(self.gaussians, self.camera_of[name])[part], MIDDLE_PX),
-                    "psnr_db": item.get("plant_psnr_db") or item.get("psnr_db"),
+                    "psnr_db": item.plant_psnr_db if math.isfinite(item.plant_psnr_db) else item.psnr_db,
                 }
             )
         return pictures
@@ -213,7 +216,7 @@ class Pictures:
         drawn = sorted(self.workspace.folder("scale").glob("*.jpg"))
         pictures = []
         height_cm = number(self.facts.traits.get("plant_height_cm"))
-        if self.scale is not None and height_cm:
+        if self.scale is not None and height_cm > 0:
             drawn = [path for path in drawn if not path.name.startswith("table_")]
             foot = self.frame().origin
             for i in evenly_spaced(azimuths(self.cameras, self.orbit), COMPARED):
@@ -226,7 +229,7 @@ class Pictures:
         """Coordinates of the 3D view and of the map of the walk."""
         cells = {row["boll_id"]: [number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
         centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
-        told_cm = [cells.get(str(boll.boll_id), [None] * 3) for boll in self.bolls]
+        told_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
         plant = self.gaussians.means[self.plant_rows] if self.gaussians is not None else np.zeros((0, 3))
         centres_cm = np.array(told_cm, np.float64).reshape(-1, 3)
         return plant_frame(self.scale, self.orbit, centres, centres_cm, plant)
@@ -237,8 +240,8 @@ class Pictures:
             return {}
         frame = self.frame()
         volumes = {int(row["boll_id"]): number(row["volume_cm3"]) for row in self.facts.bolls}
-        known = {boll: volume for boll, volume in volumes.items() if volume}
-        drawn = as_drawn(self.gaussians, self.facts.metrics.get("pixel_su", 0.0))
+        known = {boll: volume for boll, volume in volumes.items() if volume > 0}
+        drawn = as_drawn(self.gaussians, self.facts.metrics.pixel_su if self.facts.metrics else 0.0)
         return {
             **scene(
                 self.gaussians,
@@ -253,10 +256,10 @@ class Pictures:
 
     def walk(self) -> dict[str, Any]:
         """The walk seen from above: where each frame was taken, how blurred it is, and the table; 100 = the orbit."""
-        images = self.facts.frames.get("images", [])
+        images = self.facts.frames.images if self.facts.frames else ()
         if not images:
             return {}
-        blurs = {image["name"]: image["blur"] for image in images}
+        blurs = {image.name: image.blur for image in images}
         dots: list[dict[str, Any]] = []
         table: list[list[float]] = []
         if len(self.cameras) > 2:
@@ -275,11 +278,11 @@ class Pictures:
         placed = set(self.camera_of)
         bars = [
             {
-                "name": image["name"],
-                "time_s": image.get("timestamp_s"),
-                "blur": image["blur"],
-                "shade": shade(image["blur"]),
-                "missed": bool(self.cameras) and image["name"] not in placed,
+                "name": image.name,
+                "time_s": image.timestamp_s,
+                "blur": image.blur,
+                "shade": shade(image.blur),
+                "missed": bool(self.cameras) and image.name not in placed,
             }
             for image in images
         ]
@@ -287,8 +290,8 @@ class Pictures:
 
     def widths_px(self) -> list[float]:
         """Widths of the bolls in the training images."""
-        pixel_su = number(self.facts.metrics.get("pixel_su"))
-        return [boll.diameter_su / pixel_su for boll in self.bolls] if pixel_su else []
+        metrics = self.facts.metrics
+        return [boll.diameter_su / metrics.pixel_su for boll in self.bolls] if metrics else []
 
 
 def shade(blur: float | None) -> int:

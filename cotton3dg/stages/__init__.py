@@ -1,10 +1,5 @@
 """One module a stage: load the inputs, call pure functions, save the outputs. Stages meet in files only.
 
-Each module has
-
-    VERSION: int                                    raised when the same inputs give another result
-    def inputs(workspace) -> list[Path]             files and folders that the result depends on
-    def run(workspace, options, progress) -> StageOutcome
-
-and writes through `workspace.writing(stage)`. `pipeline.py` calls them and decides what is stale.
+Each module ends with STAGE, which says all that others know of it: version, inputs, needs, cost (`stage.py`). It writes
+through `workspace.writing(stage)`. `pipeline.py` runs them, `staleness.py` decides what is to be made again.
 """

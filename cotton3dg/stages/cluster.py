@@ -7,20 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from ..clustering.agglomerative import cluster_objects
+from ..clustering.boll_masks import with_masks
 from ..clustering.boll_shape import close_flagged
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..documents.bolls import boll_labels, bolls_info, read_lifted
 from ..errors import BadInput
-from ..files.bolls import boll_facts, boll_labels, read_lifted
 from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
-from ..files.saving import json_text
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
-
-VERSION = 3
+from .stage import Cost, Stage, twice_the_model
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -43,9 +42,9 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = close_flagged(bolls)
     labels = boll_labels(bolls, len(gaussians))
-    table = {"gaussians_sha256": lifted.gaussians_sha256, "bolls": [boll_facts(boll) for boll in bolls]}
+    bolls = with_masks(bolls, lifted, labels)
     with workspace.writing("cluster") as folder:
-        (folder / workspace.bolls_json.name).write_text(json_text(table), encoding="utf-8")
+        bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
@@ -62,3 +61,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     return StageOutcome(
         summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
     )
+
+
+STAGE = Stage(
+    "cluster", version=4, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+)

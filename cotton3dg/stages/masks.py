@@ -14,13 +14,14 @@ from ..core.bolls import MaskSet
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
+from ..documents.masks import MaskedImage, MasksInfo
 from ..errors import BadInput, BadUsage
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_ids
 from ..files.ply import read_gaussians
 from ..files.prompt_table import read_prompts
-from ..files.saving import file_sha256, json_text
+from ..files.saving import file_sha256
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..lifting.lift import within_orbit
 from ..masks.bolls import SHIPPED_FILE, open_bolls
@@ -33,9 +34,10 @@ from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
 from ..splat.metrics import focus
 from ..workspace import Workspace
+from .stage import Cost, Stage, Work
 
-VERSION = 9
-
+MASK_BYTES = 2**18
+"""Of one image's masks on the disk, generous."""
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
@@ -93,19 +95,20 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
     found = find[options.backend](workspace, options, cameras, progress)
     seconds, masks = time.perf_counter() - start, found.masks
     counts = {name: len(np.unique(ids[ids > 0])) for name, ids in masks.ids.items()}
-    document = {
-        "backend": options.backend,
-        "options": as_dict(options),
-        "weights_sha256": _weights_sha256(workspace, options),
-        "seconds_per_image": round(seconds / max(len(counts), 1), 3),
-        "images": [
-            {"name": name, "instances": counts[name], "scores": masks.scores.get(name, {})} for name in sorted(counts)
-        ],
-    }
+    info = MasksInfo(
+        options.backend,
+        as_dict(options),
+        _weights_sha256(workspace, options),
+        seconds_per_image=round(seconds / max(len(counts), 1), 3),
+        images=tuple(
+            MaskedImage(name, counts[name], {str(k): score for k, score in masks.scores.get(name, {}).items()})
+            for name in sorted(counts)
+        ),
+    )
     with workspace.writing("masks") as folder:
         for name, ids in masks.ids.items():
             write_ids(folder / workspace.mask_png(name).name, ids)
-        (folder / workspace.masks_json.name).write_text(json_text(document), encoding="utf-8")
+        info.save(folder / workspace.masks_json.name)
     summary = {
         "images": len(counts),
         "masks": sum(counts.values()),
@@ -317,3 +320,17 @@ def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, st
         files = [path] if path.is_file() else sorted([*path.glob("*.safetensors"), *path.glob("*.bin")])
         sums |= {f"{path.name}/{file.name}" if path.is_dir() else file.name: file_sha256(file) for file in files}
     return sums
+
+
+def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
+    return options.views * MASK_BYTES
+
+
+def _cost(work: Work) -> Cost:
+    """Views vote on what is lint, whether they get masks or not."""
+    width, height = work.size
+    image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
+    return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
+
+
+STAGE = Stage("masks", version=9, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
+from ..documents.scale import NO_SOURCE, ScaleInfo
 from ..errors import BadUsage, MissingInput, NoScale
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_image
 from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
-from ..files.saving import json_text
-from ..files.scale import scale_facts
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions, board_squares
 from ..scale.markers import MarkerKind, crossed, find_markers, outlined_markers, scale_from_markers
@@ -28,8 +27,8 @@ from ..scale.sections import scale_from_sections
 from ..scale.table import NoTable, TableFit, find_table, outlined, scale_from_table
 from ..scale.two_points import scale_from_distance
 from ..workspace import Workspace
+from .stage import Cost, Stage
 
-VERSION = 5
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3
@@ -95,9 +94,9 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     together = reconcile(references)
     scale = scale_on(scene.ground, together.cm_per_su, together.relative_error, "+".join(together.agreeing))
     evidence = next(item.evidence for item in references if item.source == together.agreeing[0])
-    facts = {"evidence": evidence, "references": _facts(references), "refused": refused}
+    info = ScaleInfo.of_scale(scale, evidence=evidence, references=_facts(references), refused=refused)
     with workspace.writing("scale") as folder:
-        (folder / workspace.scale_json.name).write_text(json_text(scale_facts(scale) | facts), encoding="utf-8")
+        info.save(folder / workspace.scale_json.name)
         for name, picture in pictures.items():
             write_image(folder / name, picture)
     progress(len(scene.chosen) + 1, len(scene.chosen) + 1)
@@ -212,12 +211,12 @@ def _doubts(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], 
     return tuple(dict.fromkeys(flags)), tuple(warnings)
 
 
-def _facts(references: list[Reference]) -> list[dict[str, Any]]:
+def _facts(references: list[Reference]) -> tuple[dict[str, Any], ...]:
     """Each reference for itself."""
-    return [
+    return tuple(
         {"source": item.source, "cm_per_su": item.cm_per_su, "relative_error": item.relative_error, **item.evidence}
         for item in references
-    ]
+    )
 
 
 def _without(workspace: Workspace, options: ScaleOptions, reason: str, warnings: tuple[str, ...]) -> StageOutcome:
@@ -225,9 +224,8 @@ def _without(workspace: Workspace, options: ScaleOptions, reason: str, warnings:
     if options.require_scale:
         raise NoScale(warnings[0] if warnings else f"{reason}; use --method table or drop --require-scale")
     with workspace.writing("scale") as folder:
-        facts = {"source": "none", "reason": reason}
-        (folder / workspace.scale_json.name).write_text(json_text(facts), encoding="utf-8")
-    return StageOutcome({"source": "none"}, ("no_scale",), warnings)
+        ScaleInfo(NO_SOURCE, reason).save(folder / workspace.scale_json.name)
+    return StageOutcome({"source": NO_SOURCE}, ("no_scale",), warnings)
 
 
 def _evidence(fit: TableFit) -> dict[str, Any]:
@@ -237,3 +235,6 @@ def _evidence(fit: TableFit) -> dict[str, Any]:
         evidence["edge_support"] = list(fit.rim.support)
         evidence["edge_views"] = list(fit.rim.views)
     return evidence
+
+
+STAGE = Stage("scale", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,12 @@ from ..core.bolls import LiftedMasks
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
+from ..documents.bolls import write_lifted
+from ..documents.segment import MeanIous, ReachedIous, SegmentInfo
 from ..errors import BadInput
-from ..files.bolls import write_lifted
 from ..files.colmap import read_cameras
 from ..files.images import fitted_size, read_ids, write_image
 from ..files.ply import read_gaussians
-from ..files.saving import json_text
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..lifting.affinity import neighbour_means, sample_rays, train_features
 from ..lifting.lift import (
@@ -39,8 +39,8 @@ from ..options import SegmentOptions
 from ..splat.metrics import focus, to_uint8
 from ..splat.rasterizer import accumulate_weights, render_values
 from ..workspace import Workspace
+from .stage import Cost, Stage, Work, twice_the_model
 
-VERSION = 3
 SHOWN_VIEWS = 4
 """Maps of probabilities that are saved as images."""
 
@@ -59,26 +59,24 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     workspace.require(workspace.folder("masks"), "masks")
     masked, id_images = _masks(workspace, cameras, options)
     allowed = within_orbit(gaussians.means, cameras, *focus(cameras))
-    report: dict[str, Any] = {"method": options.method, "target": options.target}
+    info = SegmentInfo(options.method, options.target)
     foreground = features = None
     maps: dict[str, NDArray[np.float32]] = {}
     if options.method == "affinity":
-        lifted, features, facts = _by_features(gaussians, masked, id_images, allowed, options, progress)
-        report |= facts
+        lifted, features, info = _by_features(gaussians, masked, id_images, allowed, options, progress, info)
     else:
         begin_s = time.perf_counter()
         rim_px = rim_width_px(id_images)
         views = _weights(gaussians, masked, id_images, rim_px, progress)
-        report |= {"rim_px": rim_px, "weights_seconds": time.perf_counter() - begin_s}
+        info = replace(info, rim_px=rim_px, weights_seconds=time.perf_counter() - begin_s)
         least = FOREGROUND_SHARE
         if options.method == "probability" and masked:
-            foreground, maps, facts = _probabilities(gaussians, masked, id_images, views, options, progress)
+            foreground, maps, info = _probabilities(gaussians, masked, id_images, views, options, progress, info)
             least = options.threshold
-            report |= {"threshold": least, **facts}
         lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
     with workspace.writing("segment") as folder:
         write_lifted(folder / workspace.selections_npz.name, lifted)
-        (folder / workspace.segment_json.name).write_text(json_text(report), encoding="utf-8")
+        info.save(folder / workspace.segment_json.name)
         if foreground is not None:
             np.save(folder / workspace.probabilities_npy.name, foreground)
         if features is not None:
@@ -145,7 +143,8 @@ def _probabilities(
     weights: Sequence[ViewWeights],
     options: SegmentOptions,
     progress: Progress,
-) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], dict[str, Any]]:
+    info: SegmentInfo,
+) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], SegmentInfo]:
     """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote.
 
     Every `holdout`-th view neither trains nor votes, and has an mBIoU of its own.
@@ -155,13 +154,14 @@ def _probabilities(
     held_out = set(range(options.holdout - 1, len(cameras), options.holdout)) if options.holdout else set()
     training = [k for k in range(len(cameras)) if k not in held_out]
     views = [view_of_rays(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
-    report: dict[str, Any] = {"rays_seconds": time.perf_counter() - begin_s}
-    rows, kept = [], []
+    rays_seconds = time.perf_counter() - begin_s
+    reached: list[tuple[int, float]] = []
+    kept = []
     for step, probabilities in trained(views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed):
         if step % 100 == 0:
             progress(step, options.steps, "probabilities")
         if step in REPORTED_STEPS or step == options.steps:
-            rows.append({"steps": step, "seconds": time.perf_counter() - begin_s})
+            reached.append((step, time.perf_counter() - begin_s))
             kept.append(probabilities.copy())
     voting = [weights[k] for k in training]
     vote = foreground_vote(voting, seen_weights(voting, len(gaussians)))
@@ -175,13 +175,23 @@ def _probabilities(
                 shown[cameras[k].name] = rendered[..., len(kept) - 1]
             yield rendered
 
-    table = rows + [report.setdefault("vote", {})]
+    ious: list[dict[str, dict[str, float]]] = [{} for _ in range(len(kept) + 1)]
     for name, judged in (("mbiou", training), ("mbiou_held_out", sorted(held_out))):
         if judged:
-            for row, ious in zip(table, mean_binary_ious(maps(judged), [masks[k] for k in judged]), strict=True):
-                row[name] = dict(zip(map(str, THRESHOLDS), ious.tolist(), strict=True))
-    report["by_steps"] = rows
-    return kept[-1], shown, report
+            for row, found in zip(ious, mean_binary_ious(maps(judged), [masks[k] for k in judged]), strict=True):
+                row[name] = dict(zip(map(str, THRESHOLDS), found.tolist(), strict=True))
+    by_steps = (ReachedIous(**row, steps=n, seconds=s) for row, (n, s) in zip(ious, reached, strict=False))
+    return (
+        kept[-1],
+        shown,
+        replace(
+            info,
+            threshold=options.threshold,
+            rays_seconds=rays_seconds,
+            vote=MeanIous(**ious[-1]),
+            by_steps=tuple(by_steps),
+        ),
+    )
 
 
 def _by_features(
@@ -191,7 +201,8 @@ def _by_features(
     allowed: NDArray[np.bool_],
     options: SegmentOptions,
     progress: Progress,
-) -> tuple[LiftedMasks, NDArray[np.float32], dict[str, Any]]:
+    info: SegmentInfo,
+) -> tuple[LiftedMasks, NDArray[np.float32], SegmentInfo]:
     """Sets of Gaussians alike, one for each mask of a few views around the plant; and the features (N, C)."""
     begin_s = time.perf_counter()
     smoothing = neighbour_means(gaussians.means)
@@ -199,16 +210,38 @@ def _by_features(
         sample_rays(gaussians, camera, ids, smoothing, options.seed + k)
         for k, (camera, ids) in enumerate(zip(cameras, id_images, strict=True))
     ]
-    report: dict[str, Any] = {"rays_seconds": time.perf_counter() - begin_s}
+    rays_seconds = time.perf_counter() - begin_s
     features, losses = train_features(
         rays, len(gaussians), options.features, options.feature_steps, options.seed, progress
     )
-    report |= {"training_seconds": time.perf_counter() - begin_s, "loss": losses[:: max(1, len(losses) // 20)]}
+    training_seconds = time.perf_counter() - begin_s
     angles = azimuths(cameras, fit_orbit(cameras)) if len(cameras) > 1 else np.zeros(len(cameras))
     chosen = evenly_spaced(angles, options.views)
     weights = _weights(gaussians, [cameras[k] for k in chosen], [id_images[k] for k in chosen], 0, progress)
     prompts = [PromptView(cameras[k], id_images[k], weight) for k, weight in zip(chosen, weights, strict=True)]
     smooth = (smoothing @ features).astype(np.float32)
     lifted, dropped = prompted(gaussians, smooth, prompts, allowed, gaussians.sha256())
-    seconds = time.perf_counter() - begin_s
-    return lifted, smooth, report | {"seconds": seconds, "sets": len(lifted.selections), "dropped_masks": dropped}
+    return (
+        lifted,
+        smooth,
+        replace(
+            info,
+            rays_seconds=rays_seconds,
+            training_seconds=training_seconds,
+            loss=tuple(losses[:: max(1, len(losses) // 20)]),
+            seconds=time.perf_counter() - begin_s,
+            sets=len(lifted.selections),
+            dropped_masks=dropped,
+        ),
+    )
+
+
+def _cost(work: Work) -> Cost:
+    """Lifting the masks, and for the other methods the optimisation besides."""
+    options: SegmentOptions = work.options["segment"]
+    lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
+    steps_s = {"probability": 0.004 * options.steps, "affinity": 0.02 * options.feature_steps}
+    return Cost(lifting_s + steps_s.get(options.method, 0.0))
+
+
+STAGE = Stage("segment", version=3, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..capture.coverage import orbit, out_of_view
+from ..capture.coverage import Coverage, coverage, out_of_view
 from ..capture.image_pairs import image_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
-from ..errors import BadInput, CaptureFailed
+from ..documents.frames import FramesInfo
+from ..documents.sfm import LensDecision, SfmInfo
+from ..errors import CaptureFailed
 from ..files import exports
 from ..files.colmap import read_cameras, read_points
 from ..files.reconstruction import (
@@ -27,14 +28,17 @@ from ..files.reconstruction import (
 from ..files.saving import json_text
 from ..options import SfmOptions
 from ..workspace import Workspace
-
-VERSION = 5
+from .stage import Cost, Stage, Work
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
 PHOTO_SIZE, PHOTO_FEATURES = 2, 4
 """Photos are sharper than a video's frames and stand farther apart: they get these factors of size and features. (Twice
 the features place 8 of 16 photos of a turn, four times all.)"""
+FEATURES_PER_MP = 5700
+"""Features that a megapixel has, unless there is a limit."""
+FEATURE_BYTES = 200
+"""A SIFT feature with its share of the matches, in the database that is kept meanwhile."""
 MIN_REGISTERED_PCT = 40.0
 FEW_REGISTERED_PCT = 80.0
 MIN_REGISTERED = 3
@@ -51,60 +55,45 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageOutcome:
     frames = workspace.folder("frames")
-    described = _described(workspace.require(workspace.frames_json, "frames"))
+    taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
     names = [path.name for path in workspace.frame_images()]
     if len(names) < MIN_REGISTERED:
         raise CaptureFailed(f"{len(names)} images in frames; film one slow full turn around the plant")
-    ordered = bool(described.get("ordered", True))
     settings = ReconstructionSettings(
-        max_features=(1 if ordered else PHOTO_FEATURES) * options.max_features,
-        max_side=(1 if ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
+        max_features=(1 if taken.ordered else PHOTO_FEATURES) * options.max_features,
+        max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
         seed=options.seed,
-        focal_length_px=described.get("focal_length_px"),
+        focal_length_px=taken.focal_length_px,
     )
-    pairs = image_pairs(len(names), options.overlap, ordered)
+    pairs = image_pairs(len(names), options.overlap, taken.ordered)
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)
             _check_registered(models, names)
-        models[0], distortion = _with_lens(models[0], options)
-        description = _description(models, names) | {"distortion": distortion}
-        _check_coverage(description)
+        models[0], lens = _with_lens(models[0], options)
+        registered, centres, forwards = poses(models[0])
+        walk = coverage(centres, forwards)
+        _check_coverage(walk)
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
-        description["plant_out_of_view"] = out_of_view(description["orbit_target"], cameras)
+        info = _info(models, names, registered, walk, lens, out_of_view(walk.target, cameras))
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
         np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
-        (folder / "sfm.json").write_text(json_text(description), encoding="utf-8")
-    return _outcome(description)
+        info.save(folder / workspace.sfm_json.name)
+    return _outcome(info)
 
 
-def _described(path: Path) -> dict[str, Any]:
-    try:
-        described = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path.name} is damaged; run `cotton3dg frames --force`") from error
-    if not isinstance(described, dict):
-        raise BadInput(f"{path.name} is damaged; run `cotton3dg frames --force`")
-    return described
-
-
-def _with_lens(model: Any, options: SfmOptions) -> tuple[Any, dict[str, Any]]:
+def _with_lens(model: Any, options: SfmOptions) -> tuple[Any, LensDecision]:
     """The model with or without lens distortion, as the evidence or the option says, and what was found."""
     if options.distortion == "on":
-        return model, {"option": "on", "on": True}
+        return model, LensDecision("on", on=True)
     straight, evidence = straightened(model)
     on = options.distortion == "auto" and evidence.on
-    return model if on else straight, {
-        "option": options.distortion,
-        "on": on,
-        "rise_pct": evidence.rise_pct,
-        "needed_from_pct": NEEDLESS_RISE_PCT,
-        "corner_px": evidence.corner_px,
-    }
+    decision = LensDecision(options.distortion, on, evidence.rise_pct, NEEDLESS_RISE_PCT, evidence.corner_px)
+    return model if on else straight, decision
 
 
 def _check_registered(models: list[Any], names: list[str]) -> None:
@@ -117,58 +106,82 @@ def _check_registered(models: list[Any], names: list[str]) -> None:
         )
 
 
-def _check_coverage(description: dict[str, Any]) -> None:
-    covered_deg = description["orbit_coverage_deg"]
-    if not covered_deg >= MIN_COVERAGE_DEG:
+def _check_coverage(walk: Coverage) -> None:
+    if not walk.coverage_deg >= MIN_COVERAGE_DEG:
         raise CaptureFailed(
-            f"the camera went {covered_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film one"
-            " slow full turn, walking around the plant"
+            f"the camera went {walk.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
+            " one slow full turn, walking around the plant"
         )
 
 
-def _description(models: list[Any], names: list[str]) -> dict[str, Any]:
-    """What sfm.json says: how good the model is and what it misses."""
+def _info(
+    models: list[Any], names: list[str], registered: list[str], walk: Coverage, lens: LensDecision, lost: list[str]
+) -> SfmInfo:
+    """How good the first of the models is, of all images `names`, and what it misses."""
     model = models[0]
-    registered, centres, forwards = poses(model)
-    path = orbit(centres, forwards)
     camera = next(iter(model.cameras.values()))
-    return {
-        "n_frames": len(names),
-        "registered": registered,
-        "registered_pct": 100 * len(registered) / len(names),
-        "unregistered": sorted(set(names) - set(registered)),
-        "n_models": len(models),
-        "n_points": model.num_points3D(),
-        "mean_reprojection_error_px": model.compute_mean_reprojection_error(),
-        "mean_track_length": model.compute_mean_track_length(),
-        "mean_observations": model.compute_mean_observations_per_reg_image(),
-        "camera_model": camera.model_name,
-        "camera_params": camera.params.tolist(),
-        "focal_length_px": camera.mean_focal_length(),
-        "orbit_coverage_deg": path.coverage_deg,
-        "orbit_largest_gap_deg": path.largest_gap_deg,
-        "orbit_radius_su": path.radius_su,
-        "orbit_axis": path.axis,
-        "orbit_target": path.target,
-    }
+    return SfmInfo(
+        n_frames=len(names),
+        registered=tuple(registered),
+        registered_pct=100 * len(registered) / len(names),
+        unregistered=tuple(sorted(set(names) - set(registered))),
+        n_models=len(models),
+        n_points=model.num_points3D(),
+        mean_reprojection_error_px=model.compute_mean_reprojection_error(),
+        mean_track_length=model.compute_mean_track_length(),
+        mean_observations=model.compute_mean_observations_per_reg_image(),
+        camera_model=camera.model_name,
+        camera_params=tuple(camera.params.tolist()),
+        focal_length_px=camera.mean_focal_length(),
+        orbit_coverage_deg=walk.coverage_deg,
+        orbit_largest_gap_deg=walk.largest_gap_deg,
+        orbit_radius_su=walk.radius_su,
+        orbit_axis=tuple(walk.axis.tolist()),
+        orbit_target=tuple(walk.target.tolist()),
+        distortion=lens,
+        plant_out_of_view=tuple(lost),
+    )
 
 
-def _outcome(description: dict[str, Any]) -> StageOutcome:
+def _outcome(info: SfmInfo) -> StageOutcome:
     flags, warnings = [], []
-    if description["registered_pct"] < FEW_REGISTERED_PCT:
+    if info.registered_pct < FEW_REGISTERED_PCT:
         flags.append("few_frames_registered")
-        n_registered = len(description["registered"])
         warnings.append(
-            f"{n_registered} of {description['n_frames']} frames registered; walk more slowly, or film with more light"
+            f"{len(info.registered)} of {info.n_frames} frames registered; walk more slowly, or film with more light"
         )
-    if description["orbit_largest_gap_deg"] > MAX_GAP_DEG:
+    if info.orbit_largest_gap_deg > MAX_GAP_DEG:
         flags.append("orbit_gap")
-        warnings.append(
-            f"no view for {description['orbit_largest_gap_deg']:.0f} degrees around the plant; film a full turn"
-        )
-    lost = description["plant_out_of_view"]
+        warnings.append(f"no view for {info.orbit_largest_gap_deg:.0f} degrees around the plant; film a full turn")
+    lost = info.plant_out_of_view
     if lost:
         flags.append("plant_out_of_view")
         warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
-    return StageOutcome({key: round(description[key], 3) for key in keys}, tuple(flags), tuple(warnings))
+    return StageOutcome({key: round(getattr(info, key), 3) for key in keys}, tuple(flags), tuple(warnings))
+
+
+def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
+    images = [path.stat().st_size for path in workspace.frame_images()]
+    return 2 * sum(images) + len(images) * options.max_features * FEATURE_BYTES
+
+
+def _cost(work: Work) -> Cost:
+    """Features of each image, matches of each pair, and cameras placed one after the other."""
+    options, images, ordered = work.options["sfm"], work.images, work.source.is_video
+    mp = work.megapixels(VIDEO_FEATURE_SIDE * (1 if ordered else PHOTO_SIZE))
+    wanted = options.max_features * (1 if ordered else PHOTO_FEATURES)
+    fullness = min(wanted, FEATURES_PER_MP * mp) / 2048
+    pairs = images * options.overlap if ordered else images * (images - 1) / 2
+    return Cost((0.05 + 0.55 * mp) * images + 0.05 * fullness**2 * pairs, 0.005 * fullness**2 * images**2)
+
+
+STAGE = Stage(
+    "sfm",
+    version=5,
+    inputs=inputs,
+    run=run,
+    cost=_cost,
+    disk_bytes=_disk_bytes,
+    droppable=lambda workspace: sorted((workspace.undistorted / "images").glob("*.jpg")),
+)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +16,18 @@ from .. import __version__, _native
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Float64, Gaussians
+from ..documents.frames import FramesInfo
+from ..documents.sfm import SfmInfo
+from ..documents.train import (
+    Effects,
+    ExposureDecision,
+    HeldOut,
+    MotionBlurFound,
+    RejectedStep,
+    RollingShutterFound,
+    TrainedSteps,
+    TrainMetrics,
+)
 from ..errors import BadInput
 from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
@@ -26,15 +37,15 @@ from ..files.saving import explained_disk_errors, json_text, replacing
 from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
+from ..splat.densify import scheduled_count
 from ..splat.exposure import VISIBLE, corrected, exposure
-from ..splat.initialise import starting_gaussians
+from ..splat.initialise import FILL_SHARE, START_SHARE, starting_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
 from ..splat.motion import longest_tracks
-from ..splat.trainer import Fit, Training, fit
+from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..workspace import Workspace
-
-VERSION = 8
+from .stage import Cost, Stage, Work
 
 T = TypeVar("T")
 
@@ -43,6 +54,8 @@ LOW_PSNR_DB = 22.0
 
 COMPARISONS = 4
 """Held-out views saved beside their renders."""
+COST_SLICES = 20
+"""Parts of a training over which its cost takes the number of Gaussians as constant."""
 MOTION_POINTS = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""
 
@@ -107,25 +120,15 @@ def _save(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
         for view, gains in zip(held_out, capture.held_out_gains, strict=True)
     ]
     pixel_su = radius_su / float(np.median([view.camera.fx for view in views]))
-    metrics = _metrics(result, qualities) | {"pixel_su": pixel_su}
+    metrics = _metrics(result, qualities, pixel_su)
     with workspace.writing("train") as folder:
         write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
-        (folder / workspace.metrics_json.name).write_text(json_text(metrics), encoding="utf-8")
-        (folder / workspace.effects_json.name).write_text(json_text(capture.effects), encoding="utf-8")
+        metrics.save(folder / workspace.metrics_json.name)
+        capture.effects.save(folder / workspace.effects_json.name)
         for i in np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int)):
             pair = np.concatenate([held_out[i].image, qualities[i].rendered], axis=1)
             write_image(folder / f"held_out_{Path(qualities[i].name).stem}.jpg", pair)
     return _outcome(metrics, capture.effects)
-
-
-def _lens(workspace: Workspace) -> dict[str, Any]:
-    """What sfm decided about lens distortion; nothing where the cameras come from elsewhere."""
-    if not workspace.sfm_json.is_file():
-        return {}
-    try:
-        return {"distortion": json.loads(workspace.sfm_json.read_text(encoding="utf-8"))["distortion"]}
-    except (ValueError, TypeError, KeyError):
-        return {}
 
 
 def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress) -> Fit:
@@ -154,7 +157,13 @@ def _start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Ga
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:
     """Hash of all that decides what a training makes."""
-    facts = [__version__, VERSION, _native.instruction_set(), as_dict(options), workspace.hashes(*inputs(workspace))]
+    facts = [
+        __version__,
+        STAGE.version,
+        _native.instruction_set(),
+        as_dict(options),
+        workspace.hashes(*inputs(workspace)),
+    ]
     return hashlib.sha256(json_text(facts).encode()).hexdigest()
 
 
@@ -170,15 +179,14 @@ class Capture:
     """As filmed."""
     held_out_gains: list[Float64]
     """(3,) for each, to be put on its render."""
-    effects: dict[str, Any]
-    """What effects.json says."""
+    effects: Effects
 
 
 def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
     """Load the views, look for effects of the camera and correct those that are there (or that the options force)."""
     views = load_views(workspace, options.max_side)
     gains = np.ones((len(views), 3))
-    effects = _lens(workspace) | {"exposure": {"option": options.exposure, "on": options.exposure == "on"}}
+    decision = ExposureDecision(options.exposure, on=options.exposure == "on")
     if options.exposure != "off":
         tracks = read_tracks(workspace.undistorted / "sparse")
         full = {camera.name: camera.width for camera in read_cameras(workspace.undistorted / "sparse")}
@@ -186,15 +194,17 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
         found = exposure(views, places, [tracks[view.camera.name][1] for view in views])
         on = options.exposure == "on" or found.varies
         gains = found.gains if on else gains
-        effects["exposure"] |= {
-            "on": on,
-            "spread_pct": 100 * found.spread,
-            "error_pct": 100 * found.error,
-            "visible_from_pct": 100 * VISIBLE,
-            "n_observations": found.n_observations,
-            "gains": {view.camera.name: gain.tolist() for view, gain in zip(views, found.gains, strict=True)},
-        }
-    effects |= _motion(workspace, views)
+        decision = ExposureDecision(
+            options.exposure,
+            on,
+            spread_pct=100 * found.spread,
+            error_pct=100 * found.error,
+            visible_from_pct=100 * VISIBLE,
+            n_observations=found.n_observations,
+            gains={view.camera.name: tuple(gain) for view, gain in zip(views, found.gains.tolist(), strict=True)},
+        )
+    sfm = SfmInfo.load_if_there(workspace.sfm_json)  # not there where the cameras come from elsewhere
+    effects = Effects(decision, sfm.distortion if sfm else None, *_motion(workspace, views))
     usable = [corrected(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
     training, _ = hold_out(usable, options.holdout)
     _, held_out = hold_out(views, options.holdout)
@@ -202,45 +212,41 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
     return Capture(views, training, held_out, held_out_gains, effects)
 
 
-def _motion(workspace: Workspace, views: list[View]) -> dict[str, Any]:
-    """What the camera's motion did to the images of a video: told, never modelled (docs/training.md says why)."""
+def _motion(workspace: Workspace, views: list[View]) -> tuple[MotionBlurFound | None, RollingShutterFound | None]:
+    """What the camera's motion did to the images of a video: reported, never modelled (docs/training.md says why)."""
     times = _times(workspace, [view.camera.name for view in views])
     if times is None:
-        return {}
+        return None, None
     sparse = workspace.undistorted / "sparse"
     tracks = longest_tracks(read_cameras(sparse), times, read_tracks(sparse), read_positions(sparse), MOTION_POINTS)
     blur, shutter = blurring.motion_blur(views, tracks), rolling.rolling_shutter(tracks)
-    return {
-        "motion_blur": {
-            "on": False,
-            "found": blur.found,
-            "median_px": blur.median_px,
-            "error_px": blur.error_px,
-            "strong_px": blur.strong_px,
-            "visible_from_px": blurring.VISIBLE_PX,
-            "flow_px": blur.flow_px,
-            "lengths_px": {view.camera.name: length for view, length in zip(views, blur.lengths_px, strict=True)},
-        },
-        "rolling_shutter": {
-            "on": False,
-            "found": shutter.found,
-            "read_out_frames": shutter.read_out,
-            "error_frames": shutter.error,
-            "shift_px": shutter.shift_px,
-            "left_px": shutter.left_px,
-            "visible_from_px": rolling.VISIBLE_PX,
-        },
-    }
+    return MotionBlurFound(
+        on=False,
+        found=blur.found,
+        median_px=blur.median_px,
+        error_px=blur.error_px,
+        strong_px=blur.strong_px,
+        visible_from_px=blurring.VISIBLE_PX,
+        flow_px=blur.flow_px,
+        lengths_px={view.camera.name: length for view, length in zip(views, blur.lengths_px.tolist(), strict=True)},
+    ), RollingShutterFound(
+        on=False,
+        found=shutter.found,
+        read_out_frames=shutter.read_out,
+        error_frames=shutter.error,
+        shift_px=shutter.shift_px,
+        left_px=shutter.left_px,
+        visible_from_px=rolling.VISIBLE_PX,
+    )
 
 
 def _times(workspace: Workspace, names: list[str]) -> Float64 | None:
     """When the images were taken, in frames of the video; None of photos and of cameras that come from elsewhere."""
-    try:
-        described = json.loads(workspace.frames_json.read_text(encoding="utf-8"))
-        taken_s = {image["name"]: image["timestamp_s"] for image in described["images"]}
-        times = float(described["video"]["fps"]) * np.array([taken_s[name] for name in names], float)
-    except (OSError, ValueError, TypeError, KeyError):
+    taken = FramesInfo.load_if_there(workspace.frames_json)
+    if taken is None or taken.video is None:
         return None
+    taken_s = {image.name: image.timestamp_s for image in taken.images}
+    times = taken.video.fps * np.array([taken_s.get(name) for name in names], float)
     return times if len(times) > 2 and (np.diff(times) > 0).all() else None
 
 
@@ -270,61 +276,85 @@ def hold_out(views: list[T], every: int) -> tuple[list[T], list[T]]:
     return [view for i, view in enumerate(views) if every <= 1 or i % every], held_out
 
 
-def _metrics(result: Fit, qualities: list[ViewQuality]) -> dict[str, Any]:
+def _metrics(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> TrainMetrics:
     def mean(values: list[float]) -> float:
         finite = [value for value in values if math.isfinite(value)]
         return float(np.mean(finite)) if finite else math.nan
 
     last = result.history[-1]
-    return {
-        "psnr_db": mean([quality.psnr_db for quality in qualities]),
-        "ssim": mean([quality.ssim for quality in qualities]),
-        "plant_psnr_db": mean([quality.plant_psnr_db for quality in qualities]),
-        "plant_ssim": mean([quality.plant_ssim for quality in qualities]),
-        "plant_region": f"pixels whose rendered surface is within {PLANT_REGION} of the orbit radius of its focus",
-        "n_gaussians": len(result.gaussians),
-        "steps": last["step"],
-        "seconds": last["seconds"],
-        "cpu_seconds": last["cpu_seconds"],
-        "n_pruned": result.n_pruned,
-        "n_split": result.n_split,
-        "culled": result.culled,
-        "rejected_steps": [{"step": step, "image": name} for step, name in result.rejected],
-        "held_out": [
-            {
-                "image": quality.name,
-                "psnr_db": quality.psnr_db,
-                "ssim": quality.ssim,
-                "plant_psnr_db": quality.plant_psnr_db,
-                "plant_ssim": quality.plant_ssim,
-                "plant_share": quality.plant_share,
-            }
-            for quality in qualities
-        ],
-        "history": result.history,
-    }
+    return TrainMetrics(
+        psnr_db=mean([quality.psnr_db for quality in qualities]),
+        ssim=mean([quality.ssim for quality in qualities]),
+        plant_psnr_db=mean([quality.plant_psnr_db for quality in qualities]),
+        plant_ssim=mean([quality.plant_ssim for quality in qualities]),
+        plant_region=f"pixels whose rendered surface is within {PLANT_REGION} of the orbit radius of its focus",
+        n_gaussians=len(result.gaussians),
+        steps=last["step"],
+        seconds=last["seconds"],
+        cpu_seconds=last["cpu_seconds"],
+        n_pruned=result.n_pruned,
+        n_split=result.n_split,
+        culled=result.culled,
+        rejected_steps=tuple(RejectedStep(step, name) for step, name in result.rejected),
+        held_out=tuple(
+            HeldOut(each.name, each.psnr_db, each.ssim, each.plant_psnr_db, each.plant_ssim, each.plant_share)
+            for each in qualities
+        ),
+        history=tuple(TrainedSteps(**reached) for reached in result.history),
+        pixel_su=pixel_su,
+    )
 
 
-def _outcome(metrics: dict[str, Any], effects: dict[str, Any]) -> StageOutcome:
+def _outcome(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
     summary = {
-        key: metrics[key] if isinstance(metrics[key], int) else round(metrics[key], 2)
-        for key in ("psnr_db", "plant_psnr_db", "n_gaussians", "steps", "seconds", "cpu_seconds")
+        "psnr_db": round(metrics.psnr_db, 2),
+        "plant_psnr_db": round(metrics.plant_psnr_db, 2),
+        "n_gaussians": metrics.n_gaussians,
+        "steps": metrics.steps,
+        "seconds": round(metrics.seconds, 2),
+        "cpu_seconds": round(metrics.cpu_seconds, 2),
+        "effects": ", ".join(effects.on) or "none",
     }
-    summary["effects"] = ", ".join(name for name, decision in effects.items() if decision["on"]) or "none"
     flags, warnings = [], []
-    unusable = {reason: n for reason, n in metrics["culled"].items() if n}
+    unusable = {reason: n for reason, n in metrics.culled.items() if n}
     if unusable:
         flags.append("gaussians_culled")
         told = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
         warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
-    if metrics["psnr_db"] < LOW_PSNR_DB:
+    if metrics.psnr_db < LOW_PSNR_DB:
         flags.append("low_psnr")
-        warnings.append(f"renders differ from the photos (PSNR {metrics['psnr_db']:.1f} dB); try --preset paper")
-    if metrics["rejected_steps"]:
+        warnings.append(f"renders differ from the photos (PSNR {metrics.psnr_db:.1f} dB); try --preset paper")
+    if metrics.rejected_steps:
         flags.append("training_steps_rejected")
-        n = len(metrics["rejected_steps"])
         warnings.append(
-            f"{n} training steps had a loss that was not finite and were undone; metrics.json names their images, "
-            "records/train.rejected.npz holds the first"
+            f"{len(metrics.rejected_steps)} training steps had a loss that was not finite and were undone; metrics.json"
+            " names their images, records/train.rejected.npz holds the first"
         )
     return StageOutcome(summary, tuple(flags), tuple(warnings))
+
+
+def _disk_bytes(_: Workspace, options: TrainOptions) -> float:
+    # float32: 14 parameters, 3 normals and the colours; the checkpoint holds them with two moments and more.
+    values = 17 + 3 * (options.sh_degree + 1) ** 2
+    return 5 * 4 * values * options.max_gaussians
+
+
+def _cost(work: Work) -> Cost:
+    """Loading the images, and all steps: each costs by its pixels and by the Gaussians there are by then."""
+    options: TrainOptions = work.options["train"]
+    full_mp = work.megapixels(options.max_side)
+    ends = levels(min(options.max_side, max(work.size)), options.steps)
+    start = (START_SHARE + FILL_SHARE) * options.max_gaussians
+    # A fifth of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
+    per_million = 0.4 + 0.006 * (options.sh_degree + 1) ** 2
+    steps_s = 0.0
+    for i in range(COST_SLICES):
+        share = (i + 0.5) / COST_SLICES
+        factor = next(factor for until, factor in ends if share * options.steps < until or factor == 1)
+        grown = (share - DENSIFY_FROM) / (DENSIFY_UNTIL - DENSIFY_FROM)
+        millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
+        steps_s += options.steps / COST_SLICES * (0.15 * full_mp / factor**2 + per_million * millions)
+    return Cost((0.05 + 0.22 * full_mp) * work.images + steps_s)
+
+
+STAGE = Stage("train", version=8, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,19 +11,22 @@ from ..core.columns import cells_of
 from ..core.measurements import PlantEvidence, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..documents.bolls import read_bolls
+from ..documents.record import Record
+from ..documents.scale import read_scale
+from ..documents.sfm import SfmInfo
+from ..documents.train import TrainMetrics
 from ..errors import BadInput
-from ..files.bolls import read_bolls
 from ..files.ply import read_gaussians
-from ..files.scale import read_scale
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
-from ..options import STAGE_OPTIONS, TraitsOptions
+from ..options import TraitsOptions
 from ..traits.isolate import isolate_plant
 from ..traits.measure import measure_bolls, measure_silhouette, summarise_plant
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
+from .stage import STAGES, Cost, Stage, Work
 
-VERSION = 5
-EARLIER_STAGES = tuple(stage for stage in STAGE_OPTIONS if stage != "traits")
+EARLIER_STAGES = tuple(stage for stage in STAGES if stage != "traits")
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -61,18 +62,16 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         elif not plant.stem_found:
             flags.append("no_stem")
             warnings.append("no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot")
-    metrics = _facts(workspace.require(workspace.metrics_json, "train"))
-    if "pixel_su" not in metrics:
-        raise BadInput("metrics.json does not say how large a pixel was; run `cotton3dg train` again")
-    drawn = as_drawn(gaussians, metrics["pixel_su"])
+    metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
+    drawn = as_drawn(gaussians, metrics.pixel_su)
     foot = plant.foot if plant else None
-    boll_traits = measure_bolls(drawn, bolls, scale, foot, metrics["pixel_su"], options.tube_height_cm)
+    boll_traits = measure_bolls(drawn, bolls, scale, foot, metrics.pixel_su, options.tube_height_cm)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
-    traits = summarise_plant(boll_traits, silhouette, scale, metrics["pixel_su"])
+    traits = summarise_plant(boll_traits, silhouette, scale, metrics.pixel_su)
     flags += traits.flags
     plant_id = options.plant_id or workspace.plant_id
-    records = [workspace.read_record(stage) or {} for stage in EARLIER_STAGES]
-    all_flags = _united([*(flag for record in records for flag in record.get("flags", [])), *flags])
+    records = [record for record in map(workspace.read_record, EARLIER_STAGES) if record]
+    all_flags = _united([*(flag for record in records for flag in record.flags), *flags])
     whose = {"plant_id": plant_id}
     row = whose | cells_of(traits, _evidence(workspace, scale, metrics, records, all_flags))
     boll_cells = [whose | cells_of(boll) for boll in boll_traits]
@@ -95,34 +94,22 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
 def _evidence(
     workspace: Workspace,
     scale: Scale | None,
-    metrics: dict[str, Any],
-    records: list[dict[str, Any]],
+    metrics: TrainMetrics,
+    records: list[Record],
     flags: tuple[str, ...],
 ) -> PlantEvidence:
     """What earlier stages say about capture and cost; None where they do not."""
-    sfm = _facts(workspace.sfm_json)
-    n_frames, registered = sfm.get("n_frames"), sfm.get("registered")
+    sfm = SfmInfo.load_if_there(workspace.sfm_json)
     return PlantEvidence(
         scale_source=scale.source if scale else "none",
         scale_error_pct=100 * scale.relative_error if scale else None,
-        n_frames=n_frames,
-        registered_pct=100.0 * len(registered) / n_frames if n_frames and registered is not None else None,
-        psnr_db=metrics.get("psnr_db"),
-        seconds=float(sum(record.get("seconds") or 0.0 for record in records)),
+        n_frames=sfm.n_frames if sfm else None,
+        registered_pct=100.0 * len(sfm.registered) / sfm.n_frames if sfm else None,
+        psnr_db=metrics.psnr_db,
+        seconds=float(sum(record.seconds for record in records)),
         flags=flags,
         version=__version__,
     )
-
-
-def _facts(path: Path) -> dict[str, Any]:
-    """A JSON file of another stage; nothing when it is not there."""
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path.name} is damaged; run `cotton3dg {path.parent.name} --force`") from error
-    return facts if isinstance(facts, dict) else {}
 
 
 def _united(flags: list[str]) -> tuple[str, ...]:
@@ -133,3 +120,10 @@ def _united(flags: list[str]) -> tuple[str, ...]:
 def _write_csv(path: Path, text: str) -> None:
     # In binary: the text has its own line ends.
     path.write_bytes(text.encode("utf-8"))
+
+
+def _cost(work: Work) -> Cost:
+    return Cost(0.0, 1.5 + 28 * work.million_gaussians)
+
+
+STAGE = Stage("traits", version=5, inputs=inputs, run=run, cost=_cost)

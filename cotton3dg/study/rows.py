@@ -2,70 +2,87 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import time
-from pathlib import Path
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..core.machine import usable_cores
 from ..core.scene import Gaussians
+from ..core.state import State
+from ..documents.document import Document
+from ..documents.train import Effects, TrainMetrics
+from ..errors import BadInput
 from ..files.ply import read_gaussians
+from ..files.tables import number, read_rows
 from ..options import TrainOptions
-from ..pipeline import STAGES
 from ..splat.metrics import PLANT_REGION, focus, view_quality
 from ..splat.rasterizer import render
 from ..splat.views import View
+from ..stages.stage import STAGES
 from ..stages.train import hold_out, load_views
 from ..workspace import Workspace
 from .tables import COLUMNS, ERRORS
 
+RECORD = "study"
 FULL_SIDE = 960
 """All models are compared at this size of the images, px, or at their own if smaller."""
 TIMED_CAMERAS, TIMED_TIMES = 5, 3
 """The time of rendering is the median over so many cameras, each the best of so many times."""
 
 
-def empty_row(sweep: str, setting: str, state: str, reason: str = "") -> dict[str, Any]:
+@dataclass(frozen=True)
+class RenderingInfo(Document):
+    """records/study.json: how fast and how well a model renders, as measuring it takes a while."""
+
+    REMEDY = "run `cotton3dg study`"
+
+    model: str
+    """`Gaussians.sha256()` of it."""
+    render_cpu_s: float
+    full_psnr_db: float
+
+
+def empty_row(sweep: str, setting: str, state: State, reason: str = "") -> dict[str, Any]:
     blank = dict.fromkeys((column.name for column in COLUMNS), None)
     return blank | {"sweep": sweep, "setting": setting, "state": state, "reason": reason}
 
 
 def finished_row(workspace: Workspace, sweep: str, setting: str, options: TrainOptions) -> dict[str, Any]:
     """What the study says of a finished folder; seconds are those of all stages, whichever setting ran them."""
-    records = [workspace.read_record(stage) or {} for stage in STAGES]
-    with workspace.traits_csv.open(encoding="utf-8-sig", newline="") as file:
-        traits = next(csv.DictReader(file))
-    metrics = read_json(workspace.metrics_json)
-    cpu_s = sum(_number(record.get("cpu_seconds")) for record in records)
-    row = empty_row(sweep, setting, "done")
-    row |= {key: _number(metrics.get(key)) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
-    row |= {trait: _number(traits[trait]) for trait in ERRORS}
+    records = [record for record in map(workspace.read_record, STAGES) if record]
+    (traits,) = read_rows(workspace.traits_csv)
+    metrics = TrainMetrics.load(workspace.metrics_json)
+    cpu_s = sum(record.cpu_seconds for record in records)
+    row = empty_row(sweep, setting, State.DONE)
+    row |= {key: getattr(metrics, key) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
+    row |= {trait: number(traits[trait]) for trait in ERRORS}
     row |= {
-        "n_gaussians": metrics.get("n_gaussians"),
+        "n_gaussians": metrics.n_gaussians,
         "n_frames": int(traits["n_frames"]),
-        "seconds": sum(_number(record.get("seconds")) for record in records),
+        "seconds": sum(record.seconds for record in records),
         "cpu_seconds": cpu_s,
         "idle_seconds": cpu_s / len(usable_cores()),
-        "peak_memory_mib": max(_number(record.get("peak_memory_mib")) for record in records),
+        "peak_memory_mib": max(record.peak_memory_mib for record in records),
     }
     rendering = _rendering(workspace, options)
-    return row | {"fps": len(usable_cores()) / rendering["render_cpu_s"], "full_psnr_db": rendering["full_psnr_db"]}
+    return row | {"fps": len(usable_cores()) / rendering.render_cpu_s, "full_psnr_db": rendering.full_psnr_db}
 
 
-def _rendering(workspace: Workspace, options: TrainOptions) -> dict[str, float]:
+def _rendering(workspace: Workspace, options: TrainOptions) -> RenderingInfo:
     """Processor time of a render at the training's size, and PSNR of the plant at full size; measured once a model."""
     gaussians = read_gaussians(workspace.gaussians_ply)
-    known = workspace.read_record("study") or {}
-    if known.get("model") == gaussians.sha256():
-        return {key: _number(known[key]) for key in ("render_cpu_s", "full_psnr_db")}
+    with suppress(BadInput):
+        known = RenderingInfo.load(workspace.record_file(RECORD))
+        if known.model == gaussians.sha256():
+            return known
     views = load_views(workspace, FULL_SIDE)
     centre, radius_su = focus([view.camera for view in views])
-    exposure = read_json(workspace.effects_json).get("exposure", {})
-    gains = exposure.get("gains", {}) if exposure.get("on") else {}
+    exposure = Effects.load(workspace.effects_json).exposure
+    gains = (exposure.gains or {}) if exposure.on else {}
     _, held_out = hold_out(views, options.holdout)
     qualities = [
         view_quality(
@@ -75,11 +92,12 @@ def _rendering(workspace: Workspace, options: TrainOptions) -> dict[str, float]:
     ]
     finite = [quality for quality in qualities if math.isfinite(quality)]
     sample = [views[round(i)] for i in np.linspace(0, len(views) - 1, TIMED_CAMERAS)]
-    found = {
-        "render_cpu_s": float(np.median([_render_cpu_s(gaussians, view.limited(options.max_side)) for view in sample])),
-        "full_psnr_db": float(np.mean(finite)) if finite else math.nan,
-    }
-    workspace.write_record("study", {"model": gaussians.sha256(), **found})
+    found = RenderingInfo(
+        gaussians.sha256(),
+        render_cpu_s=float(np.median([_render_cpu_s(gaussians, view.limited(options.max_side)) for view in sample])),
+        full_psnr_db=float(np.mean(finite)) if finite else math.nan,
+    )
+    workspace.keep(found, RECORD)
     return found
 
 
@@ -91,11 +109,3 @@ def _render_cpu_s(gaussians: Gaussians, view: View) -> float:
         render(gaussians, view.camera)
         times.append(time.process_time() - began)
     return min(times)
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def _number(value: Any) -> float:
-    return math.nan if value in (None, "") else float(value)

@@ -9,7 +9,7 @@ from typing import Any
 from .. import pipeline
 from ..errors import BadUsage
 from ..options import PRESETS, as_dict, resolve
-from ..planning.cost import Footage
+from ..stages.stage import Footage
 from ..workspace import Workspace
 from .tables import TITLES
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..core.columns import Column
+from ..core.state import State
 from ..files.tables import TRAITS
 from ..planning.tradeoff import duration, pareto_front
 
@@ -83,7 +84,7 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
     Args:
         rows: of one sweep, coarse to fine.
     """
-    done = [row for row in rows if row["state"] == "done"]
+    done = [row for row in rows if row["state"] == State.DONE]
     finest = done[-1] if done else {}
     told = []
     for row in rows:
@@ -108,7 +109,7 @@ def _error_pct(value: float | None, reference: float | None) -> float:
 
 def machine_was_busy(rows: Sequence[Row]) -> bool:
     """Whether the seconds on the clock tell of other programs, too."""
-    done = [row for row in rows if row["state"] == "done"]
+    done = [row for row in rows if row["state"] == State.DONE]
     return sum(row["seconds"] for row in done) > BUSY * sum(row["idle_seconds"] for row in done)
 
 
@@ -139,7 +140,7 @@ def judged(rows: Sequence[Row], measure: str) -> list[Row]:
     base = next((row for row in rows if row["sweep"] == "base"), None)
     shown: list[Row] = []
     for row in rows:
-        if row["state"] != "done" or not math.isfinite(row[measure]):
+        if row["state"] != State.DONE or not math.isfinite(row[measure]):
             continue
         # A camera nearer to the plant has other images, and what leaves the model alone tells nothing of it.
         alike = base is not None and row[measure] == base[measure]
@@ -186,7 +187,7 @@ def _table(sweep: str, rows: Sequence[Row], best: set[tuple[str, str]]) -> str:
     ]
     left_out = []
     for row in rows:
-        if row["state"] != "done":
+        if row["state"] != State.DONE:
             left_out.append(f"{row['setting']}: {row['state']}, {row['reason']}.")
             continue
         star = " *" if (sweep, row["setting"]) in best else ""
@@ -204,7 +205,7 @@ def summary(rows: Sequence[Row]) -> str:
     best, lines = starred(rows), [f"{'sweep':<12}{'setting':<14}{'PSNR dB':>9}{'traits %':>9}{'time':>10}{'CPU':>10}"]
     for row in rows:
         start = f"{row['sweep']:<12}{row['setting']:<14}"
-        if row["state"] != "done":
+        if row["state"] != State.DONE:
             lines.append(f"{start} {row['state']}: {row['reason']}")
             continue
         figures = [_figure(row["full_psnr_db"], ".2f"), _figure(row["trait_error_pct"], ".1f")]

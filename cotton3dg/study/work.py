@@ -10,23 +10,28 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .. import __version__, pipeline
+from .. import pipeline
 from ..core.machine import usable_cores
+from ..core.state import State
+from ..documents.train import TrainMetrics
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..files.encode import crop_video
 from ..files.saving import explained_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
-from ..options import as_dict
-from ..pipeline import STAGES, Step, Watcher
+from ..pipeline import Step, Watcher
 from ..planning.cost import costs, footage
 from ..planning.tradeoff import duration, typical_ratio
+from ..stages.stage import STAGES, stage_of
+from ..stages.staleness import stale_reason
+from ..stages.train import save_intermediate
 from ..workspace import Workspace
 from .plot import write_plot
-from .rows import empty_row, finished_row, read_json
+from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
 from .tables import COLUMNS, markdown, with_errors
 
@@ -113,11 +118,11 @@ class Study:
                 pipeline.run(workspace, setting.options, watcher=self.watcher)
             self._note(setting, workspace)
         except Cotton3dgError as error:
-            self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, "failed", str(error))
+            self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, State.FAILED, str(error))
             self.tell(f"{setting.sweep} {setting.value}: failed: {error}")
 
     def _leave_out(self, setting: Setting, reason: str) -> None:
-        self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, "skipped", reason)
+        self.rows[setting.sweep, setting.value] = empty_row(setting.sweep, setting.value, State.SKIPPED, reason)
         self.tell(f"{setting.sweep} {setting.value}: skipped: {reason}")
 
     def _workspace(self, setting: Setting) -> Workspace:
@@ -136,16 +141,17 @@ class Study:
             # What a training passed through is not what it ended with, although the options are the same.
             if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
                 continue
-            read = workspace.hashes(*pipeline.stage_inputs(workspace, stage, setting.options[stage]))
+            read = workspace.hashes(*stage_of(stage).reads(workspace, setting.options[stage]))
             for donor in donors:
-                if not self._is_due(donor, setting, stage) and (donor.read_record(stage) or {})["inputs"] == read:
+                record = donor.read_record(stage)
+                if record and record.inputs == read and not self._is_due(donor, setting, stage):
                     donor.share_result(stage, workspace)
                     break
         return workspace
 
     @staticmethod
     def _is_due(workspace: Workspace, setting: Setting, stage: str) -> bool:
-        return bool(pipeline.stale_reason(workspace, stage, setting.options[stage]))
+        return bool(stale_reason(workspace, stage, setting.options[stage]))
 
     def _train_through(self, settings: Sequence[Setting]) -> None:
         """One training that leaves its model in the folders of all settings, unless they have it."""
@@ -157,30 +163,22 @@ class Study:
         if needed_s > self._left_s():
             return
         self.tell(f"steps: one training, about {duration(needed_s)}")
-        module, options = pipeline.stage_module("train"), passing[0].options["train"]
+        options = passing[0].options["train"]
         base = self._workspace(self.base)
         progress = self.watcher.started(Step("train", options, "its models are kept"))
-        outcomes = module.save_intermediate(base, options, workspaces, progress)
+        outcomes = save_intermediate(base, options, workspaces, progress)
+        base_record = base.read_record("train")
         for steps, outcome in outcomes.items():
             workspace = workspaces[steps]
-            reached = read_json(workspace.metrics_json)
-            record = {
-                "stage": "train",
-                "stage_version": module.VERSION,
-                "cotton3dg_version": __version__,
-                "options": as_dict(options),
-                "reason": f"after {steps} of {options.steps} steps",
-                "inputs": workspace.hashes(*pipeline.stage_inputs(workspace, "train", options)),
-                "outputs": workspace.hashes(workspace.folder("train")),
-                "status": "ok",
-                "summary": outcome.summary,
-                "flags": list(outcome.flags),
-                "warnings": list(outcome.warnings),
-                "seconds": reached["seconds"],
-                "cpu_seconds": reached["cpu_seconds"],
-                "peak_memory_mib": (base.read_record("train") or {}).get("peak_memory_mib"),
-            }
-            workspace.write_record("train", record)
+            reached = TrainMetrics.load(workspace.metrics_json)
+            record = replace(
+                stage_of("train").record(options, f"after {steps} of {options.steps} steps"),
+                inputs=workspace.hashes(*stage_of("train").reads(workspace, options)),
+                seconds=reached.seconds,
+                cpu_seconds=reached.cpu_seconds,
+                peak_memory_mib=base_record.peak_memory_mib if base_record else math.nan,
+            )
+            workspace.write_record(record.done(outcome, workspace.hashes(workspace.folder("train"))))
 
     # ------------------------------------------------------------------- time
     def _left_s(self) -> float:
@@ -202,7 +200,7 @@ class Study:
 
     def _reads(self, due: Sequence[str], stage: str) -> bool:
         """Whether `stage` reads what one of the stages `due` makes."""
-        for path in pipeline.stage_module(stage).inputs(self.plant):
+        for path in stage_of(stage).inputs(self.plant):
             folder = path.relative_to(self.plant.root).parts[0]
             if (path.stem if folder == "records" else folder) in due:
                 return True
@@ -213,9 +211,9 @@ class Study:
         """Add the finished setting's row, and learn from the seconds of its stages."""
         modelled = costs(setting.options, self.source)
         for stage in STAGES:
-            seconds = (workspace.read_record(stage) or {}).get("seconds")
-            if seconds and not (setting.passing and stage == "train"):
-                self.timed[stage].append((seconds, modelled[stage].seconds(len(usable_cores()))))
+            record = workspace.read_record(stage)
+            if record and not (setting.passing and stage == "train"):
+                self.timed[stage].append((record.seconds, modelled[stage].seconds(len(usable_cores()))))
         row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"])
         self.rows[setting.sweep, setting.value] = row
 

@@ -19,6 +19,7 @@ import pandas as pd
 
 from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
+from cotton3dg.documents.train import Effects
 from cotton3dg.options import SimulateOptions, TrainOptions
 from cotton3dg.stages.train import load_capture
 from cotton3dg.workspace import Workspace
@@ -48,11 +49,11 @@ EFFECTS = {
     "blur": ("motion_blur", "median_px", "error_px"),
     "rolling_shutter": ("rolling_shutter", "shift_px", ""),
 }
-"""Option of `simulate` -> key of effects.json, what tells and its standard error."""
+"""Option of `simulate` -> field of the effects, what tells and its standard error."""
 
 
-def evidence(folder: Path, name: str) -> dict[str, Any]:
-    """effects.json of a clip, filmed if need be."""
+def evidence(folder: Path, name: str) -> Effects:
+    """What was found in a clip, filmed if need be."""
     clip = folder / name.replace(", ", "-").replace(" ", "-")
     if not (clip / "truth.json").is_file():
         simulate(clip, replace(CLIP, **CLIPS[name]))
@@ -62,11 +63,11 @@ def evidence(folder: Path, name: str) -> dict[str, Any]:
     return load_capture(workspace, TrainOptions()).effects
 
 
-def rows(name: str, effects: dict[str, Any]) -> list[dict[str, Any]]:
+def rows(name: str, effects: Effects) -> list[dict[str, Any]]:
     """A row an effect: whether it is there, whether it was found, and by which figure."""
     told = []
     for option, (key, figure, error) in EFFECTS.items():
-        found = effects[key]
+        found = vars(getattr(effects, key))
         told.append(
             {
                 "clip": name,

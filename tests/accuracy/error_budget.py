@@ -33,13 +33,14 @@ from segmentation_sweep import spread
 from study_set import AIMS_PCT, judged, means
 from true_scene import TruePlant, cm_from_scene, true_cameras, true_masks, true_plant, true_points, true_scale
 
+from cotton3dg.core.progress import silent
+from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import write_ids
 from cotton3dg.files.reconstruction import undistort
 from cotton3dg.files.saving import file_sha256, json_text, write_text_atomically
-from cotton3dg.files.scale import scale_facts
 from cotton3dg.options import STAGE_OPTIONS, resolve
-from cotton3dg.pipeline import stage_module
+from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace
 
 TRUTHS = ("scale", "masks", "cameras", "all")
@@ -50,9 +51,10 @@ MODEL = ("frames", "sfm", "train")
 def run_stages(plant: TruePlant, scratch: Workspace, *stages: str) -> None:
     """Run stages in the scratch folder with the options that the plant's own run had."""
     for stage in stages:
-        recorded = (plant.run.read_record(stage) or {}).get("options", {})
+        record = plant.run.read_record(stage)
+        recorded = record.options if record else {}
         known = {key: value for key, value in recorded.items() if key in STAGE_OPTIONS[stage].__dataclass_fields__}
-        stage_module(stage).run(scratch, resolve(stage, known))
+        stage_of(stage).run(scratch, resolve(stage, known), silent)
 
 
 def share(plant: TruePlant, scratch: Workspace, *stages: str) -> None:
@@ -62,7 +64,7 @@ def share(plant: TruePlant, scratch: Workspace, *stages: str) -> None:
 
 def put_true_scale(plant: TruePlant, scratch: Workspace) -> None:
     with scratch.writing("scale") as folder:
-        (folder / scratch.scale_json.name).write_text(json_text(scale_facts(true_scale(plant))), encoding="utf-8")
+        ScaleInfo.of_scale(true_scale(plant)).save(folder / scratch.scale_json.name)
 
 
 def put_true_masks(plant: TruePlant, scratch: Workspace) -> None:

@@ -40,9 +40,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from scenes.orbit_scene import degraded_masks
 
+from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
-from cotton3dg.files.bolls import read_bolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import read_ids, write_ids
 from cotton3dg.files.saving import file_sha256, write_text_atomically

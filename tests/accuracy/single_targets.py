@@ -9,7 +9,6 @@ views that trained and on those held out.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 
 import numpy as np
@@ -17,6 +16,7 @@ import pandas as pd
 from segmentation_sweep import MASKS, masks_of, spread, with_masks
 from true_scene import true_plant
 
+from cotton3dg.documents.segment import SegmentInfo
 from cotton3dg.options import SegmentOptions
 from cotton3dg.stages import segment
 
@@ -36,9 +36,9 @@ def main() -> None:
         scratch = with_masks(wanted.plant.run, masks, folder)
         for target in targets:
             segment.run(scratch, SegmentOptions(method="probability", target=target, steps=wanted.steps))
-            last = json.loads(scratch.segment_json.read_text(encoding="utf-8"))["by_steps"][-1]
-            held_out = {f"held_out_{name}": iou for name, iou in last.get("mbiou_held_out", {}).items()}
-            rows.append({"target": target, "seconds": last["seconds"], **last["mbiou"], **held_out})
+            last = (SegmentInfo.load(scratch.segment_json).by_steps or ())[-1]
+            held_out = {f"held_out_{name}": iou for name, iou in (last.mbiou_held_out or {}).items()}
+            rows.append({"target": target, "seconds": last.seconds, **(last.mbiou or {}), **held_out})
     table = pd.DataFrame(rows)
     print(table.to_string(index=False, float_format="{:.3f}".format))
     print("\nMeans:\n")

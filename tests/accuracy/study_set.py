@@ -30,10 +30,11 @@ from markdown_tables import markdown
 from true_scene import TruePlant, true_plant, true_scale
 
 from cotton3dg.core.machine import usable_cores
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.files.saving import write_text_atomically
-from cotton3dg.files.scale import read_scale
-from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
+from cotton3dg.options import PRESET_VALUES
+from cotton3dg.stages.stage import STAGES
 
 PLANTS: dict[str, str] = {
     "plain-1": "--seed 101 --bolls 8 --stem-cm 44",
@@ -97,7 +98,7 @@ def judged(plant: TruePlant) -> dict[str, float | str | tuple[float, ...]]:
         **{NAMES[error.trait]: error.error_pct for error in errors},
         "one_boll": bolls.median_volume_error_pct,
         "scale": 100 * (scale.cm_per_su / true_scale(plant).cm_per_su - 1) if scale else math.nan,
-        "cpu_s": sum((plant.run.read_record(stage) or {}).get("cpu_seconds", math.nan) for stage in STAGE_OPTIONS),
+        "cpu_s": sum(record.cpu_seconds for record in map(plant.run.read_record, STAGES) if record),
         "each_boll": bolls.volume_errors_pct,
     }
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.scene import Camera
+from cotton3dg.documents.frames import FramesInfo
 from cotton3dg.files.annotations import undistorted_ids
 from cotton3dg.files.colmap import read_tracks
 from cotton3dg.files.images import read_ids
@@ -39,8 +40,7 @@ def true_plant(text: str) -> TruePlant:
 
 def source_indices(plant: Workspace) -> dict[str, int]:
     """Name of each image -> its number in the video."""
-    images = json.loads(plant.frames_json.read_text(encoding="utf-8"))["images"]
-    return {image["name"]: image["source_index"] for image in images}
+    return {image.name: image.source_index for image in FramesInfo.load(plant.frames_json).images}
 
 
 def true_cameras(plant: TruePlant) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -13,9 +13,9 @@ from scenes.tiny_plant import FILM, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.commands.simulate import simulate
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.scale import read_scale
 from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 

@@ -15,7 +15,6 @@ from cotton3dg.files.ply import write_gaussians
 from cotton3dg.files.yolo_labels import write_yolo_labels
 from cotton3dg.masks.bolls import BollNetwork
 from cotton3dg.options import MasksOptions, MasksTrainOptions
-from cotton3dg.pipeline import stage_inputs
 from cotton3dg.stages import masks
 
 
@@ -39,7 +38,7 @@ def test_masks_of_the_network_with_and_without_a_model(plant):
     assert together.summary["masks"] > 0
     ids = {number for path in workspace.folder("masks").glob("*.png") for number in np.unique(read_ids(path)[1:])}
     assert len(ids - {0}) < alone.summary["masks"], "with a model a boll has the same number in all images"
-    assert workspace.gaussians_ply in stage_inputs(workspace, "masks", options)
+    assert workspace.gaussians_ply in masks.STAGE.reads(workspace, options)
 
 
 def test_bad_weights_name_the_remedy(plant):

@@ -13,6 +13,7 @@ from cotton3dg.files import video
 from cotton3dg.files.images import read_image
 from cotton3dg.options import FramesOptions
 from cotton3dg.stages import frames
+from cotton3dg.stages.staleness import stale_reason
 from cotton3dg.workspace import Workspace
 
 WIDTH, HEIGHT = 192, 108
@@ -56,7 +57,7 @@ def test_the_sharp_frames_of_a_clip_are_taken(tmp_path):
     saved = read_image(workspace.frame_images()[3]).astype(int)
     assert np.abs(saved - pictures[taken[3]]).mean() < 6
     assert (told["video"]["n_decoded"], told["video"]["n_intact"]) == (100, 100)
-    assert record["flags"] == []
+    assert record.flags == ()
 
 
 def test_progress_goes_evenly_through_both_readings_of_the_video(tmp_path):
@@ -72,17 +73,17 @@ def test_a_second_run_has_nothing_to_do_and_the_same_bytes(tmp_path):
     film(tmp_path / "video.mp4", pan(60))
     workspace, _, record = run_frames(tmp_path, count=20)
     options = pipeline.stage_options(workspace, overrides={"frames": {"count": 20}})
-    assert pipeline.stale_reason(workspace, "frames", options["frames"]) == ""
+    assert stale_reason(workspace, "frames", options["frames"]) == ""
     pipeline.run(workspace, options, ("frames",), force=True)
-    assert workspace.read_record("frames")["outputs"] == record["outputs"]
+    assert workspace.read_record("frames").outputs == record.outputs
 
 
 def test_fewer_frames_than_wanted_are_all_used_and_told(tmp_path):
     film(tmp_path / "video.mp4", pan(30), rate=10)
     _, told, record = run_frames(tmp_path, count=100)
     assert [entry["source_index"] for entry in told["images"]] == list(range(30))
-    assert record["flags"] == ["few_frames"]
-    assert "30 frames instead of 100" in record["warnings"][0]
+    assert record.flags == ("few_frames",)
+    assert "30 frames instead of 100" in record.warnings[0]
 
 
 @pytest.mark.parametrize(("n_frames", "rate"), [(19, 5), (40, 25), (1, 25)])
@@ -110,7 +111,7 @@ def test_half_of_a_clip_is_refused_and_most_of_it_flagged(tmp_path):
         run_frames(tmp_path, count=20)
     (tmp_path / "video.mp4").write_bytes(content[: len(content) * 95 // 100])
     _, told, record = run_frames(tmp_path, count=20)
-    assert record["flags"] == ["video_damaged"]
+    assert record.flags == ("video_damaged",)
     assert told["video"]["n_intact"] < 200
 
 
@@ -125,8 +126,8 @@ def test_half_of_a_clip_is_refused_and_most_of_it_flagged(tmp_path):
 def test_poor_captures_are_flagged(tmp_path, change, flag):
     film(tmp_path / "video.mp4", [change(f) for f in pan(60)])
     _, _, record = run_frames(tmp_path, count=20)
-    assert flag in record["flags"]
-    assert len(record["warnings"]) == len(record["flags"])
+    assert flag in record.flags
+    assert len(record.warnings) == len(record.flags)
 
 
 def photos(root, pictures, suffix=".jpg"):
@@ -145,7 +146,7 @@ def test_photos_in_natural_order_and_smaller(tmp_path):
         saved = read_image(path)
         assert saved.shape == (112, 200, 3)
         assert np.abs(saved.astype(int) - cv2.resize(picture, (200, 112), interpolation=cv2.INTER_AREA)).mean() < 3
-    assert record["flags"] == []
+    assert record.flags == ()
 
 
 def test_photo_of_another_size_is_named(tmp_path):

@@ -12,7 +12,6 @@ from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.images import read_ids, write_ids
 from cotton3dg.files.ply import write_gaussians
 from cotton3dg.options import MasksOptions
-from cotton3dg.pipeline import stage_inputs
 from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
@@ -55,10 +54,10 @@ def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> Non
         found, truth = made["model"][f"{Path(name).stem}.png"] > 0, truths[name] > 0
         assert (found & truth).sum() > 0.75 * (found | truth).sum()
     model = workspace.gaussians_ply
-    assert model in stage_inputs(workspace, "masks", MasksOptions(backend="lint"))
-    assert model in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights="."))
-    assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="sam", weights=".", prompts="."))
-    assert model not in stage_inputs(workspace, "masks", MasksOptions(backend="import"))
+    assert model in masks.STAGE.reads(workspace, MasksOptions(backend="lint"))
+    assert model in masks.STAGE.reads(workspace, MasksOptions(backend="sam", weights="."))
+    assert model not in masks.STAGE.reads(workspace, MasksOptions(backend="sam", weights=".", prompts="."))
+    assert model not in masks.STAGE.reads(workspace, MasksOptions(backend="import"))
 
 
 def test_a_plant_without_open_bolls_is_told_not_failed(tmp_path: Path) -> None:

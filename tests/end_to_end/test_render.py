@@ -10,16 +10,17 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from scenes.documents import frames_info, table_scale, train_metrics
 from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
 from cotton3dg.commands.render import render
-from cotton3dg.core.measurements import Scale
+from cotton3dg.core.bolls import BollInstance
+from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import list_images, read_image
 from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.saving import json_text
-from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.video import probe, read_frames
 from cotton3dg.geometry.camera_paths import framed, walk
 from cotton3dg.options import RenderOptions, TraitsOptions
@@ -50,12 +51,11 @@ def write_cameras(folder):
 def write_bolls(workspace, labels):
     gaussians = read_gaussians(workspace.gaussians_ply)
     bolls = [
-        {"id": k, "centre_su": gaussians.means[labels == k].mean(0), "diameter_su": 0.1, "views": ["000000.jpg"],
-         "confidence": 0.75, "flags": []}
+        BollInstance(k, np.flatnonzero(labels == k), ("000000.jpg",), gaussians.means[labels == k].mean(0), 0.1, 0.75)
         for k in range(1, labels.max() + 1)
-    ]  # fmt: skip
+    ]
     with workspace.writing("cluster") as folder:
-        (folder / "bolls.json").write_text(json_text({"gaussians_sha256": gaussians.sha256(), "bolls": bolls}))
+        bolls_info(bolls, gaussians.sha256()).save(folder / "bolls.json")
         np.save(folder / "labels.npy", labels.astype(np.int32))
 
 
@@ -70,7 +70,7 @@ def workspace(tmp_path):
     gaussians.sh[:, 0] = np.sin(POSE.cm(gaussians.means) / [25, 15, 30])
     with workspace.writing("train") as folder:
         write_gaussians(folder / "gaussians.ply", gaussians)
-    workspace.write_record("train", {"status": "ok", "options": {"max_side": 240}})
+    workspace.write_record(Record("train", "ok", options={"max_side": 240}))
     return workspace
 
 
@@ -78,12 +78,8 @@ def workspace(tmp_path):
 def measured(workspace):
     """With bolls, a scale and the plant."""
     write_bolls(workspace, plant_scene()[1])
-    up = POSE.rotation[:, 2]
-    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-    facts = scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners))
-    with workspace.writing("scale") as folder:
-        (folder / "scale.json").write_text(json_text(facts))
-    workspace.metrics_json.write_text(json_text({"pixel_su": 1e-4}))
+    table_scale().save(workspace.scale_json)
+    train_metrics().save(workspace.metrics_json)
     traits.run(workspace, TraitsOptions())
     return workspace
 
@@ -214,8 +210,7 @@ def test_photos_without_an_order_are_passed_in_a_circle(workspace):
         pose = pycolmap.Rigid3d(views[place].cam_from_scene)
         model.frames[model.images[image_id].frame_id].set_cam_from_world(1, pose)
     model.write_binary(str(workspace.undistorted / "sparse"))
-    workspace.frames_json.parent.mkdir()
-    workspace.frames_json.write_text(json.dumps({"ordered": False}))
+    frames_info([], ordered=False).save(workspace.frames_json)
     images, _ = images_of(workspace, replace(SMALL, view="orbit", frames=40))
     # Once around from the first photo, one way or the other.
     circle = views[shuffled[0] :] + views[: shuffled[0]]
@@ -244,14 +239,14 @@ def test_what_is_missing_is_named(workspace, tmp_path):
 def test_bolls_and_plant_of_another_model_are_refused(measured):
     gaussians = read_gaussians(measured.gaussians_ply)
     write_gaussians(measured.gaussians_ply, gaussians[np.arange(len(gaussians))[::-1]])
-    measured.write_record("traits", {"inputs": {"train/gaussians.ply": "of before"}})
+    measured.write_record(Record("traits", inputs={"train/gaussians.ply": "of before"}))
     with pytest.raises(BadInput, match="cotton3dg cluster"):
         render(measured, replace(SMALL, show="bolls"))
     with pytest.raises(BadInput, match="cotton3dg traits"):
         render(measured, replace(SMALL, plant_only=True))
     render(measured, replace(SMALL, frames=1))
     np.save(measured.plant_npy, np.zeros(len(gaussians), bool))
-    measured.write_record("traits", {})
+    measured.write_record(Record("traits"))
     with pytest.raises(BadInput, match="without --plant-only"):
         render(measured, replace(SMALL, plant_only=True))
     measured.plant_npy.write_bytes(b"\x93NUMPY")

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -24,13 +25,13 @@ def test_a_hostile_name_and_hostile_metadata_are_only_text(reported, tmp_path):
     shutil.copytree(reported.root, tmp_path / name)
     workspace = Workspace(tmp_path / name)
     facts = json.loads(workspace.frames_json.read_text())
-    facts["file"] = facts["video"]["width"] = facts["images"][0]["timestamp_s"] = HOSTILE
+    facts["file"] = HOSTILE
     facts["images"][1]["name"] = "../../" + HOSTILE
     workspace.frames_json.write_text(json.dumps(facts))
     harmless = workspace.traits_csv.read_text().replace("orbit_gap", "<b>flag</b>")
     workspace.traits_csv.write_text(harmless)
     entry = workspace.read_record("scale")
-    workspace.write_record("scale", entry | {"flags": [HOSTILE], "warnings": [HOSTILE], "summary": {HOSTILE: HOSTILE}})
+    workspace.write_record(replace(entry, flags=(HOSTILE,), warnings=(HOSTILE,), summary={HOSTILE: HOSTILE}))
     text = plant_page(workspace, failure=HOSTILE)
     seen = Page(text)
     assert HOSTILE in seen.text
@@ -65,9 +66,9 @@ def test_a_required_scale_that_is_missing_leaves_the_pictures(reported_copy):
 
 def test_results_of_other_inputs_are_not_shown(reported_copy):
     entry = reported_copy.read_record("train")
-    reported_copy.write_record("train", entry | {"outputs": entry["outputs"] | {"train/gaussians.ply": "another"}})
+    reported_copy.write_record(replace(entry, outputs=entry.outputs | {"train/gaussians.ply": "another"}))
     facts = read_facts(reported_copy)
-    assert [item.state for item in facts.stages] == ["done"] * 3 + ["outdated"] * 5
+    assert [item.state for item in facts.stages] == ["done"] * 3 + ["stale"] * 5
     assert not facts.traits
     assert "masks" in facts.failure
 

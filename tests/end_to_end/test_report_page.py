@@ -2,16 +2,20 @@
 
 import base64
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes.documents import effects
 from scenes.finished_scene import UNPLACED
 from scenes.report_page import Page
 
 from cotton3dg import pipeline
+from cotton3dg.documents.sfm import LensDecision
+from cotton3dg.documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 from cotton3dg.errors import BadInput
 from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.report import page as report_page
@@ -83,13 +87,13 @@ def test_every_flag_of_the_stages_has_words():
 @pytest.mark.parametrize(
     ("found", "good", "text"),
     [
-        ({"on": False, "spread_pct": 0.22, "error_pct": 0.15, "visible_from_pct": 1.0}, True, "steady: 0.2 % (± 0.1"),
-        ({"on": True, "spread_pct": 7.8, "error_pct": 0.2, "visible_from_pct": 1.0}, False, "drifted by 7.8 % (± 0.2"),
-        ({"on": False, "spread_pct": 0.0, "error_pct": None, "visible_from_pct": 1.0}, True, "steady"),
+        (ExposureDecision("auto", False, 0.22, 0.15, 1.0), True, "steady: 0.2 % (± 0.1"),
+        (ExposureDecision("auto", True, 7.8, 0.2, 1.0), False, "drifted by 7.8 % (± 0.2"),
+        (ExposureDecision("auto", False, 0.0, None, 1.0), True, "steady"),
     ],
 )
 def test_the_evidence_for_effects_is_shown(reported, found, good, text):
-    facts = replace(read_facts(reported), effects={"exposure": found})
+    facts = replace(read_facts(reported), effects=effects(exposure=found))
     (item,) = [item for item in capture_advice(facts) if item.topic == "Exposure"]
     assert item.good is good
     assert text in item.text
@@ -99,57 +103,60 @@ def test_the_evidence_for_effects_is_shown(reported, found, good, text):
     ("found", "text"),
     [
         (
-            {"on": False, "rise_pct": -0.001, "needed_from_pct": 0.1, "corner_px": 0.4},
+            LensDecision("auto", False, -0.001, 0.1, 0.4),
             "Straight: a distortion explains 0.00 %",
         ),
         (
-            {"on": True, "rise_pct": 1.9, "needed_from_pct": 0.1, "corner_px": 15.2},
+            LensDecision("auto", True, 1.9, 0.1, 15.2),
             "by 15.2 px in the corners; corrected",
         ),
     ],
 )
 def test_what_was_found_about_the_lens_is_shown(reported, found, text):
-    facts = replace(read_facts(reported), effects={"distortion": found})
+    facts = replace(read_facts(reported), effects=effects(distortion=found))
     (item,) = [item for item in capture_advice(facts) if item.topic == "Lens"]
     assert item.good
     assert text in item.text
 
 
-BLUR = {"on": False, "found": False, "median_px": 0.8, "strong_px": 1.4, "error_px": 0.1, "visible_from_px": 2.0}
-SHUTTER = {"on": False, "found": False, "error_frames": 0.01, "shift_px": 0.04, "left_px": 0.01, "visible_from_px": 0.5}
+BLUR = MotionBlurFound(
+    on=False, found=False, median_px=0.8, strong_px=1.4, error_px=0.1, visible_from_px=2.0, flow_px=3.0, lengths_px={}
+)
+SHUTTER = RollingShutterFound(
+    on=False, found=False, read_out_frames=0.0, error_frames=0.01, shift_px=0.04, left_px=0.01, visible_from_px=0.5
+)
 
 
 @pytest.mark.parametrize(
     ("effect", "found", "good", "text"),
     [
         ("motion_blur", BLUR, True, "middle image by 0.8 px and nine of ten by less than 1.4 px, where 2 px"),
-        ("motion_blur", BLUR | {"found": True, "median_px": 5.0}, False, "; walk more slowly or switch on more light."),
+        ("motion_blur", replace(BLUR, found=True, median_px=5.0), False, "; walk more slowly or switch on more light."),
         ("rolling_shutter", SHUTTER, True, "None to be seen: 0.04 px"),
         (
             "rolling_shutter",
-            SHUTTER | {"found": True, "shift_px": 1.2, "left_px": 0.1},
+            replace(SHUTTER, found=True, shift_px=1.2, left_px=0.1),
             True,
             "by 1.2 px; the cameras' positions take up all but 0.10 px.",
         ),
-        ("rolling_shutter", SHUTTER | {"found": True, "shift_px": 9.0, "left_px": 0.7}, False, "evenly"),
+        ("rolling_shutter", replace(SHUTTER, found=True, shift_px=9.0, left_px=0.7), False, "evenly"),
     ],
 )
 def test_what_motion_did_to_the_images_is_shown(reported, effect, found, good, text):
-    facts = replace(read_facts(reported), effects={effect: found})
+    facts = replace(read_facts(reported), effects=effects(**{effect: found}))
     (item,) = [item for item in capture_advice(facts) if item.topic == effect.replace("_", " ").capitalize()]
     assert item.good is good
     assert text in item.text
 
 
 def test_motion_that_could_not_be_judged_is_not_told(reported):
-    unknown = {"motion_blur": BLUR | {"median_px": None}, "rolling_shutter": SHUTTER | {"error_frames": None}}
-    facts = replace(read_facts(reported), effects=unknown)
+    blur, shutter = replace(BLUR, median_px=math.nan), replace(SHUTTER, error_frames=math.nan)
+    facts = replace(read_facts(reported), effects=effects(motion_blur=blur, rolling_shutter=shutter))
     assert {"Motion blur", "Rolling shutter"}.isdisjoint(item.topic for item in capture_advice(facts))
 
 
 def test_a_forced_effect_needs_no_evidence(reported):
-    forced = {"exposure": {"option": "off", "on": False}, "distortion": {"option": "on", "on": True}}
-    facts = replace(read_facts(reported), effects=forced)
+    facts = replace(read_facts(reported), effects=effects(distortion=LensDecision("on", on=True)))
     assert {"Exposure", "Lens"}.isdisjoint(item.topic for item in capture_advice(facts))
 
 

@@ -9,8 +9,8 @@ from scenes.marker_scene import photo_of_top, top_picture
 from scenes.table_scene import POSE, orbit
 from scenes.table_workspace import table_workspace
 
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadUsage, MissingInput
-from cotton3dg.files.scale import read_scale
 from cotton3dg.options import ScaleOptions
 from cotton3dg.stages import scale
 

@@ -6,9 +6,9 @@ import pytest
 from scenes.table_scene import POSE, orbit, photo
 from scenes.table_workspace import table_workspace
 
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import MissingInput, NoScale
 from cotton3dg.files.images import read_image
-from cotton3dg.files.scale import read_scale
 from cotton3dg.options import ScaleOptions
 from cotton3dg.stages import scale
 from cotton3dg.workspace import Workspace

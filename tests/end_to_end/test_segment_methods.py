@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scenes.boll_scene import CENTRES, N_VIEWS, RADIUS, cameras, made_workspace, masks_of, model, write_masks
 
+from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.files.bolls import read_bolls
 from cotton3dg.files.images import read_image
 from cotton3dg.options import ClusterOptions, SegmentOptions
 from cotton3dg.stages import cluster, segment

@@ -76,7 +76,7 @@ def test_sfm_json_tells_the_truth(plant):
     assert told["orbit_coverage_deg"] > 330 and told["orbit_largest_gap_deg"] < 30
     assert told["mean_reprojection_error_px"] < 0.8
     record = plant.read_record("sfm")
-    assert record["flags"] == [] and record["warnings"] == []
+    assert record.flags == () and record.warnings == ()
 
 
 def test_undistorted_images_fit_their_cameras(plant):
@@ -105,9 +105,9 @@ def test_other_programs_find_their_files(plant):
 
 
 def test_the_same_bits_again(plant):
-    before = plant.read_record("sfm")["outputs"]
+    before = plant.read_record("sfm").outputs
     pipeline.run(plant, pipeline.stage_options(plant, overrides=OPTIONS), ("sfm",), force=True)
-    assert plant.read_record("sfm")["outputs"] == before
+    assert plant.read_record("sfm").outputs == before
 
 
 def frames_only(tmp_path, pictures, ordered=True):

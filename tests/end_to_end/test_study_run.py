@@ -56,7 +56,7 @@ def test_a_study_resumes_after_ctrl_c_and_leaves_the_plant_alone(tiny_plant, tmp
         values = [float(row[measure]) for row in steps]
         assert values == sorted(values) and values[0] < values[-1], measure
     passed = [tiny_plant.study_setting("steps", value).read_record("train") for value in ("50", "100")]
-    assert 0 < passed[0]["cpu_seconds"] < passed[1]["cpu_seconds"]
+    assert 0 < passed[0].cpu_seconds < passed[1].cpu_seconds
     assert all(float(row["fps"]) > 0 and float(row["peak_memory_mib"]) > 50 for row in rows.values())
     assert "Table 2" in (plant / "study" / "study.md").read_text()
     assert (plant / "study" / "study.png").stat().st_size > 5000

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes.documents import frame_info, frames_info
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.errors import BadInput, MissingInput
@@ -150,9 +151,8 @@ def test_motion_is_judged_where_times_are_known_and_changes_no_bit(workspace: Wo
     train.run(workspace, OPTIONS)
     model = workspace.gaussians_ply.read_bytes()
     assert "motion_blur" not in json.loads(workspace.effects_json.read_text())
-    images = [{"name": camera(i).name, "timestamp_s": 0.1 * i} for i in range(N_VIEWS)]
-    workspace.folder("frames").mkdir()
-    workspace.frames_json.write_text(json.dumps({"video": {"fps": 30.0}, "images": images}))
+    images = [frame_info(camera(i).name, timestamp_s=0.1 * i) for i in range(N_VIEWS)]
+    frames_info(images).save(workspace.frames_json)
     outcome = train.run(workspace, OPTIONS)
     assert outcome.summary["effects"] == "none"
     effects = json.loads(workspace.effects_json.read_text())

@@ -5,14 +5,16 @@ import json
 
 import numpy as np
 import pytest
+from scenes.documents import sfm_info, table_scale, train_metrics
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.core.measurements import Scale
+from cotton3dg.core.bolls import BollInstance
+from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.record import Record
+from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.saving import json_text
-from cotton3dg.files.scale import scale_facts
 from cotton3dg.files.tables import BOLLS, TRAITS
 from cotton3dg.options import TraitsOptions
 from cotton3dg.stages import traits
@@ -22,20 +24,14 @@ BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3
 
 
 def write_bolls(workspace, labels):
-    workspace.bolls_json.parent.mkdir(exist_ok=True)
     gaussians = read_gaussians(workspace.gaussians_ply)
     bolls = [
-        {"id": k, "centre_su": gaussians.means[labels == k].mean(0), "diameter_su": 0.1, "views": ["000000.jpg"] * k,
-         "confidence": 0.75, "flags": ["split"] if k == 2 else []}
+        BollInstance(k, np.flatnonzero(labels == k), ("000000.jpg",) * k, gaussians.means[labels == k].mean(0), 0.1,
+                     0.75, ("split",) if k == 2 else ())
         for k in range(1, labels.max() + 1)
     ]  # fmt: skip
-    workspace.bolls_json.write_text(json_text({"gaussians_sha256": gaussians.sha256(), "bolls": bolls}))
+    bolls_info(bolls, gaussians.sha256()).save(workspace.bolls_json)
     np.save(workspace.labels_npy, labels.astype(np.int32))
-
-
-def write_scale(workspace, facts):
-    workspace.scale_json.parent.mkdir(exist_ok=True)
-    workspace.scale_json.write_text(json_text(facts))
 
 
 @pytest.fixture
@@ -47,14 +43,12 @@ def workspace(tmp_path):
     workspace.gaussians_ply.parent.mkdir()
     write_gaussians(workspace.gaussians_ply, gaussians)
     write_bolls(workspace, labels)
-    up = POSE.rotation[:, 2]
-    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-    write_scale(workspace, scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners)))
-    workspace.sfm_json.parent.mkdir()
-    workspace.sfm_json.write_text(json.dumps({"n_frames": 100, "registered": [f"{k}" for k in range(93)]}))
-    workspace.metrics_json.write_text(json.dumps({"psnr_db": 31.4159, "pixel_su": 1e-4}))
-    workspace.write_record("sfm", {"status": "ok", "seconds": 100.25, "flags": ["few_frames_registered"]})
-    workspace.write_record("train", {"status": "ok", "seconds": 200.5, "flags": ["low_psnr", "few_frames_registered"]})
+    table_scale().save(workspace.scale_json)
+    names = [f"{k}" for k in range(100)]
+    sfm_info(names, tuple(names[93:])).save(workspace.sfm_json)
+    train_metrics(psnr_db=31.4159).save(workspace.metrics_json)
+    workspace.write_record(Record("sfm", "ok", seconds=100.25, flags=("few_frames_registered",)))
+    workspace.write_record(Record("train", "ok", seconds=200.5, flags=("low_psnr", "few_frames_registered")))
     return workspace
 
 
@@ -121,7 +115,7 @@ def test_columns_are_described_beside_the_tables(workspace):
 
 
 def test_without_a_scale_metric_cells_are_blank(workspace):
-    write_scale(workspace, {"source": "none", "reason": "no table"})
+    ScaleInfo("none", "no table").save(workspace.scale_json)
     traits.run(workspace, TraitsOptions())
     (row,) = rows(workspace.traits_csv)
     assert row["boll_count"] == "4"
@@ -159,7 +153,7 @@ def test_bolls_of_another_model_are_refused(workspace):
 
 def test_a_model_without_the_size_of_its_pixels_is_refused(workspace):
     workspace.metrics_json.write_text(json.dumps({"psnr_db": 30.0}))
-    with pytest.raises(BadInput, match="run `cotton3dg train` again"):
+    with pytest.raises(BadInput, match=r"has no ssim.*; run `cotton3dg train --force`"):
         traits.run(workspace, TraitsOptions())
 
 
@@ -177,10 +171,8 @@ def test_a_turned_scene_gives_the_same_traits(workspace):
     gaussians, labels = plant_scene(pose=turned)
     write_gaussians(workspace.gaussians_ply, gaussians)
     write_bolls(workspace, labels)
-    up = turned.rotation[:, 2]
-    corners = turned.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-    write_scale(workspace, scale_facts(Scale(3.7, 0.002, "table", up, np.append(up, -up @ corners[0]), corners)))
-    workspace.metrics_json.write_text(json.dumps({"psnr_db": 31.4159, "pixel_su": 1e-3}))
+    table_scale(turned).save(workspace.scale_json)
+    train_metrics(pixel_su=1e-3, psnr_db=31.4159).save(workspace.metrics_json)
     traits.run(workspace, TraitsOptions())
     (after,) = rows(workspace.traits_csv)
     for column in TRAITS:

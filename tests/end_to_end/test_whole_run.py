@@ -49,7 +49,7 @@ def plant(tmp_path_factory):
 def test_nothing_is_left_of_the_killed_runs(plant):
     assert [path.name for path in plant.root.iterdir() if path.name.endswith((".partial", ".old"))] == []
     records = {stage: plant.read_record(stage) for stage in pipeline.STAGES}
-    assert {stage: record["status"] for stage, record in records.items()} == dict.fromkeys(pipeline.STAGES, "ok")
+    assert {stage: record.status for stage, record in records.items()} == dict.fromkeys(pipeline.STAGES, "ok")
 
 
 def test_the_traits_are_near_the_truth(plant):

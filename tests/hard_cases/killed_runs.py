@@ -90,7 +90,7 @@ def assert_whole(workspace: Workspace) -> dict[str, dict[str, str]]:
     found = {stage: workspace.hashes(workspace.folder(stage)) for stage in pipeline.STAGES}
     for stage, files in found.items():
         record = workspace.read_record(stage)
-        assert record is None or record["status"] != "ok" or record["outputs"] == files, stage
+        assert record is None or not record.is_ok or record.outputs == files, stage
     return found
 
 
@@ -145,7 +145,8 @@ def kill_at_random(folder: Path, n_kills: int, seed: int, undisturbed: Path) -> 
     folder.mkdir(parents=True)
     shutil.copyfile(undisturbed / "video.mp4", folder / "video.mp4")
     workspace, chance = Workspace(folder), random.Random(seed)
-    seconds = {stage: (Workspace(undisturbed).read_record(stage) or {})["seconds"] for stage in pipeline.STAGES}
+    records = [record for record in map(Workspace(undisturbed).read_record, pipeline.STAGES) if record]
+    seconds = {record.stage: record.seconds for record in records}
     n, died_in = 0, Counter[str]()
     while n < n_kills:
         victim = chance.choice(pipeline.STAGES)

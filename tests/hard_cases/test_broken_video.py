@@ -46,14 +46,14 @@ def test_a_broken_video_runs_through_and_every_defect_is_told(tmp_path: Path) ->
     assert facts["blank"] == [BLACK, WHITE]
     assert set(facts["repeated"]) == set(range(REPEATED + 1, REPEATED + 10))
     assert not set(taken) & {BLACK, WHITE, *facts["repeated"]}
-    assert {"video_damaged", "blank_frames", "repeated_frames"} <= set(record["flags"])
-    assert "2 of 139 frames are black, white or empty" in " ".join(record["warnings"])
-    assert "9 of 139 frames are repeats" in " ".join(record["warnings"])
+    assert {"video_damaged", "blank_frames", "repeated_frames"} <= set(record.flags)
+    assert "2 of 139 frames are black, white or empty" in " ".join(record.warnings)
+    assert "9 of 139 frames are repeats" in " ".join(record.warnings)
 
     told, record = json.loads(workspace.sfm_json.read_text()), workspace.read_record("sfm")
     away = {entry for entry in taken if entry - 9 in AWAY}
     assert 100 * len(told["registered"]) >= 90 * len(taken)
     assert away
     assert {taken[int(name[:6])] for name in told["plant_out_of_view"]} == away
-    assert "plant_out_of_view" in record["flags"]
-    assert f"in {len(away)} images" in " ".join(record["warnings"])
+    assert "plant_out_of_view" in record.flags
+    assert f"in {len(away)} images" in " ".join(record.warnings)

@@ -58,15 +58,15 @@ def outcome(clip: Path) -> str:
         assert isinstance(error, CaptureFailed), error
         assert "; " in str(error)
         record = Workspace(clip.parent).read_record("frames")
-        assert record["exit_code"] == 4
+        assert record.exit_code == 4
         assert not Workspace(clip.parent).folder("frames").exists()
         return "refused"
     record = workspace.read_record("frames")
     for path in workspace.frame_images():
         assert read_image(path).std() > 5, "a frame of nothing"
     assert len(workspace.frame_images()) == len(told["images"]) >= COUNT
-    damaged = {"video_damaged", "blank_frames", "repeated_frames", "few_frames"} & set(record["flags"])
-    assert len(record["warnings"]) >= len(damaged)
+    damaged = {"video_damaged", "blank_frames", "repeated_frames", "few_frames"} & set(record.flags)
+    assert len(record.warnings) >= len(damaged)
     return "flagged" if damaged else "sound"
 
 

@@ -9,8 +9,8 @@ from scenes.table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
 from cotton3dg.clustering.agglomerative import cluster_objects
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 from cotton3dg.core.scene import Camera
+from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadInput
-from cotton3dg.files.scale import read_scale
 from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box
 from cotton3dg.geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume
 from cotton3dg.scale.table import NoTable, TableFit, find_table, scale_from_table

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import OutOfResources
 from cotton3dg.files.saving import explained_disk_errors, replacing
 from cotton3dg.workspace import Workspace
@@ -27,7 +28,7 @@ def save(workspace: Workspace, content: dict[str, str]) -> None:
     with workspace.writing("scale") as folder:
         for name, text in content.items():
             (folder / name).write_text(text)
-    workspace.write_record("scale", {"outputs": workspace.hashes(workspace.folder("scale"))})
+    workspace.write_record(Record("scale", outputs=workspace.hashes(workspace.folder("scale"))))
     with explained_disk_errors(workspace.root), replacing(workspace.root / "single.txt") as path:
         path.write_text(content["a.txt"])
 
@@ -81,7 +82,7 @@ def assert_whole(workspace: Workspace) -> None:
     record = workspace.read_record("scale")
     assert content_of(workspace) in ((OLD, NEW) if record else (OLD, NEW, None))
     if record:
-        assert record["outputs"] == workspace.hashes(workspace.folder("scale"))
+        assert record.outputs == workspace.hashes(workspace.folder("scale"))
     assert (workspace.root / "single.txt").read_text() in ("old", "new")
     save(workspace, OLD)
     assert content_of(workspace) == OLD

@@ -211,6 +211,6 @@ def test_case_54_too_many_such_steps_end_the_stage_with_the_reason_and_the_evide
         pipeline.run(workspace, options | {"train": STAGE_OPTIONS}, ("train",))
     record = workspace.read_record("train")
     assert record is not None
-    assert "leave out that image" in record["error"]
+    assert "leave out that image" in record.error
     assert workspace.train_rejected.exists()
     assert not workspace.gaussians_ply.exists()

@@ -50,8 +50,8 @@ def test_case_36_of_two_places_the_one_with_more_images_is_taken_and_the_rest_is
     assert set(told["registered"]) == {f"{number:06d}.jpg" for number in range(30)}
     assert told["unregistered"] == [f"{number:06d}.jpg" for number in range(30, 40)]
     record = workspace.read_record("sfm")
-    assert record["flags"] == ["few_frames_registered"]
-    assert "30 of 40" in record["warnings"][0]
+    assert record.flags == ("few_frames_registered",)
+    assert "30 of 40" in record.warnings[0]
     assert told["n_models"] == 2
 
 

@@ -28,8 +28,9 @@ import numpy as np
 
 from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
+from cotton3dg.documents import bolls
 from cotton3dg.errors import Cotton3dgError
-from cotton3dg.files import annotations, arrays, bolls, checkpoint, colmap, images, ply, prompt_table, yolo_labels
+from cotton3dg.files import annotations, arrays, checkpoint, colmap, images, ply, prompt_table, yolo_labels
 from cotton3dg.options import read_toml, resolve
 from cotton3dg.splat.trainer import Training
 

@@ -1,29 +1,24 @@
 """A plant's folder as a whole run leaves it, made by code in seconds: all stages done, with records."""
 
+from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
-from cotton3dg.core.measurements import Scale
+from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.files.images import write_ids, write_image
 from cotton3dg.files.ply import write_gaussians
-from cotton3dg.files.saving import json_text
-from cotton3dg.files.scale import scale_facts
-from cotton3dg.options import STAGE_OPTIONS, as_dict, resolve
-from cotton3dg.pipeline import stage_inputs, stage_options
+from cotton3dg.options import resolve
+from cotton3dg.pipeline import stage_options
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.rasterizer import render, render_values
-from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
+from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace
 from scenes.boll_scene import write_model
+from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
 from scenes.table_scene import POSE, orbit, plant_scene
 
-MODULES: dict[str, ModuleType] = {
-    "frames": frames, "sfm": sfm, "train": train, "masks": masks,
-    "segment": segment, "cluster": cluster, "scale": scale, "traits": traits,
-}  # fmt: skip
 N_VIEWS, N_BOLLS = 16, 4
 UNPLACED = f"{N_VIEWS:06d}.jpg"
 
@@ -31,15 +26,12 @@ UNPLACED = f"{N_VIEWS:06d}.jpg"
 def record(workspace: Workspace, stage: str, flags: tuple[str, ...] = (), warnings: tuple[str, ...] = ()) -> None:
     """As the pipeline writes it for a stage that is done."""
     options = stage_options(workspace)[stage]
-    found: dict[str, Any] = {
-        "stage": stage, "status": "ok", "stage_version": MODULES[stage].VERSION,
-        "options": as_dict(options),
-        "seconds": 1.25, "cpu_seconds": 2.5, "peak_memory_mib": 321.0,
-        "inputs": workspace.hashes(*stage_inputs(workspace, stage, options)),
-        "outputs": workspace.hashes(workspace.folder(stage)),
-        "summary": {"n": 3}, "flags": flags, "warnings": warnings,
-    }  # fmt: skip
-    workspace.write_record(stage, found)
+    found = replace(
+        stage_of(stage).record(options, ""), seconds=1.25, cpu_seconds=2.5, peak_memory_mib=321.0,
+        inputs=workspace.hashes(*stage_of(stage).reads(workspace, options)),
+    )  # fmt: skip
+    outcome = StageOutcome({"n": 3}, flags, warnings)
+    workspace.write_record(found.done(outcome, workspace.hashes(workspace.folder(stage))))
 
 
 def finished_workspace(folder: Path) -> Workspace:
@@ -56,13 +48,8 @@ def finished_workspace(folder: Path) -> Workspace:
     with workspace.writing("frames") as made:
         for name, photo in zip(names, [*photos, photos[0]], strict=True):
             write_image(made / name, photo)
-        entries = [
-            {"name": name, "blur": 0.2 + 0.015 * k, "mean_luminance": 0.4, "timestamp_s": 0.5 * k, "white_share": 0.0}
-            for k, name in enumerate(names)
-        ]
-        facts = {"source": "video", "file": "walk.mp4", "ordered": True, "images": entries,
-                 "video": {"duration_s": 8.5, "width": 320, "height": 240}}  # fmt: skip
-        (made / "frames.json").write_text(json_text(facts))
+        entries = [frame_info(name, blur=0.2 + 0.015 * k, timestamp_s=0.5 * k) for k, name in enumerate(names)]
+        frames_info(entries).save(made / "frames.json")
     record(workspace, "frames")
 
     with workspace.writing("sfm") as made:
@@ -70,15 +57,14 @@ def finished_workspace(folder: Path) -> Workspace:
         (made / "undistorted" / "images").mkdir()
         for view, photo in zip(views, photos, strict=True):
             write_image(made / "undistorted" / "images" / view.name, photo)
-        facts = {"n_frames": len(names), "registered": names[:-1], "unregistered": [UNPLACED],
-                 "orbit_coverage_deg": 330.0, "orbit_largest_gap_deg": 45.0, "plant_out_of_view": []}  # fmt: skip
-        (made / "sfm.json").write_text(json_text(facts))
+        info = sfm_info(names, (UNPLACED,), orbit_coverage_deg=330.0, orbit_largest_gap_deg=45.0)
+        info.save(made / "sfm.json")
     record(workspace, "sfm", ("few_frames_registered", "orbit_gap"), ("16 of 17 frames registered; walk more slowly",))
 
     with workspace.writing("train") as made:
         write_gaussians(made / "gaussians.ply", gaussians)
-        held_out = [{"image": name, "plant_psnr_db": 30.5} for name in names[::4]]
-        (made / "metrics.json").write_text(json_text({"psnr_db": 31.0, "pixel_su": 1e-4, "held_out": held_out}))
+        train_metrics(held_out=tuple(names[::4])).save(made / "metrics.json")
+        effects().save(made / "effects.json")
     record(workspace, "train")
 
     shares = np.eye(1 + N_BOLLS, dtype=np.float32)[labels]
@@ -93,14 +79,10 @@ def finished_workspace(folder: Path) -> Workspace:
         module.run(workspace, resolve(stage))
         record(workspace, stage)
 
-    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-    up = POSE.rotation[:, 2]
-    facts = scale_facts(Scale(37.0, 0.002, "table", up, np.append(up, -up @ corners[0]), corners))
     with workspace.writing("scale") as made:
-        (made / "scale.json").write_text(json_text(facts | {"evidence": {"edge_support": [0.9, 0.8, 0.9, 0.7]}}))
+        table_scale(evidence={"edge_support": [0.9, 0.8, 0.9, 0.7]}).save(made / "scale.json")
         write_image(made / "table_0.jpg", photos[0])
     record(workspace, "scale")
     traits.run(workspace, resolve("traits"))
     record(workspace, "traits")
-    assert list(MODULES) == list(STAGE_OPTIONS)
     return workspace

@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 import cv2
 import numpy as np
 
+from cotton3dg.documents.record import Record
 from cotton3dg.files.tables import TRAITS
 
 HOSTILE = "<img src=x onerror=document.title='owned'>\"'&{{7*7}}</script><script>document.title='owned'</script>"
@@ -36,7 +37,7 @@ class Page(HTMLParser):
 
 
 def fail(workspace, stage, error):
-    workspace.write_record(stage, {"stage": stage, "status": "failed", "error": error, "exit_code": 4, "seconds": 3.0})
+    workspace.write_record(Record(stage, error=error, exit_code=4, seconds=3.0))
 
 
 def batch_row(folder, state="done", **cells):

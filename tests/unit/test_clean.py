@@ -1,6 +1,7 @@
 """What clean drops, what it never touches, and that nothing has to run again for it."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -85,7 +86,7 @@ def test_what_is_not_ours_or_was_changed_stays(workspace):
 
 def test_an_unfinished_plant_only_loses_what_killed_runs_left(workspace):
     record = workspace.read_record("traits")
-    workspace.write_record("traits", record | {"status": "failed"})
+    workspace.write_record(replace(record, status="failed"))
     before = files(workspace)
     left = [
         workspace.root / ".train.partial" / "a.ply",

@@ -5,10 +5,12 @@ from itertools import pairwise
 import pytest
 
 from cotton3dg import pipeline
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadUsage
 from cotton3dg.planning import time_budget
-from cotton3dg.planning.cost import Cost, Footage, Machine, costs, seconds
-from cotton3dg.planning.time_budget import LADDER, choose, told
+from cotton3dg.planning.cost import Machine, costs, seconds
+from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, told
+from cotton3dg.stages.stage import Cost, Footage
 
 VIDEO = Footage(120, 1280, 720)
 MACHINE = Machine(2)
@@ -134,7 +136,7 @@ class Recorded:
     def run(self, workspace, options, stages=pipeline.STAGES, **keywords):
         self.calls.append((stages, options))
         for stage in stages:
-            workspace.write_record(stage, {"seconds": self.seconds})
+            workspace.write_record(Record(stage, seconds=self.seconds))
 
 
 def test_a_budget_runs_the_cameras_then_fits_the_steps(tmp_path, monkeypatch):
@@ -151,7 +153,7 @@ def test_a_budget_runs_the_cameras_then_fits_the_steps(tmp_path, monkeypatch):
     assert early + late == pipeline.STAGES and early[-1] == "sfm"
     assert first["frames"] == second["frames"] and second["train"].steps != before
     assert len(said) == 2 and "cameras took" in said[1]
-    record = workspace.read_record("time_budget")
-    assert record["budget_s"] == 300 and record["expected_s"] == pytest.approx(budget.choice.expected_s)
+    record = BudgetInfo.load(workspace.record_file("time_budget"))
+    assert record.budget_s == 300 and record.expected_s == pytest.approx(budget.choice.expected_s)
     budget.run()
     assert recorded.calls[-1][1] == second  # the same seconds are on record, so the same is chosen

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.capture.coverage import GAP_BIN_DEG, orbit, out_of_view
+from cotton3dg.capture.coverage import GAP_BIN_DEG, coverage, out_of_view
 from cotton3dg.capture.image_pairs import image_pairs
 from cotton3dg.core.scene import Camera
 
@@ -49,7 +49,7 @@ def _circle(angles_deg, tilt=0.3, target=(4.0, -2.0, 7.0)):
 
 def test_full_circle():
     centres, forwards, axis = _circle(np.arange(0, 360, 5))
-    found = orbit(centres, forwards)
+    found = coverage(centres, forwards)
     assert abs(found.axis @ axis) == pytest.approx(1)
     np.testing.assert_allclose(found.target, (4, -2, 7), atol=1e-4)
     assert found.radius_su == pytest.approx(np.hypot(2, 0.4), rel=1e-4)
@@ -59,14 +59,14 @@ def test_full_circle():
 
 def test_half_circle_leaves_a_gap():
     centres, forwards, _ = _circle(np.arange(0, 181, 5))
-    found = orbit(centres, forwards)
+    found = coverage(centres, forwards)
     assert found.largest_gap_deg == pytest.approx(180, abs=0.1)
     assert found.coverage_deg == pytest.approx(180 + GAP_BIN_DEG, abs=0.1)
 
 
 def test_parallel_views_stay_finite():
     centres = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0.1, 0]])
-    found = orbit(centres, np.tile([0.0, 0, 1], (4, 1)))
+    found = coverage(centres, np.tile([0.0, 0, 1], (4, 1)))
     assert np.isfinite([*found.target, *found.axis, found.radius_su, found.coverage_deg]).all()
 
 

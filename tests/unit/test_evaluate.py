@@ -73,5 +73,5 @@ def test_what_is_missing_is_named(plant):
     with pytest.raises(BadInput, match="plant_height_cm"):
         evaluate(plant, plant.truth_json)
     plant.truth_json.write_text("[1, 2")
-    with pytest.raises(BadInput, match="cannot be read"):
+    with pytest.raises(BadInput, match="damaged"):
         evaluate(plant, plant.truth_json)

@@ -6,10 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, left_out_predictions, score, write_evaluation
 from cotton3dg.files.images import read_image
 from cotton3dg.files.scatter import DOT, scatter, ticks
+from cotton3dg.files.tables import csv_text
 
 
 def test_scores_are_those_computed_by_hand():
@@ -70,6 +72,15 @@ def test_plants_are_matched_and_the_rest_is_told(tables):
     text = evaluation_text(found)
     for words in ("truth only): f", "measured only): e", "twice in a table: d", "plant_height_cm is blank: b"):
         assert words in text
+
+
+@pytest.mark.parametrize("name", ["-12", "=A1", "+3", "@home", "\tleft"])
+def test_a_plant_whose_name_looks_like_a_formula_meets_its_truth(tmp_path, name):
+    measured, truth = tmp_path / "batch.csv", tmp_path / "truth.csv"
+    columns = (Column("plant_id", "", "a name"), Column("boll_count", "1", "bolls"))
+    measured.write_text(csv_text(columns, [{"plant_id": name, "boll_count": 9}]), newline="")
+    truth.write_text(f"plant_id,boll_count\n{name},10\n")
+    assert evaluate_tables(measured, truth).scores[0].bias == -1.0
 
 
 def test_the_scores_and_a_plot_for_each_trait_are_saved(tables, tmp_path):

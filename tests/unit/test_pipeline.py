@@ -1,14 +1,20 @@
 """What runs, what is up to date and why: with small stages that stand in for the real ones."""
 
+import json
 import sys
-from types import SimpleNamespace
+from dataclasses import replace
 
 import pytest
+from scenes.small_stages import MODULES, replace_stages
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.state import State
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadUsage, CaptureFailed, EnvironmentUnusable, OutOfResources, StageFailed
 from cotton3dg.stages import masks
+from cotton3dg.stages.stage import Cost, Stage, stage_of
+from cotton3dg.stages.staleness import recorded_states, stale_reason
 from cotton3dg.workspace import Workspace
 
 
@@ -39,11 +45,14 @@ def stages(monkeypatch):
                 (folder / "out.txt").write_text(f"{text} {stage}" if stage != "scale" else "constant")
             return StageOutcome({"letters": len(text)}, ("a_flag",), ("be careful; do this",))
 
-        return SimpleNamespace(VERSION=1, inputs=lambda workspace: [source(workspace)], run=run)
+        return Stage(stage, 1, lambda workspace: [source(workspace)], run, lambda work: Cost(0.0))
 
-    modules = {stage: make(stage) for stage in pipeline.STAGES}
-    monkeypatch.setattr(pipeline, "stage_module", modules.__getitem__)
-    return modules
+    replace_stages(monkeypatch, make)
+
+    def change(stage, **parts):
+        monkeypatch.setattr(MODULES[stage], "STAGE", replace(stage_of(stage), **parts))
+
+    return change
 
 
 @pytest.fixture
@@ -90,7 +99,7 @@ def test_a_changed_input_runs_until_a_result_stays_the_same(workspace, stages):
 def test_damage_is_noticed_and_repaired(workspace, stages, damage, reason):
     run(workspace)
     damage(workspace)
-    assert pipeline.stale_reason(workspace, "sfm", pipeline.stage_options(workspace)["sfm"]) == reason
+    assert stale_reason(workspace, "sfm", pipeline.stage_options(workspace)["sfm"]) == reason
     assert run(workspace).ran == ["sfm"]
 
 
@@ -99,25 +108,25 @@ def test_a_renamed_plant_gets_its_new_name_into_the_tables(workspace, stages):
     renamed = Workspace(workspace.root.rename(workspace.root.with_name("plant_008")))
     again = run(renamed)
     assert again.ran == ["traits"]
-    assert renamed.read_record("traits")["options"]["plant_id"] == "plant_008"
+    assert renamed.read_record("traits").options["plant_id"] == "plant_008"
     assert run(renamed, overrides={"traits": {"plant_id": "A-17"}}).ran == ["traits"]
 
 
 def test_a_network_trained_anew_under_its_old_name_runs_the_masks(workspace, stages, tmp_path):
     weights, overrides = tmp_path / "best.onnx", {"masks": {"weights": str(tmp_path / "best.onnx")}}
-    stages["masks"].named_files = masks.named_files
+    stages("masks", named_files=masks.named_files)
     weights.write_text("trained on ten images")
     run(workspace, overrides=overrides)
     assert run(workspace, overrides=overrides).ran == []
     weights.write_text("trained on a hundred images")
-    reason = pipeline.stale_reason(workspace, "masks", pipeline.stage_options(workspace, overrides=overrides)["masks"])
+    reason = stale_reason(workspace, "masks", pipeline.stage_options(workspace, overrides=overrides)["masks"])
     assert reason == f"input {weights} changed"
     assert run(workspace, overrides=overrides).ran == ["masks"]
 
 
 def test_a_new_version_of_a_stage_runs_it(workspace, stages):
     run(workspace)
-    stages["train"].VERSION = 2
+    stages("train", version=2)
     assert run(workspace).ran == ["train"]
 
 
@@ -160,19 +169,19 @@ def test_a_failure_is_recorded_and_costs_one_stage(workspace, stages, raised, er
         with workspace.writing("train"):
             raise raised
 
-    working = stages["train"].run
-    stages["train"].run = fail
+    working = stage_of("train").run
+    stages("train", run=fail)
     with pytest.raises(error):
         run(workspace)
     record = workspace.read_record("train")
-    assert record["status"] == "failed"
-    assert record["exit_code"] == code
-    assert record["error"]
+    assert record.status == "failed"
+    assert record.exit_code == code
+    assert record.error
     assert "train failed" in workspace.log_file.read_text()
-    entries = {entry["stage"]: entry for entry in pipeline.status(workspace, pipeline.stage_options(workspace))}
-    assert entries["train"]["state"] == "failed"
-    assert entries["sfm"]["state"] == "ok"
-    stages["train"].run = working
+    states = {item.stage: item.state for item in pipeline.status(workspace, pipeline.stage_options(workspace))}
+    assert (states["sfm"], states["train"], states["masks"]) == (State.DONE, State.FAILED, State.MISSING)
+    assert states == {item.stage: item.state for item in recorded_states(workspace)}
+    stages("train", run=working)
     assert run(workspace).kept == ["frames", "sfm"]
 
 
@@ -188,15 +197,26 @@ def test_a_stage_is_not_charged_with_what_others_have_freed(workspace, stages):
     before = pipeline._peak_memory_mib()
     del kept[:-1]
     run(workspace)
-    assert workspace.read_record("frames")["peak_memory_mib"] < before - 100
+    assert workspace.read_record("frames").peak_memory_mib < before - 100
 
 
 def test_the_record_tells_what_was_done(workspace, stages):
     run(workspace)
     record = workspace.read_record("frames")
-    assert record["inputs"].keys() == {"video.mp4"}
-    assert record["outputs"].keys() == {"frames/out.txt"}
-    assert record["options"]["count"] == pipeline.stage_options(workspace)["frames"].count
-    assert record["seconds"] >= 0
-    assert record["peak_memory_mib"] > 1
-    assert record["flags"] == ["a_flag"]
+    assert record.inputs.keys() == {"video.mp4"}
+    assert record.outputs.keys() == {"frames/out.txt"}
+    assert record.options["count"] == pipeline.stage_options(workspace)["frames"].count
+    assert record.seconds >= 0
+    assert record.peak_memory_mib > 1
+    assert record.flags == ("a_flag",)
+
+
+def test_records_of_an_earlier_program_are_read(workspace, stages):
+    run(workspace)
+    path = workspace.record_file("sfm")
+    known = json.loads(path.read_text())
+    failed = {"stage": "sfm", "status": "failed", "error": "too dark; film again", "exit_code": 4, "seconds": 2.5}
+    path.write_text(json.dumps(failed))
+    assert workspace.read_record("sfm") == Record("sfm", error="too dark; film again", exit_code=4, seconds=2.5)
+    path.write_text(json.dumps(known | {"peak_memory_mib": None, "of_another_version": 1}))
+    assert run(workspace).ran == []

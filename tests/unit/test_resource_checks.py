@@ -30,7 +30,7 @@ def test_a_stage_that_the_disk_has_no_room_for_does_not_start(workspace, monkeyp
     )
     with pytest.raises(OutOfResources, match=rf"{stage} needs about \d+ MiB of disk and \d+ MiB are free; free some"):
         pipeline.run(workspace, pipeline.stage_options(workspace), (stage,), force=True)
-    assert workspace.read_record(stage)["exit_code"] == 7
+    assert workspace.read_record(stage).exit_code == 7
 
 
 @pytest.mark.parametrize(
@@ -75,12 +75,13 @@ def test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start(t
 
 HUNGRY = """
 import sys
+from dataclasses import replace
 from cotton3dg import pipeline
+from cotton3dg.stages import cluster
 from cotton3dg.workspace import Workspace
-module = pipeline.stage_module("cluster")
 def run(*_):
     {take}
-module.run = run
+cluster.STAGE = replace(cluster.STAGE, run=run)
 workspace = Workspace(sys.argv[1])
 try:
     pipeline.run(workspace, pipeline.stage_options(workspace), ("cluster",), force=True)
@@ -110,4 +111,4 @@ def test_case_55_memory_that_runs_out_in_a_stage_is_told(workspace, take):
     )
     assert run.returncode == 7, run.stdout + run.stderr
     assert "OutOfResources cluster ran out of memory; use --preset draft" in run.stdout
-    assert workspace.read_record("cluster")["exit_code"] == 7
+    assert workspace.read_record("cluster").exit_code == 7

@@ -1,17 +1,17 @@
 """Settings side by side: what is shared, skipped, resumed and told; with small stages in place of the real ones."""
 
 import csv
-import json
 import math
 from collections import Counter
-from types import SimpleNamespace
 
 import pytest
+from scenes.documents import train_metrics
+from scenes.small_stages import replace_stages
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.errors import BadUsage, CaptureFailed
-from cotton3dg.planning.cost import Footage
+from cotton3dg.stages.stage import Footage, Stage, stage_of
 from cotton3dg.study import work
 from cotton3dg.study.rows import empty_row
 from cotton3dg.study.settings import settings_of, sweeps_of
@@ -31,15 +31,9 @@ class Stages:
     def __init__(self):
         self.ran, self.interrupt_after, self.fail = [], math.inf, lambda options: False
 
-    def module(self, stage):
+    def make(self, stage):
         def inputs(workspace):
             return [workspace.folder(source) for source in READS[stage]] or [workspace.capture()]
-
-        def write(workspace, text):
-            with workspace.writing(stage) as folder:
-                (folder / "out.txt").write_text(text)
-                (folder / "metrics.json").write_text(json.dumps({"seconds": 2.0, "cpu_seconds": 3.0}))
-            return StageOutcome({"n": 1})
 
         def run(workspace, options, progress):
             if len(self.ran) >= self.interrupt_after:
@@ -48,13 +42,20 @@ class Stages:
                 raise CaptureFailed("too dark; film again")
             self.ran.append(stage)
             read = [(workspace.folder(source) / "out.txt").read_text() for source in READS[stage]]
-            return write(workspace, f"{stage} {options} {read}")
+            return written(workspace, stage, f"{stage} {options} {read}")
 
-        def save_intermediate(workspace, options, targets, progress):
-            self.ran.append("training")
-            return {steps: write(target, f"model after {steps}") for steps, target in targets.items()}
+        return Stage(stage, 1, inputs, run, stage_of(stage).cost)
 
-        return SimpleNamespace(VERSION=1, inputs=inputs, run=run, save_intermediate=save_intermediate)
+    def save_intermediate(self, workspace, options, targets, progress):
+        self.ran.append("training")
+        return {steps: written(target, "train", f"model after {steps}") for steps, target in targets.items()}
+
+
+def written(workspace, stage, text):
+    with workspace.writing(stage) as folder:
+        (folder / "out.txt").write_text(text)
+        train_metrics().save(folder / "metrics.json")
+    return StageOutcome({"n": 1})
 
 
 def figures(setting):
@@ -68,7 +69,8 @@ def figures(setting):
 @pytest.fixture
 def stages(monkeypatch):
     stages = Stages()
-    monkeypatch.setattr(pipeline, "stage_module", stages.module)
+    replace_stages(monkeypatch, stages.make)
+    monkeypatch.setattr(work, "save_intermediate", stages.save_intermediate)
     monkeypatch.setattr(work, "footage", lambda plant: VIDEO)
     monkeypatch.setattr(
         work,
@@ -201,7 +203,7 @@ def test_steps_come_from_one_training(plant, stages):
     passed = plant.study_setting("steps", "50")
     assert (passed.folder("train") / "out.txt").read_text() == "model after 50"
     assert "model after 50" in (passed.folder("segment") / "out.txt").read_text()
-    assert passed.read_record("train")["seconds"] == 2.0
+    assert passed.read_record("train").seconds == 2.0
     done = len(stages.ran)
     study(plant, ["steps=50,100"])
     assert len(stages.ran) == done
@@ -214,7 +216,7 @@ def test_more_steps_than_the_base_has_come_from_one_longer_training(plant, stage
     for steps in ("100", "2000", "9000"):
         passed = plant.study_setting("steps", steps)
         assert (passed.folder("train") / "out.txt").read_text() == f"model after {steps}"
-        assert passed.read_record("train")["options"]["steps"] == 9000
+        assert passed.read_record("train").options["steps"] == 9000
     assert "model after" not in (plant.study_setting("base", "draft").folder("train") / "out.txt").read_text()
     done = len(stages.ran)
     study(plant, ["steps=100,2000,9000"])

@@ -2,9 +2,13 @@
 
 import csv
 import io
+import math
+
+import pytest
 
 from cotton3dg.core.columns import Column
-from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text
+from cotton3dg.errors import BadInput
+from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text, number, read_rows, value_of
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "
@@ -62,3 +66,32 @@ def test_every_column_is_described():
             assert row["unit"] == "cm3"
         elif row["column"].endswith("_cm"):
             assert row["unit"] == "cm"
+
+
+@pytest.mark.parametrize("excel", [False, True])
+def test_what_was_written_is_read_again(tmp_path, excel):
+    path = tmp_path / "table.csv"
+    names = ["plain", "-12", "=A1", " +3", "\tleft", "it's", "'quoted'", 'two "lines"\nand, a comma', "NA", "", "å"]
+    rows = [{"name": name, "size": 1.5, "flags": ("few", "dark")} for name in names]
+    path.write_bytes(csv_text(COLUMNS, rows, excel=excel).encode())
+    found = read_rows(path)
+    assert [row["name"] for row in found] == names
+    assert {(row["size"], row["flags"]) for row in found} == {("1.50", "few;dark")}
+    values = [{column.name: value_of(row[column.name], column) for column in COLUMNS} for row in found]
+    assert csv_text(COLUMNS, values, excel=excel).encode() == path.read_bytes()
+
+
+def test_tables_that_others_made_are_read_or_refused(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("a,b\n1\n\n2,3\n")
+    assert read_rows(path) == [{"a": "1", "b": ""}, {"a": "2", "b": "3"}]
+    path.write_text("")
+    assert read_rows(path) == []
+    for damage in (b"\xff\xfe", b'a\n"never closed', b"a,b\n1,2,5\n", b"a,b\n1,2\n1,2,5\n"):
+        path.write_bytes(damage)
+        with pytest.raises(BadInput, match=r"cannot be read .*; save it as CSV"):
+            read_rows(path)
+    with pytest.raises(BadInput):
+        read_rows(tmp_path / "none.csv")
+    assert number("1.5") == 1.5
+    assert all(math.isnan(number(cell)) for cell in ("", None, "high"))

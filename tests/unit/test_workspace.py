@@ -9,6 +9,7 @@ import stat
 
 import pytest
 
+from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
 from cotton3dg.files.saving import explained_disk_errors, json_text
 from cotton3dg.workspace import Workspace
@@ -87,8 +88,8 @@ def test_hashes_follow_content_only(workspace):
 
 
 def test_an_unreadable_record_counts_as_none(workspace):
-    workspace.write_record("frames", {"status": "ok"})
-    assert workspace.read_record("frames") == {"status": "ok"}
+    workspace.write_record(Record("frames", "ok"))
+    assert workspace.read_record("frames") == Record("frames", "ok")
     workspace.record_file("frames").write_text('{"status": "o')
     assert workspace.read_record("frames") is None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,59 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, BollSelection, LiftedMasks
 from ..errors import BadInput
-from .arrays import read_array, read_arrays
+from ..files.arrays import read_array, read_arrays
+from .document import Document
+
+
+@dataclass(frozen=True)
+class BollMask:
+    """A mask that shows a boll."""
+
+    view: str
+    mask_id: int
+
+
+@dataclass(frozen=True)
+class BollFacts:
+    """One boll without its Gaussians, which are those that labels.npy gives its id."""
+
+    id: int
+    centre_su: tuple[float, ...]
+    diameter_su: float
+    n_gaussians: int
+    views: tuple[str, ...]
+    confidence: float
+    flags: tuple[str, ...]
+    masks: tuple[BollMask, ...]
+
+
+@dataclass(frozen=True)
+class BollsInfo(Document):
+    """cluster/bolls.json."""
+
+    REMEDY = "run `cotton3dg cluster --force`"
+
+    gaussians_sha256: str
+    """`Gaussians.sha256()` of the model that the bolls are part of."""
+    bolls: tuple[BollFacts, ...]
+
+
+def bolls_info(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInfo:
+    """What bolls.json says of bolls."""
+    facts = (
+        BollFacts(
+            boll.boll_id,
+            tuple(float(x) for x in boll.centre),
+            boll.diameter_su,
+            len(boll.indices),
+            boll.views,
+            boll.confidence,
+            boll.flags,
+            tuple(BollMask(view, mask_id) for view, mask_id in boll.masks),
+        )
+        for boll in bolls
+    )
+    return BollsInfo(gaussians_sha256, tuple(facts))
 
 
 def write_lifted(path: Path, lifted: LiftedMasks) -> None:
@@ -54,19 +107,6 @@ def read_lifted(path: Path) -> LiftedMasks:
     return LiftedMasks(sha256, views, candidates, foreground, seen, selections)
 
 
-def boll_facts(boll: BollInstance) -> dict[str, object]:
-    """One boll of bolls.json."""
-    return {
-        "id": boll.boll_id,
-        "centre_su": [float(x) for x in boll.centre],
-        "diameter_su": boll.diameter_su,
-        "n_gaussians": len(boll.indices),
-        "views": list(boll.views),
-        "confidence": boll.confidence,
-        "flags": list(boll.flags),
-    }
-
-
 def boll_labels(bolls: list[BollInstance], n: int) -> NDArray[np.int32]:
     """(N,) boll of each of n Gaussians, 0 = none."""
     labels = np.zeros(n, np.int32)
@@ -81,21 +121,18 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
     Raises:
         BadInput: one of the files is damaged.
     """
-    try:
-        table = json.loads(bolls_json.read_text(encoding="utf-8"))
-        labels = read_array(labels_npy)
-        bolls = [
-            BollInstance(
-                boll["id"],
-                np.flatnonzero(labels == boll["id"]),
-                tuple(boll["views"]),
-                np.array(boll["centre_su"], np.float64),
-                float(boll["diameter_su"]),
-                float(boll["confidence"]),
-                tuple(boll["flags"]),
-            )
-            for boll in table["bolls"]
-        ]
-        return bolls, str(table["gaussians_sha256"])
-    except (BadInput, OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"{bolls_json.name} is damaged ({error}); make it again with `cotton3dg cluster`") from error
+    info, labels = BollsInfo.load(bolls_json), read_array(labels_npy)
+    bolls = [
+        BollInstance(
+            boll.id,
+            np.flatnonzero(labels == boll.id),
+            boll.views,
+            np.array(boll.centre_su, np.float64),
+            boll.diameter_su,
+            boll.confidence,
+            boll.flags,
+            tuple((mask.view, mask.mask_id) for mask in boll.masks),
+        )
+        for boll in info.bolls
+    ]
+    return bolls, info.gaussians_sha256

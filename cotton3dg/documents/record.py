@@ -1,0 +1,56 @@
+"""records/<stage>.json: what a stage was run with, what it read and wrote, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..core.outcome import StageOutcome
+from .document import Document
+
+OK, FAILED = "ok", "failed"
+
+
+@dataclass(frozen=True)
+class Record(Document):
+    """The last run of a stage. One that cannot be read is none, and its stage is stale."""
+
+    REMEDY = "run `cotton3dg run`, which makes it again"
+
+    stage: str
+    status: str = FAILED
+    """`ok` or `failed`."""
+    stage_version: int = 0
+    cotton3dg_version: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    reason: str = ""
+    """Why it ran."""
+    inputs: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of what it read, by path as `Workspace.hashes` names it."""
+    outputs: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of what it wrote."""
+    summary: dict[str, Any] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    peak_memory_mib: float = 0.0
+    error: str | None = None
+    """Why it failed."""
+    exit_code: int | None = None
+    """Of a command that fails so."""
+
+    @property
+    def is_ok(self) -> bool:
+        return self.status == OK
+
+    def done(self, outcome: StageOutcome, outputs: dict[str, str]) -> Record:
+        """This record of a run that has ended well."""
+        return replace(
+            self,
+            status=OK,
+            outputs=outputs,
+            summary=outcome.summary,
+            flags=outcome.flags,
+            warnings=outcome.warnings,
+        )

@@ -1,0 +1,85 @@
+"""scale/scale.json: the metric scale of a scene and the evidence for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from ..core.measurements import Scale
+from ..errors import BadInput
+from .document import Document
+
+NO_SOURCE = "none"
+_ARRAYS = {"up": (3,), "plane": (4,), "corners": (4, 3)}
+"""Fields of a scale that are arrays, with their shapes."""
+
+
+@dataclass(frozen=True)
+class ScaleInfo(Document):
+    """What the stage scale found: a scale and its evidence, or the reason why there is none."""
+
+    REMEDY = "run `cotton3dg scale --force`"
+
+    source: str
+    """The references that gave the scale, joined by +; `none` without one."""
+    reason: str | None = None
+    """Why there is no scale."""
+    cm_per_su: float | None = None
+    relative_error: float | None = None
+    up: tuple[float, ...] | None = None
+    plane: tuple[float, ...] | None = None
+    corners: tuple[tuple[float, ...], ...] | None = None
+    evidence: dict[str, Any] | None = None
+    """Of the surest reference, as its method tells it."""
+    references: tuple[dict[str, Any], ...] | None = None
+    """Each reference for itself: source, cm_per_su, relative_error and its evidence."""
+    refused: dict[str, str] | None = None
+    """Reference -> why it gave no scale."""
+
+    @classmethod
+    def of_scale(cls, scale: Scale, **evidence: Any) -> Self:
+        """What scale.json says of a scale.
+
+        Args:
+            evidence: the fields evidence, references and refused.
+        """
+        return cls(
+            source=scale.source,
+            cm_per_su=scale.cm_per_su,
+            relative_error=scale.relative_error,
+            up=tuple(scale.up.tolist()),
+            plane=tuple(scale.plane.tolist()),
+            corners=tuple(tuple(corner) for corner in scale.corners.tolist()),
+            **evidence,
+        )
+
+    @property
+    def scale(self) -> Scale | None:
+        """The scale; None when none was found.
+
+        Raises:
+            BadInput: it is zero, negative, not finite or not complete.
+        """
+        if self.source == NO_SOURCE:
+            return None
+        try:
+            arrays = [np.array(getattr(self, name), np.float64) for name in _ARRAYS]
+        except ValueError:  # rows of different length
+            arrays = []
+        numbers = np.array([self.cm_per_su, self.relative_error], np.float64)
+        complete = [array.shape for array in arrays] == list(_ARRAYS.values())
+        if not (complete and numbers[0] > 0 and all(np.isfinite(array).all() for array in (numbers, *arrays))):
+            raise BadInput(f"scale.json holds no usable scale; {self.REMEDY}")
+        return Scale(float(numbers[0]), float(numbers[1]), self.source, *arrays)
+
+
+def read_scale(path: Path) -> Scale | None:
+    """The scale that `scale` saved; None when it found none.
+
+    Raises:
+        BadInput: the file is damaged or holds no usable scale.
+    """
+    return ScaleInfo.load(path).scale

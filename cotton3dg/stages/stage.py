@@ -1,0 +1,130 @@
+"""What a stage is: everything that the rest of the program knows of it, declared in its module as STAGE."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from .. import __version__
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress
+from ..documents.record import Record
+from ..files.images import fitted_size
+from ..options import STAGE_OPTIONS, as_dict
+from ..workspace import Workspace
+
+STAGES = tuple(STAGE_OPTIONS)
+"""Names, in the order in which they run."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What there is to be read."""
+
+    frames: int
+    width: int
+    height: int
+    is_video: bool = True
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a run has to do, as far as it is known before."""
+
+    options: Mapping[str, Any]
+    """Of all stages."""
+    source: Footage
+
+    @property
+    def images(self) -> int:
+        """Taken from the capture."""
+        return min(self.options["frames"].count, self.source.frames)
+
+    @property
+    def views(self) -> int:
+        """Images that get masks."""
+        return min(self.options["masks"].views, self.images)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the images, px."""
+        return fitted_size(self.source.width, self.source.height, self.options["frames"].max_side)
+
+    def megapixels(self, max_side: int) -> float:
+        """Of an image whose longer side is at most `max_side` px."""
+        width, height = fitted_size(*self.size, max_side)
+        return width * height / 1e6
+
+    @property
+    def million_gaussians(self) -> float:
+        return self.options["train"].max_gaussians / 1e6
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds of one core, of work that all cores share and of work that one must do alone."""
+
+    shared_s: float
+    alone_s: float = 0.0
+
+    @property
+    def cpu_s(self) -> float:
+        return self.shared_s + self.alone_s
+
+    def seconds(self, cores: float) -> float:
+        """On the clock of an idle machine."""
+        return self.alone_s + self.shared_s / cores
+
+    def times(self, factor: float) -> Cost:
+        return Cost(self.shared_s * factor, self.alone_s * factor)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage."""
+
+    name: str
+    """Also of its module, its command and its folder; its options stand under it in `options.STAGE_OPTIONS`."""
+    version: int
+    """Raised when the same inputs give another result."""
+    inputs: Callable[[Workspace], list[Path]]
+    """Files and folders of the plant that the result depends on."""
+    run: Callable[[Workspace, Any, Progress], StageOutcome]
+    """Workspace, options of the stage and progress."""
+    cost: Callable[[Work], Cost]
+    """On the machine that the constants of `planning.cost` were measured on."""
+    splats: bool = False
+    """Whether its time goes with that of the splatting core instead of with that of images."""
+    disk_bytes: Callable[[Workspace, Any], float] = lambda workspace, options: 0.0
+    """About what it writes, by its options and by the size of what it reads; generous."""
+    named_files: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
+    """Files anywhere that its options name."""
+    droppable: Callable[[Workspace], list[Path]] = lambda workspace: []
+    """What `clean` drops, as it can be made again and no result is."""
+
+    def reads(self, workspace: Workspace, options: Any) -> list[Path]:
+        """All that the result depends on besides the options."""
+        return [*self.inputs(workspace), *self.named_files(workspace, options)]
+
+    def record(self, options: Any, reason: str) -> Record:
+        """Of a run that begins."""
+        return Record(
+            self.name,
+            stage_version=self.version,
+            cotton3dg_version=__version__,
+            options=as_dict(options),
+            reason=reason,
+        )
+
+
+def twice_the_model(workspace: Workspace, _: Any) -> float:
+    """Disk of a stage that writes something for each Gaussian."""
+    return 2 * workspace.gaussians_ply.stat().st_size if workspace.gaussians_ply.exists() else 0
+
+
+def stage_of(name: str) -> Stage:
+    """A stage by its name; its module is imported when needed, because some pull in large libraries."""
+    return cast("Stage", importlib.import_module(f"cotton3dg.stages.{name}").STAGE)

@@ -20,7 +20,7 @@ from .bolls import Maps
 
 LEVELS = 64
 """Steps in which probabilities are counted: the core sums weights by whole numbers."""
-EDGE = 0.37
+EDGE = 0.33
 """Mean probability that parts lint from the rest: less than one half, as what is in the shade in most views is lint as
 well."""
 STEEPNESS = 15.0

@@ -43,8 +43,9 @@ AGREES = 0.15
 """Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
 that the boll is there."""
 ROUNDS = 4
-FARTHEST = 0.9
-"""Distance, in diameters, from its middle of the farthest lint of a boll."""
+FARTHEST = 1.2
+"""Distance, in diameters, from its middle of the farthest lint of a boll. No more than half of one if the network were
+right about sizes, but it takes bolls for smaller than they are, large ones most."""
 
 
 @dataclass(frozen=True)

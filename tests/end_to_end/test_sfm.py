@@ -6,6 +6,7 @@ import subprocess
 import cv2
 import numpy as np
 import pytest
+from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
@@ -114,9 +115,10 @@ def frames_only(tmp_path, pictures, ordered=True):
     """A workspace whose frames are given."""
     workspace = Workspace(tmp_path)
     with workspace.writing("frames") as folder:
-        for number, picture in enumerate(pictures):
-            write_image(folder / f"{number:06d}.jpg", picture)
-        (folder / "frames.json").write_text(json.dumps({"ordered": ordered}))
+        names = [f"{number:06d}.jpg" for number in range(len(pictures))]
+        for name, picture in zip(names, pictures, strict=True):
+            write_image(folder / name, picture)
+        frames_info([frame_info(name) for name in names], ordered).save(folder / "frames.json")
     return workspace
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from scenes.differentiation import image_loss
+from scenes.documents import effects
 from scenes.splat_scenes import NEAR, RATES, all_finite, arrays_of, camera_at, scene, step, target_of
 from scenes.training_scene import OPTIONS, quality_db, training_scene
 
@@ -46,7 +47,7 @@ def test_case_02_culled_gaussians_are_counted_in_the_stages_record() -> None:
     result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
     assert result.culled["non_finite"] >= 1
     assert result.culled["degenerate"] >= 1
-    outcome = train._outcome(train._metrics(result, []), effects={})
+    outcome = train._outcome(train._metrics(result, [], 1e-4), effects())
     assert "gaussians_culled" in outcome.flags
     assert f"{result.culled['degenerate']} degenerate" in outcome.warnings[0]
 

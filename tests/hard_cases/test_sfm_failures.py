@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
@@ -22,14 +25,15 @@ from cotton3dg.workspace import Workspace
 OPTIONS = {"sfm": {"max_features": 1500, "overlap": 6}}
 
 
-def frames(folder: Path, pictures: list[np.ndarray], **described) -> Workspace:
+def frames(folder: Path, pictures: list[np.ndarray], **described: Any) -> Workspace:
     """A workspace whose frames are given."""
     workspace = Workspace(folder)
     workspace.images_input.mkdir()
     with workspace.writing("frames") as partial:
-        for number, picture in enumerate(pictures):
-            write_image(partial / f"{number:06d}.jpg", picture)
-        (partial / "frames.json").write_text(json.dumps({"ordered": True} | described))
+        names = [f"{number:06d}.jpg" for number in range(len(pictures))]
+        for name, picture in zip(names, pictures, strict=True):
+            write_image(partial / name, picture)
+        replace(frames_info([frame_info(name) for name in names]), **described).save(partial / "frames.json")
     return workspace
 
 

@@ -1,5 +1,6 @@
 """The bolls' network: torch and OpenCV agree, weights survive a file, training goes on where it ended."""
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -36,23 +37,25 @@ def test_opencv_says_what_torch_says(network, half, shape):
     image = np.random.default_rng(0).integers(0, 256, (*shape, 3), np.uint8)
     reader = BollNetwork(to_onnx(network, half=half), "net")
     maps = reader.maps(image)
-    below, right = -shape[0] % 32, -shape[1] % 32
-    raw = maps_of(network, np.pad(image, ((0, below), (0, right), (0, 0)), mode="edge"))
-    raw = raw[:, : shape[0] // 2, : shape[1] // 2]
+    seen = cv2.resize(image, (2 * shape[1], 2 * shape[0]), interpolation=cv2.INTER_CUBIC)
+    below, right = -seen.shape[0] % 32, -seen.shape[1] % 32
+    raw = maps_of(network, np.pad(seen, ((0, below), (0, right), (0, 0)), mode="edge"))
+    raw = raw[:, : shape[0], : shape[1]]
     assert raw.shape[0] == CHANNELS
+    assert maps.scale == 1
     probabilities = np.exp(raw[:5]) / np.exp(raw[:5]).sum(axis=0)
     tolerance = 5e-3 if half else 1e-4
     np.testing.assert_allclose(maps.probabilities, probabilities, atol=tolerance)
-    np.testing.assert_allclose(maps.diameters, OFFSET_PX * 2.0 ** raw[8].clip(-3, 5), rtol=5 * tolerance)
-    middle_of_first = maps.votes[:, 0, 0] - OFFSET_PX * raw[5:7, 0, 0]
-    np.testing.assert_allclose(middle_of_first, 1.0, atol=OFFSET_PX * tolerance)
+    np.testing.assert_allclose(maps.diameters, 0.5 * OFFSET_PX * 2.0 ** raw[8].clip(-3, 5), rtol=5 * tolerance)
+    middle_of_first = maps.votes[:, 0, 0] - 0.5 * OFFSET_PX * raw[5:7, 0, 0]
+    np.testing.assert_allclose(middle_of_first, 0.5, atol=OFFSET_PX * tolerance)
 
 
 def test_large_images_are_seen_smaller_and_votes_are_in_their_pixels(network):
     image = np.random.default_rng(0).integers(0, 256, (96, 1920, 3), np.uint8)
     maps = BollNetwork(to_onnx(network), "net").maps(image)
-    assert maps.lint.shape == (24, 480)
-    assert maps.scale == 4
+    assert maps.lint.shape == (32, 640)
+    assert maps.scale == 3
     assert maps.image_shape == (96, 1920)
 
 

@@ -241,20 +241,20 @@ def apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
     return np.array(kept, np.intp)
 
 
-def nearest_middles(votes: Float32, middles: Float32, sizes: Float32) -> NDArray[np.uint16]:
-    """(N,) number of the middle (B, D), from 1, that each vote (N, D) is nearest to, in diameters (B,) of the boll;
+def nearest_middles(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
+    """(N,) number of the middle (B, D), from 1, that each point (N, D) is nearest to, in diameters (B,) of the boll;
     0 = none within reach."""
     from scipy.spatial import cKDTree
 
-    if not len(middles) or not len(votes):
-        return np.zeros(len(votes), np.uint16)
+    if not len(middles) or not len(points):
+        return np.zeros(len(points), np.uint16)
     # The nearest in their own diameters is among the nearest few.
-    distances, which = cKDTree(middles).query(votes, k=min(4, len(middles)))
-    distances, which = distances.reshape(len(votes), -1), which.reshape(len(votes), -1)
+    distances, which = cKDTree(middles).query(points, k=min(6, len(middles)))
+    distances, which = distances.reshape(len(points), -1), which.reshape(len(points), -1)
     relative = distances / sizes[which]
     best = relative.argmin(axis=1)
-    rows = np.arange(len(votes))
-    return np.where(relative[rows, best] < REACH, which[rows, best] + 1, 0).astype(np.uint16)
+    rows = np.arange(len(points))
+    return np.where(relative[rows, best] < reach, which[rows, best] + 1, 0).astype(np.uint16)
 
 
 def ids_of_image(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:

@@ -33,7 +33,7 @@ def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> M
     """The middles with those of one boll made one, the narrowest pair first."""
     places = lint.gaussians.means[lint.shares > 0.5]
     places = places[np.isfinite(places).all(axis=1)]
-    owners = middles.nearest(places)[0]
+    owners = middles.nearest(places)
     parts = [widths(places[owners == k])[0] for k in range(1, len(middles.centres) + 1)]
     usual = float(np.quantile(parts, USUAL)) if parts else 0.0
     while len(middles.centres) > 1:
@@ -48,7 +48,7 @@ def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> M
         if pair is None:
             break
         middles = joined(middles, *pair)
-        owners = middles.nearest(places)[0]
+        owners = middles.nearest(places)
     return middles
 
 
@@ -88,7 +88,7 @@ def borders_between(middles: Middles, votes: Sequence[Votes]) -> dict[tuple[int,
     for view in votes:
         ids = np.zeros(view.shape, np.uint16)
         border = np.zeros(view.shape, np.float32)
-        ids[view.pixels] = middles.nearest(view.surfaces)[0]
+        ids[view.pixels] = middles.nearest(view.surfaces)
         border[view.pixels] = view.borders
         border = cv2.dilate(border, np.ones((5, 5), np.uint8))
         for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):

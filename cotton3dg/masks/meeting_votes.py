@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
-from .bolls import Maps
+from .bolls import Maps, nearest_middles
 from .lint_in_space import LintInSpace
 
 SPREAD = 0.16
@@ -85,18 +85,9 @@ class Middles:
     views: NDArray[np.int64]
     """(B,) views with votes for it."""
 
-    def nearest(self, places: Float32) -> tuple[NDArray[np.uint16], Float32]:
-        """Which boll lint at (N, 3) places is of, from 1, 0 = none is near; and the distance (N,), diameters."""
-        from scipy.spatial import cKDTree
-
-        if not len(self.centres) or not len(places):
-            return np.zeros(len(places), np.uint16), np.full(len(places), np.inf, np.float32)
-        # The nearest in their own diameters is among the nearest few.
-        distances, which = cKDTree(self.centres).query(places, k=min(6, len(self.centres)))
-        relative = distances.reshape(len(places), -1) / self.diameters[which.reshape(len(places), -1)]
-        best = np.arange(len(places)), relative.argmin(axis=1)
-        owners = which.reshape(len(places), -1)[best] + 1
-        return np.where(relative[best] < FARTHEST, owners, 0).astype(np.uint16), relative[best].astype(np.float32)
+    def nearest(self, places: Float32) -> NDArray[np.uint16]:
+        """Which boll lint at (N, 3) places is of, from 1, 0 = none is near."""
+        return nearest_middles(places, self.centres, self.diameters, FARTHEST)
 
 
 def votes_in_space(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
@@ -228,7 +219,7 @@ def agreement(votes: Sequence[Votes], middles: Middles) -> Float32:
     """(B,) share of what is seen of each boll's lint, over all views, whose votes go to this boll's middle."""
     own, agreed = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
     for view in votes:
-        boll = middles.nearest(view.surfaces)[0]
+        boll = middles.nearest(view.surfaces)
         to = np.concatenate([np.zeros((1, 3)), middles.centres])[boll] - view.eye
         size = np.concatenate([[1.0], middles.diameters])[boll]
         along = np.einsum("ni,ni->n", to, view.rays)

@@ -30,8 +30,7 @@ def outline_bolls(image: NDArray[np.uint8], camera: Camera, lint: LintInSpace, m
     ids = np.zeros(share.shape, np.uint16)
     if not len(middles.centres) or not (share > POSSIBLY).any():
         return ids
-    owners, _ = middles.nearest(places[share > SHOWN])
-    ids[share > SHOWN] = owners
+    ids[share > SHOWN] = middles.nearest(places[share > SHOWN])
     depths = camera.project(middles.centres)[1]
     diameter_px = float(np.median(middles.diameters * camera.fx / np.maximum(depths, 1e-6)))
     trimap = np.where(share > 0.5, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)

@@ -27,7 +27,7 @@ def paint_backgrounds(seed: int) -> NDArray[np.uint8]:
         _wall,
         _wall,
         _field,
-        _field,
+        _thicket,
         _curtain,
         _clutter,
         _board,
@@ -184,6 +184,30 @@ def _field(rng: np.random.Generator) -> Image:
             cv2.fillPoly(drawing, [np.int32(outline)], ink, cv2.LINE_AA)
     blurred = cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.5, 4, 8])))
     return blurred.astype(np.float32) / 255
+
+
+def _thicket(rng: np.random.Generator) -> Image:
+    """Twigs and leaves, dense and dark, with specks of bright sky, pale soil or litter between them."""
+    size = BACKGROUND_PX
+    canvas = Canvas(rng, 1.0, 1.0, size)
+    pale = rng.uniform(0.5, 1.0) * rng.uniform(0.85, 1.0, 3) * (1 + 0.15 * canvas.noise(0.3))[..., None]
+    drawing = np.round(255 * pale.clip(0, 1)).astype(np.uint8)
+    base = rng.uniform(0.02, 0.35) * np.array([1.0, rng.uniform(0.6, 1.3), rng.uniform(0.3, 0.8)])
+    fine = np.exp(rng.uniform(np.log(1.0), np.log(5.0)))
+    for _ in range(int(rng.uniform(300, 4000) / fine**1.3)):
+        ink = (255 * (base * np.exp(rng.normal(0, 0.4) + rng.normal(0, 0.12, 3))).clip(0, 1)).tolist()
+        middle = rng.uniform(0, size, 2)
+        if rng.random() < 0.6:
+            end = middle + rng.normal(0, 0.08, 2) * size
+            cv2.line(
+                drawing, np.int32(middle), np.int32(end), ink, max(1, int(fine * rng.uniform(0.5, 2))), cv2.LINE_AA
+            )
+        else:
+            angles = np.sort(rng.uniform(0, 2 * np.pi, 8))
+            radii = rng.uniform(0.4, 1, 8) * fine * rng.uniform(2, 14)
+            outline = middle + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
+            cv2.fillPoly(drawing, [np.int32(outline)], ink, cv2.LINE_AA)
+    return cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.0, 3.0]))).astype(np.float32) / 255
 
 
 def _eight_bits(image: Image) -> NDArray[np.uint8]:

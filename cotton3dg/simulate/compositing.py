@@ -20,6 +20,10 @@ BARE = 0.12
 """Share of the pictures without a plant: most of what a camera sees is none."""
 
 
+BACKLIT = (1.7, 12.0)
+"""Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
+
+
 @dataclass(frozen=True)
 class _Layer:
     light: Float32
@@ -46,7 +50,8 @@ def compose(
         layers.append(_placed(rng, _drawn(rng, plates), power, size))
     behind = _background(rng, backgrounds[int(rng.integers(len(backgrounds)))], size)
     reference = _reference(layers)
-    light = behind * (reference * np.exp(rng.uniform(np.log(0.04), np.log(1.7))) / max(np.quantile(behind, 0.9), 1e-4))
+    brighter = rng.uniform(*np.log(BACKLIT if rng.random() < 0.2 else (0.04, 1.7)))
+    light = behind * (reference * np.exp(brighter) / max(np.quantile(behind, 0.9), 1e-4))
     classes = np.zeros((size, size), np.uint8)
     ids = np.zeros((size, size), np.uint16)
     centres, diameters = [np.zeros((0, 2), np.float32)], [np.zeros(0, np.float32)]
@@ -154,10 +159,11 @@ def _reference(layers: Sequence[_Layer]) -> float:
 
 def _developed(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
     """What a phone makes of the light: exposure, white balance, tone, blur, noise, sharpening, compression."""
-    exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.85 else rng.uniform(np.log(0.06), np.log(2.5)))
+    exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.8 else rng.uniform(np.log(0.06), np.log(2.5)))
     light: Float32 = seen * np.float32(exposed / reference)
-    cast = np.exp(rng.normal(0, 0.10) * np.array([1, 0, -1]) + rng.normal(0, 0.05) * np.array([0.5, -1, 0.5]))
-    light = light * cast.astype(np.float32)
+    strong = 2.5 if rng.random() < 0.25 else 1.0  # open shade, mixed lamps, a white balance that was misled
+    cast = rng.normal(0, 0.10 * strong) * np.array([1, 0, -1]) + rng.normal(0, 0.05 * strong) * np.array([0.5, -1, 0.5])
+    light = light * np.exp(cast).astype(np.float32)
     size = light.shape[0]
     if rng.random() < 0.35:
         light = cv2.GaussianBlur(light, (0, 0), float(rng.uniform(0.4, 1.6)))
@@ -178,7 +184,7 @@ def _developed(rng: np.random.Generator, seen: Float32, reference: float) -> NDA
         image = (255 * (bent + strength * bent * (1 - bent) * (2 * bent - 1))).astype(np.float32)
     if rng.random() < 0.4:
         grey = image.mean(axis=2, keepdims=True)
-        image = grey + (image - grey) * np.float32(rng.uniform(0.4, 1.5))
+        image = grey + (image - grey) * np.float32(rng.uniform(0.2, 1.6))
     picture = np.round(image.clip(0, 255)).astype(np.uint8)
     if rng.random() < 0.15:
         picture = cv2.medianBlur(picture, 3) if rng.random() < 0.5 else cv2.bilateralFilter(picture, 5, 20, 2)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES
+from .foliage import bracted_boll, flower, palmate_leaf
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, sheet, smooth_curve, tube, unit
 from .plant import (
     LEAF,
@@ -27,7 +28,7 @@ from .plant import (
     twig,
     weathered,
 )
-from .varied_bolls import closed_boll, draw_kind, grow_boll
+from .varied_bolls import draw_kind, grow_boll
 
 OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))
 
@@ -94,8 +95,13 @@ def build_scene(seed: int) -> TrainingScene:
             parts.add(boll.lint, LINT, ids, target=True)
             parts.add(boll.bur, BUR)
         else:
-            parts.add(closed_boll(rng, noise, site), BUR, target=True)
-    _add_leaves(parts, rng, noise, stem, branches)
+            pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
+            parts.add(
+                bracted_boll(rng, noise, site.diameter).moved(pose, site.centre - 0.3 * site.diameter * site.axis),
+                BUR,
+                target=True,
+            )
+    _add_foliage(parts, rng, noise, stem, branches)
     plant = np.concatenate([mesh.vertices for mesh in parts.meshes])
     _add_things(parts, rng, noise, plant)
     return _assembled(parts, ids)
@@ -119,12 +125,12 @@ def _sites(rng: np.random.Generator, stem: Float64, branches: list[Branch], coun
     return sites
 
 
-def _add_leaves(
+def _add_foliage(
     parts: _Parts, rng: np.random.Generator, noise: SolidNoise, stem: Float64, branches: list[Branch]
 ) -> None:
-    """None to many leaves on stem and branches, dry, reddish or green."""
-    count = int(rng.choice([0, 2, 6, 16], p=[0.25, 0.35, 0.25, 0.15]) * rng.uniform(0.6, 1.5))
-    green = rng.random() * np.array([0.12, 0.22, 0.04]) * rng.uniform(0.7, 2.0)
+    """None to many leaves on stem and branches, curled up by drought or alive; flowers among those that are alive."""
+    count = int(rng.choice([0, 2, 6, 16], p=[0.25, 0.3, 0.25, 0.2]) * rng.uniform(0.6, 1.5))
+    alive = rng.choice([0.0, 0.5, 1.0])
     curves = [stem, *(branch.curve for branch in branches)]
     for _ in range(count):
         curve = curves[int(rng.integers(len(curves)))]
@@ -134,14 +140,15 @@ def _add_leaves(
         foot = node + out * rng.uniform(0.02, 0.08) + (0, 0, rng.uniform(-0.01, 0.03))
         stalk = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
         parts.add(tube(stalk, np.full(len(stalk), 0.0012), np.tile(WOOD, (len(stalk), 1)), 8), WOOD_CLASS)
-        freshness = rng.random()
-        blade = leaf(rng, noise)
-        colour = (1 - freshness) * np.array(LEAF) * rng.uniform(0.3, 1.6) + freshness * (green + 0.02)
-        blade = replace(blade, colours=np.tile(colour, (len(blade.vertices), 1)))
-        size = rng.uniform(0.8, 1.0 + freshness)
-        pose = rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, 0.3)])))
-        mesh = replace(blade, vertices=blade.vertices * size).moved(pose, foot)
-        parts.add(weathered(mesh, noise, 0.4), LEAF_CLASS)
+        pose = rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, 0.3)])), rng.uniform(0, 2 * np.pi))
+        if rng.random() < alive:
+            parts.add(palmate_leaf(rng, noise).moved(pose, foot), LEAF_CLASS, target=rng.random() < 0.3)
+            if rng.random() < 0.1:
+                parts.add(flower(rng, noise).moved(pose, node), OTHER, target=True)
+        else:
+            blade = leaf(rng, noise)
+            blade = replace(blade, colours=np.tile(np.array(LEAF) * rng.uniform(0.3, 1.9), (len(blade.vertices), 1)))
+            parts.add(weathered(blade, noise, 0.4).moved(pose, foot), LEAF_CLASS)
 
 
 def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plant: Float64) -> None:

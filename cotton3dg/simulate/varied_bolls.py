@@ -99,24 +99,6 @@ def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: Bol
     return Boll(_soiled(rng, noise, weathered(lint, noise, 0.05), kind.trash), weathered(bur, noise, 0.5))
 
 
-def closed_boll(rng: np.random.Generator, noise: SolidNoise, site: Site) -> Mesh:
-    """A boll that has not opened, green to brown, in its bracts; all of it counts as bur."""
-    d = 0.75 * site.diameter
-    sphere, triangles = icosphere(3)
-    z = sphere[:, 2:]
-    ripe = rng.random()
-    colour = (1 - ripe) * np.array([0.16, 0.24, 0.07]) + ripe * np.array([0.16, 0.09, 0.05])
-    shape = sphere * (0.42 * d, 0.42 * d, 0.55 * d) * (1 - 0.25 * z.clip(0) ** 2) + (0, 0, 0.5 * d)
-    body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.4), (len(sphere), 1)))
-    angles = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
-    bracts = [_raised(carpel(rng, angle, 1.5 * d), rng.uniform(0.0, 0.6), angle, d) for angle in angles]
-    green = rng.uniform(0.5, 1.5) * np.array([0.20, 0.26, 0.08])
-    bracts = [replace(bract, colours=0.5 * bract.colours + 0.5 * green) for bract in bracts]
-    pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
-    whole = merged([body, *bracts]).moved(pose, site.centre - site.axis * LINT_CENTRE * site.diameter)
-    return weathered(whole, noise, 0.4)
-
-
 def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, kind: BollKind, down: Float64) -> Mesh:
     """One lock: a frayed ellipsoid whose upper part, where it droops, follows a curve towards the ground."""
     sphere, triangles = icosphere(4)

@@ -1,0 +1,114 @@
+"""Leaves, closed bolls and flowers as living plants bear them: what a network must not take for open bolls.
+
+Lengths are metres; each grows along z from the origin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, sheet, tube
+from .plant import LEAF, weathered
+
+GREEN = np.array([0.10, 0.19, 0.04])
+STRAW = np.array([0.48, 0.40, 0.22])
+SHEEN = np.array([0.55, 0.60, 0.55])
+"""What light that is mirrored by a leaf's wax looks like: paler than the leaf and hardly coloured."""
+
+
+def palmate_leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+    """A flat blade of three to five lobes with pale veins, on its stalk: green, yellow or straw, dull or shining."""
+    length = rng.uniform(0.04, 0.13)
+    lobes = int(rng.choice([3, 5]))
+    angle, radius = np.meshgrid(np.linspace(-0.8 * np.pi, 0.8 * np.pi, 61), np.linspace(0.02, 1, 22), indexing="ij")
+    wave = np.cos(lobes * angle / 1.6)
+    rim = length * (0.72 + rng.uniform(0.1, 0.3) * wave) * (1 - 0.35 * (angle / np.pi) ** 2)
+    flat = np.stack([rim * radius * np.sin(angle), 0 * angle, rim * radius * np.cos(angle)], axis=-1)
+    # Cupped or hanging, waved at the rim, folded a little along the veins.
+    flat[..., 1] += length * radius**2 * rng.uniform(-0.35, 0.35)
+    flat[..., 1] += length * rng.uniform(0, 0.08) * radius * np.abs(wave)
+    flat[..., 1] += (
+        0.12 * length * radius * noise(flat.reshape(-1, 3) + rng.uniform(0, 1, 3), 0.05).reshape(radius.shape)
+    )
+    vein = np.exp(-(((1 - wave) * radius / rng.uniform(0.01, 0.04)) ** 2))
+    age = rng.beta(0.7, 1.2)
+    colour = (1 - age) * GREEN * rng.uniform(0.5, 2.2) + age * (STRAW if rng.random() < 0.5 else np.array(LEAF))
+    colour = colour * rng.uniform(0.7, 1.4) * rng.uniform(0.85, 1.15, 3)
+    patches = (0.5 + noise(flat.reshape(-1, 3) + 5.0, 0.06).reshape(radius.shape)).clip(0, 1)
+    shine = (rng.choice([0.0, rng.uniform(0.1, 0.9)]) * patches)[..., None]
+    colours = (1 - shine) * colour + shine * SHEEN * rng.uniform(0.6, 1.4)
+    colours = colours * (1 + rng.uniform(0.1, 1.2) * vein)[..., None]
+    blade = sheet(flat + (0, 0, 0.3 * length), colours.clip(0, 0.85), 0.0006)
+    stalk = np.linspace(0, 0.3 * length, 6)[:, None] * (0, 0, 1.0)
+    return merged([weathered(blade, noise, 0.25), tube(stalk, np.full(6, 0.001), np.tile(colour * 1.2, (6, 1)), 8)])
+
+
+def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -> Mesh:
+    """A boll that has not opened in three fringed bracts, green to straw, often paler than all around."""
+    ripe = rng.random()
+    colour = (1 - ripe) * np.array([0.20, 0.28, 0.09]) + ripe * np.array([0.18, 0.11, 0.06])
+    sphere, triangles = icosphere(3)
+    tip = 1 - rng.uniform(0.1, 0.45) * sphere[:, 2:].clip(0) ** 2
+    size = diameter * rng.uniform(0.25, 0.42)
+    shape = sphere * (size, size, 1.25 * size) * tip + (0, 0, 1.1 * size)
+    body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.6), (len(sphere), 1)))
+    pale = rng.random()
+    green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.50, 0.50, 0.30])
+    green = green * rng.uniform(0.6, 1.5)
+    spread, teeth = rng.uniform(0.0, 0.8), int(rng.integers(7, 13))
+    turns = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
+    bracts = [_bract(rng, noise, float(turn), 3.2 * size, spread, teeth, green) for turn in turns]
+    return weathered(merged([body, *bracts]), noise, 0.3)
+
+
+def _bract(
+    rng: np.random.Generator, noise: SolidNoise, turn: float, length: float, spread: float, teeth: int, colour: Float64
+) -> Mesh:
+    """A heart-shaped blade that ends in long teeth and wraps the boll."""
+    s, w = np.meshgrid(np.linspace(0, 1, 20), np.linspace(-1, 1, 8 * teeth + 1), indexing="ij")
+    tooth = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** 1.5
+    reach = length * (1 - 0.45 * w**2) * (1 - rng.uniform(0.25, 0.5) * (1 - tooth) * (s > 0.4) * (s - 0.4) / 0.6)
+    wide = 0.75 * length * np.sin(np.pi * (0.12 + 0.62 * s)) * w
+    away = 0.28 * length * np.sin(np.pi * s.clip(0, 0.7)) + spread * 0.7 * length * s**2
+    around = wide / (0.45 * length)
+    surface = np.stack(
+        [
+            (away + 0.02 * length) * np.cos(around),
+            (away + 0.02 * length) * np.sin(around) + 0.3 * wide,
+            reach * s * (1 - 0.5 * spread * s),
+        ],
+        axis=-1,
+    )
+    surface += (
+        0.08
+        * length
+        * s[..., None]
+        * noise(surface.reshape(-1, 3) + rng.uniform(0, 1, 3), 0.02).reshape(s.shape)[..., None]
+    )
+    cos, sin = np.cos(turn), np.sin(turn)
+    surface = surface @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    shade = 1 + 0.35 * np.cos(np.pi * teeth * w)[..., None] * s[..., None]
+    return sheet(surface, (colour * shade).clip(0, 0.85), 0.0007)
+
+
+def flower(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+    """Five crumpled petals, cream, pink or withered to mauve."""
+    tints = np.array([[0.85, 0.82, 0.62], [0.8, 0.45, 0.5], [0.45, 0.3, 0.42], [0.85, 0.8, 0.78]])
+    colour = tints[int(rng.integers(len(tints)))] * rng.uniform(0.6, 1.05)
+    length, opened = rng.uniform(0.02, 0.05), rng.uniform(0.1, 1.0)
+    petals = []
+    for turn in 2 * np.pi * (np.arange(5) + rng.uniform(0, 1)) / 5:
+        s, w = np.meshgrid(np.linspace(0, 1, 14), np.linspace(-1, 1, 15), indexing="ij")
+        width = 0.55 * length * np.sqrt(s) * w
+        away = length * opened * s**1.5 * 0.8
+        surface = np.stack([away + 0.003, width, length * s * (1 - 0.4 * opened * s)], axis=-1)
+        surface += (
+            0.15 * length * s[..., None] * noise(surface.reshape(-1, 3) + turn, 0.012).reshape(s.shape)[..., None]
+        )
+        cos, sin = np.cos(turn), np.sin(turn)
+        petals.append(
+            sheet(
+                surface @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]), np.tile(colour, (*s.shape, 1)), 0.0006
+            )
+        )
+    return weathered(merged(petals), noise, 0.2)

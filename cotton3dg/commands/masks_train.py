@@ -46,7 +46,7 @@ JUDGING_SCENES = 4
 FIRST_JUDGING_SCENE = 1_000_000
 JUDGING_PICTURES = 64
 BATCH = 12
-LEARNING_RATES = {"new": 2e-3, "known": 2e-4}
+FINE_TUNING_RATE = 2e-4
 
 Draw = Callable[[np.random.Generator], TrainingPicture]
 
@@ -125,7 +125,7 @@ def _train_bolls(
 ) -> tuple[list[Path], dict[str, Any]]:
     """bolls.onnx, and its accuracy on photos and on simulated pictures that it did not learn from."""
     from ..masks.bolls_network import to_onnx
-    from ..masks.bolls_training import TrainingSettings
+    from ..masks.bolls_training import LEARNING_RATE, TrainingSettings, restore_norms
     from ..masks.bolls_training import train as fit
 
     training: list[AnnotatedPhoto] = []
@@ -141,12 +141,16 @@ def _train_bolls(
         return draws[number % len(draws)](np.random.default_rng([options.seed, number]))
 
     network, known = _start(options)
+    fine_tuning = known and bool(training)
+    if known and not fine_tuning:
+        restore_norms(network, draw)
     settings = TrainingSettings(
         steps=options.steps,
         batch=options.batch or BATCH,
-        learning_rate=LEARNING_RATES["known" if known else "new"],
+        learning_rate=FINE_TUNING_RATE if fine_tuning else LEARNING_RATE,
         seed=options.seed,
-        frozen_norms=known,
+        frozen_norms=fine_tuning,
+        bfloat16=_computes_bfloat16(),
     )
     for report in fit(network, draw, settings, folder / "checkpoint.npz"):
         worst = ", ".join(f"{name} {value:.3f}" for name, value in report.losses.items())
@@ -162,6 +166,13 @@ def _train_bolls(
         pictures = [compose(rng, plates, backgrounds, PICTURE_PX) for _ in range(JUDGING_PICTURES)]
         accuracy["simulated"] = _accuracy(reader, [(picture.image, picture.ids) for picture in pictures])
     return [weights], accuracy
+
+
+def _computes_bfloat16() -> bool:
+    """Whether the machine has instructions for numbers of half the digits."""
+    import torch
+
+    return torch.cuda.is_available() or bool(torch.cpu.get_capabilities().get("avx512_bf16"))
 
 
 def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:

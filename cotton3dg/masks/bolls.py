@@ -7,7 +7,8 @@ that voted for it are its mask (Hough voting; the heads are those of Panoptic-De
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +30,12 @@ IMAGE_SIDE = 1280
 """px, longer side of what the network sees; larger images are scaled down, smaller ones up, ..."""
 LARGEST_ZOOM = 2.0
 """... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
+LOOKS = (1.0, 0.5, 0.25)
+"""Parts of that size at which one image alone is looked at, too: a boll that fills it is known only from afar."""
+FAMILIAR_PX = 90.0
+"""Width of a boll, in pixels that the network sees, that it knows best; ..."""
+FAMILIAR_OCTAVES = 1.0
+"""... one that is that many octaves (standard deviation) wider or narrower counts less."""
 SURE = 0.5
 """Probability of lint from which a pixel is lint."""
 VOTE_SPREAD = 0.10
@@ -67,9 +74,9 @@ class Maps:
         return self.probabilities[LINT]
 
 
-def seen_size(height: int, width: int) -> tuple[int, int]:
+def seen_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
     """Width and height, px, of what the network sees of an image."""
-    factor = min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
+    factor = look * min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
     return max(round(width * factor), 1), max(round(height * factor), 1)
 
 
@@ -88,10 +95,10 @@ class BollNetwork:
         if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != CHANNELS:
             raise BadInput(f"{name} is no network of bolls; {REMEDY}")
 
-    def maps(self, image: NDArray[np.uint8]) -> Maps:
-        """What the network says of an (H, W, 3) sRGB image."""
+    def maps(self, image: NDArray[np.uint8], look: float = 1.0) -> Maps:
+        """What the network says of an (H, W, 3) sRGB image; of one that is seen smaller by `look`."""
         height, width = image.shape[:2]
-        size = seen_size(height, width)
+        size = seen_size(height, width, look)
         smaller = size[0] < width
         seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
         rows, columns = seen.shape[:2]
@@ -101,13 +108,11 @@ class BollNetwork:
         raw = raw[:, : -(-rows // 2), : -(-columns // 2)]
         logits = raw[: len(CLASSES)]
         powers = np.exp(logits - logits.max(axis=0))
-        y, x = np.mgrid[: raw.shape[1], : raw.shape[2]].astype(np.float32)
         scale = max(height / rows, width / columns)
         way = raw[len(CLASSES) : len(CLASSES) + 2] * np.float32(OFFSET_PX * scale)
-        middle = np.stack([x + 0.5, y + 0.5]) * np.float32(2 * scale)
         return Maps(
             probabilities=powers / powers.sum(axis=0),
-            votes=middle + way,
+            votes=_middles_of_pixels(raw.shape[1:], 2 * scale) + way,
             borders=1 / (1 + np.exp(-raw[len(CLASSES) + 2])),
             diameters=np.exp2(raw[len(CLASSES) + 3].clip(-3, 5)) * np.float32(OFFSET_PX * scale),
             scale=2 * scale,
@@ -174,8 +179,58 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
     Returns:
         ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
     """
-    maps = network.maps(image)
-    return group(maps)
+    return group(mix_looks([network.maps(image, look) for look in LOOKS]))
+
+
+def mix_looks(looks: Sequence[Maps]) -> Maps:
+    """Maps of one image seen at several sizes as one, of the size of the first: where bolls are large, those count most
+    in which they are small."""
+    first = looks[0]
+    height, width = first.lint.shape
+    fitted = [_resize_maps(maps, height, width) for maps in looks]
+    octaves = np.mean([np.log2(maps.diameters) for maps in fitted], axis=0)
+    trust = np.stack(
+        [np.exp(-0.5 * ((octaves - np.log2(FAMILIAR_PX * maps.scale / 2)) / FAMILIAR_OCTAVES) ** 2) for maps in looks]
+    )
+    trust = (trust + 1e-6) / (trust + 1e-6).sum(axis=0)
+
+    def mean(parts: Iterable[Float32]) -> Float32:
+        return np.sum([share * part for share, part in zip(trust, parts, strict=True)], axis=0, dtype=np.float32)
+
+    return replace(
+        first,
+        probabilities=mean(maps.probabilities for maps in fitted),
+        votes=mean(maps.votes for maps in fitted),
+        borders=mean(maps.borders for maps in fitted),
+        diameters=np.exp2(mean(np.log2(maps.diameters) for maps in fitted)),
+    )
+
+
+def _resize_maps(maps: Maps, height: int, width: int) -> Maps:
+    """The maps with as many pixels as those of another look."""
+    if maps.lint.shape == (height, width):
+        return maps
+
+    def resize(part: Float32) -> Float32:
+        return cv2.resize(part.transpose(1, 2, 0), (width, height)).transpose(2, 0, 1)
+
+    scale = maps.image_shape[1] / width
+    ways = resize(maps.votes - _middles_of_pixels(maps.lint.shape, maps.scale))
+    single = resize(np.stack([maps.borders, np.log2(maps.diameters)]))
+    return Maps(
+        probabilities=resize(maps.probabilities),
+        votes=ways + _middles_of_pixels((height, width), scale),
+        borders=single[0],
+        diameters=np.exp2(single[1]),
+        scale=scale,
+        image_shape=maps.image_shape,
+    )
+
+
+def _middles_of_pixels(shape: tuple[int, int], scale: float) -> Float32:
+    """(2, h, w) x, y of the middles of the pixels of maps, px of the image."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32) + np.float32(0.5)
+    return np.stack([x, y]) * np.float32(scale)
 
 
 def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from ..core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN, TrainingPicture
@@ -27,6 +27,9 @@ WARM_UP = 100
 FALL = 0.3
 """Share of the steps in which the learning rate falls."""
 WEIGHT_DECAY = 1e-4
+MEMORY = 0.998
+"""Share of the mean of the weights that a step leaves as it was: what is learnt is the mean of some 500 steps, which is
+better than any of them (Polyak averaging)."""
 TERMS = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
 BORDER_PX = 2
 """Distance from another boll within which a pixel of lint is on the border."""
@@ -47,6 +50,8 @@ class TrainingSettings:
     """Threads that make pictures beside the one that trains. (Processes would be forked while OpenCV's threads run.)"""
     frozen_norms: bool = False
     """Whether normalisation stays as it is, for weights that were read from a file and for small sets."""
+    bfloat16: bool = False
+    """Whether convolutions are computed in half the digits: as good, and twice as fast on processors made for it."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,8 @@ def train(
 ) -> Iterator[TrainingReport]:
     """Train in place; a report every `CHECKPOINT_STEPS` steps, when the state of things is also saved.
 
+    At the end the network has the mean of its weights over the last steps.
+
     Args:
         draw: makes picture number n; step s learns from numbers s * batch to (s + 1) * batch - 1.
         checkpoint: what was begun there is gone on with, to the same step; None = begin anew and save nothing.
@@ -119,14 +126,16 @@ def train(
     torch.manual_seed(settings.seed)
     device = next(network.parameters()).device
     optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=WEIGHT_DECAY)
-    first = 0
+    first, mean = 0, {name: values.clone() for name, values in network.state_dict().items()}
     if checkpoint is not None and checkpoint.is_file():
-        first = _resume(checkpoint, network, optimiser)
+        first = _resume(checkpoint, network, mean, optimiser)
     sums: dict[str, float] = {}
     network.train(not settings.frozen_norms)
     for step, batch in _batches(draw, range(first + 1, settings.steps + 1), settings):
         images, classes, wanted, border = (part.to(device) for part in batch)
-        terms = losses(network(images.float()), classes, wanted, border)
+        with torch.autocast(device.type, torch.bfloat16, enabled=settings.bfloat16):
+            maps = network(images.float())
+        terms = losses(maps.float(), classes, wanted, border)
         total = sum(TERMS[name] * term for name, term in terms.items())
         for group in optimiser.param_groups:
             group["lr"] = settings.learning_rate * _rate(step - 1, settings.steps)
@@ -134,6 +143,7 @@ def train(
         total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimiser.step()
+        _follow(mean, network, step)
         for name, term in terms.items():
             sums[name] = sums.get(name, 0.0) + float(term.detach())
         if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
@@ -141,8 +151,43 @@ def train(
             yield TrainingReport(step, {name: value / done for name, value in sums.items()})
             sums = {}
             if checkpoint is not None:
-                _save(checkpoint, network, optimiser, step)
+                _save(checkpoint, network, mean, optimiser, step)
+    network.load_state_dict(mean)
     network.eval()
+
+
+@torch.no_grad()
+def _follow(mean: dict[str, Tensor], network: BollsNetwork, step: int) -> None:
+    """Let the mean of the weights follow a step; early on it is that of all steps."""
+    share = 1 - min(MEMORY, step / (step + 10))
+    for name, values in network.state_dict().items():
+        if values.is_floating_point():
+            mean[name].lerp_(values, share)
+        else:
+            mean[name].copy_(values)
+
+
+@torch.no_grad()
+def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None:
+    """Give normalisations that were folded into convolutions (`from_onnx`) the statistics of pictures, so that they can
+    be trained on; what the network computes stays the same."""
+    images = np.stack([draw(number).image.transpose(2, 0, 1) for number in range(pictures)])
+    batch = torch.from_numpy(images).to(next(network.parameters()).device).float()
+    network.eval()
+
+    def restore(layer: nn.Module, _: object, out: Tensor) -> None:
+        norm, (variance, average) = norms[layer], torch.var_mean(out, dim=(0, 2, 3), correction=0)
+        deviation = torch.sqrt(norm.running_var + norm.eps)
+        norm.bias.add_(norm.weight * (average - norm.running_mean) / deviation)
+        norm.weight.mul_(torch.sqrt(variance + norm.eps) / deviation)
+        norm.running_mean.copy_(average)
+        norm.running_var.copy_(variance)
+
+    norms = {layer.conv: layer.norm for layer in network.convolutions().values()}
+    hooks = [convolution.register_forward_hook(restore) for convolution in norms]
+    network(batch)
+    for hook in hooks:
+        hook.remove()
 
 
 def _batches(
@@ -182,9 +227,12 @@ def _rate(step: int, steps: int) -> float:
     return min((step + 1) / rise, 1.0) * min((steps - step) / max(steps - fall, 1), 1.0)
 
 
-def _save(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer, step: int) -> None:
-    """Weights, statistics and the optimiser's state as plain arrays: reading them back can run nothing."""
+def _save(
+    path: Path, network: BollsNetwork, mean: dict[str, Tensor], optimiser: torch.optim.Optimizer, step: int
+) -> None:
+    """Weights, their mean, statistics and the optimiser's state as plain arrays: reading them back can run nothing."""
     arrays = {f"network/{name}": values.cpu().numpy() for name, values in network.state_dict().items()}
+    arrays |= {f"mean/{name}": values.cpu().numpy() for name, values in mean.items()}
     for number, state in optimiser.state_dict()["state"].items():
         arrays |= {f"optimiser/{number}/{name}": values.cpu().numpy() for name, values in state.items()}
     partial = path.with_suffix(".partial.npz")
@@ -192,7 +240,7 @@ def _save(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer, s
     partial.replace(path)
 
 
-def _resume(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer) -> int:
+def _resume(path: Path, network: BollsNetwork, mean: dict[str, Tensor], optimiser: torch.optim.Optimizer) -> int:
     """Take over what `_save` wrote; the step that it was written after.
 
     Raises:
@@ -202,6 +250,8 @@ def _resume(path: Path, network: BollsNetwork, optimiser: torch.optim.Optimizer)
         with np.load(path, allow_pickle=False) as arrays:
             named = {name: torch.from_numpy(arrays[name]) for name in arrays.files}
         network.load_state_dict({name.split("/")[1]: v for name, v in named.items() if name.startswith("network/")})
+        for name, values in mean.items():
+            values.copy_(named[f"mean/{name}"])
         state: dict[int, dict[str, Tensor]] = {}
         for name, values in named.items():
             if name.startswith("optimiser/"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
-from .bolls import BollNetwork, group
+from .bolls import BollNetwork, find_bolls
 from .join_parts import join_parts
 from .lint_in_space import lint_in_space
 from .meeting_votes import agreement, find_middles, votes_in_space
@@ -37,21 +37,21 @@ def detect_bolls(
     """
     ids: dict[str, NDArray[np.uint16]] = {}
     scores: dict[str, dict[int, float]] = {}
-    maps = []
-    total = len(images) * (1 if gaussians is None else 2)
-    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
-        progress(done, total, camera.name)
-        maps.append(network.maps(image))
     if gaussians is None:
-        for view, camera in zip(maps, cameras, strict=True):
-            ids[camera.name], scores[camera.name] = group(view)
+        for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
+            progress(done, len(images), camera.name)
+            ids[camera.name], scores[camera.name] = find_bolls(image, network)
         return MaskSet(ids, scores)
+    maps = []
+    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
+        progress(done, 2 * len(images), camera.name)
+        maps.append(network.maps(image))
     lint = lint_in_space(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
     middles = join_parts(find_middles(votes), votes, lint)
     agreed = agreement(votes, middles)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
-        progress(len(images) + done, total, camera.name)
+        progress(len(images) + done, 2 * len(images), camera.name)
         ids[camera.name] = outline_bolls(image, camera, lint, middles)
         scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(ids[camera.name]) if k}
     return MaskSet(ids, scores)

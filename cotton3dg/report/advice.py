@@ -144,6 +144,11 @@ FLAGS = {
         "They are counted, but their total volume leaves them out.",
         "Look at the flagged rows of the boll table.",
     ),
+    "doubtful_bolls": Meaning(
+        "Many bolls are doubtful",
+        "One boll in ten or more has a flag of its own, so count and volume are less sure.",
+        "Look at the flagged bolls below; film more slowly in even light, or correct the masks and import them.",
+    ),
 }
 
 BOLL_FLAGS = {
@@ -154,6 +159,8 @@ BOLL_FLAGS = {
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
     "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
+    "too_small": "narrower than 2.5 cm: perhaps a part of a boll, or none",
+    "too_large": "wider than 7 cm: perhaps two bolls in one",
     "too_few_points": "too few Gaussians for a body, so it has no volume",
     "coincident_points": "its Gaussians are all in one place, so it has no volume",
     "collinear_points": "its Gaussians lie on a line, so it has no volume",

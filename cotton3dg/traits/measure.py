@@ -31,6 +31,10 @@ ones."""
 
 NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
+LIKELY_CM = (2.5, 7.0)
+"""Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
+DOUBTFUL_SHARE = 0.1
+"""Share of flagged bolls from which the plant has a flag of its own."""
 
 
 def measure_bolls(
@@ -66,6 +70,8 @@ def measure_bolls(
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
         doubts = [*boll.flags, volume.reason or ""]
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
+        doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
+        doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
         traits.append(
             BollTraits(
                 boll_id=boll.boll_id,
@@ -151,6 +157,8 @@ def summarise_plant(
     known = volumes[np.isfinite(volumes)]
     if scale and len(known) < len(volumes):
         flags.append("bolls_without_volume")
+    if bolls and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE:
+        flags.append("doubtful_bolls")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
     size = silhouette or PlantSize(*[np.nan] * 5)
     canopy_cm = (size.length_cm + size.width_cm) / 2

@@ -57,7 +57,7 @@ def test_case_30_the_blank_cell_says_why():
     traits = measure_bolls(faint, [boll, none], scale(), np.zeros(3))
     assert [np.isnan(t.volume_cm3) for t in traits] == [True, True]
     assert [t.flags for t in traits] == [("too_few_points",), ("too_few_points",)]
-    assert summarise_plant(traits, None, scale()).flags == ("bolls_without_volume",)
+    assert summarise_plant(traits, None, scale()).flags == ("bolls_without_volume", "doubtful_bolls")
 
 
 def test_case_31_volume_far_from_the_origin():

@@ -9,7 +9,7 @@ from cotton3dg.core.training_picture import LINT, NOT_LINT, UNKNOWN, TrainingPic
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, open_bolls
 from cotton3dg.masks.bolls_network import BollsNetwork, from_onnx, to_onnx
-from cotton3dg.masks.bolls_training import BORDER_PX, TrainingSettings, losses, targets, train
+from cotton3dg.masks.bolls_training import BORDER_PX, TrainingSettings, losses, restore_norms, targets, train
 
 
 @pytest.fixture(scope="module")
@@ -137,6 +137,12 @@ def test_what_is_only_known_not_to_be_lint_may_be_anything_else():
     assert max(values[:LINT] + values[LINT + 1 :]) < 1e-4
 
 
+def noisy_picture(number: int) -> TrainingPicture:
+    base = picture()
+    noise = np.random.default_rng(number).integers(0, 20, base.image.shape).astype(np.uint8)
+    return TrainingPicture(base.image + noise, base.classes, base.ids, base.centres_px, base.diameters_px)
+
+
 def first_weights(network: BollsNetwork) -> np.ndarray:
     return network.stem.conv.weight.detach().numpy().copy()
 
@@ -144,27 +150,21 @@ def first_weights(network: BollsNetwork) -> np.ndarray:
 def test_training_learns_and_goes_on_to_the_step_after_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr("cotton3dg.masks.bolls_training.CHECKPOINT_STEPS", 3)
     settings = TrainingSettings(steps=12, batch=2, makers=0)
-
-    def draw(number: int) -> TrainingPicture:
-        base = picture()
-        noise = np.random.default_rng(number).integers(0, 20, base.image.shape).astype(np.uint8)
-        return TrainingPicture(base.image + noise, base.classes, base.ids, base.centres_px, base.diameters_px)
-
     torch.manual_seed(0)
     whole = BollsNetwork()
-    reports = list(train(whole, draw, settings, tmp_path / "whole.npz"))
+    reports = list(train(whole, noisy_picture, settings, tmp_path / "whole.npz"))
     assert [report.step for report in reports] == [3, 6, 9, 12]
     assert reports[-1].losses["classes"] < reports[0].losses["classes"]
 
     torch.manual_seed(0)
     killed = BollsNetwork()
-    for report in train(killed, draw, settings, tmp_path / "killed.npz"):
+    for report in train(killed, noisy_picture, settings, tmp_path / "killed.npz"):
         if report.step == 6:
             continue
         if report.step == 9:
             break  # the checkpoint of step 9 is not written any more: that of step 6 is what there is
     again = BollsNetwork()
-    steps = [report.step for report in train(again, draw, settings, tmp_path / "killed.npz")]
+    steps = [report.step for report in train(again, noisy_picture, settings, tmp_path / "killed.npz")]
     assert steps == [9, 12]
     np.testing.assert_array_equal(first_weights(again), first_weights(whole))
 
@@ -175,3 +175,16 @@ def test_frozen_norms_stay_what_they_were(network, tmp_path):
     list(train(tuned, lambda _: picture(), TrainingSettings(steps=1, batch=1, makers=0, frozen_norms=True)))
     torch.testing.assert_close(tuned.stem.norm.running_var, before)
     assert not np.array_equal(first_weights(tuned), first_weights(network))
+
+
+def test_restored_norms_change_nothing_but_know_the_pictures(network):
+    again = from_onnx(to_onnx(network), "net")
+    restore_norms(again, noisy_picture, 4)
+    image = noisy_picture(9).image
+    np.testing.assert_allclose(maps_of(again, image), maps_of(network, image), atol=2e-4)
+    again.train()  # statistics of the batch in place of those kept: about the same on the same pictures
+    batch = torch.from_numpy(np.stack([noisy_picture(k).image.transpose(2, 0, 1) for k in range(4)])).float()
+    with torch.no_grad():
+        of_batch = again(batch).numpy()
+    for k in range(4):
+        np.testing.assert_allclose(of_batch[k], maps_of(network, noisy_picture(k).image), atol=2e-3)

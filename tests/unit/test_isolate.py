@@ -146,6 +146,15 @@ def test_bolls_as_low_as_the_clamp_are_flagged(measured):
     assert not any(boll.flags for boll in measured)
 
 
+@pytest.mark.parametrize(("factor", "flag"), [(0.5, "too_small"), (2.0, "too_large")])
+def test_bolls_of_unlikely_sizes_are_flagged(factor, flag):
+    gaussians, labels = plant_scene()
+    scale = replace(SCALE, cm_per_su=factor * 4.5 / (2 * BOLL_RADIUS_CM) * SCALE.cm_per_su)
+    traits = measure_bolls(gaussians, bolls_of(gaussians, labels), scale, POSE.scene(FOOT_CM[None])[0])
+    assert all(flag in boll.flags for boll in traits)
+    assert "doubtful_bolls" in summarise_plant(traits, None, scale).flags
+
+
 def test_without_a_scale_only_counts_are_given():
     gaussians, labels = plant_scene()
     traits = measure_bolls(gaussians, bolls_of(gaussians, labels), None, None)

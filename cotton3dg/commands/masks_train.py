@@ -24,7 +24,8 @@ from ..files.images import read_image, write_image
 from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
-from ..masks.bolls import BollNetwork, find_bolls, seen_size, shipped_weights
+from ..masks.bolls import BollNetwork, seen_size, shipped_weights
+from ..masks.detect_bolls import find_bolls
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..options import MasksTrainOptions, as_dict
 from ..simulate.backgrounds import paint_backgrounds

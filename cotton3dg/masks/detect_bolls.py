@@ -10,11 +10,24 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
-from .bolls import BollNetwork, find_bolls
+from .bolls import BollNetwork
+from .group_votes import group
 from .join_parts import join_parts
 from .lint_in_space import lint_in_space
+from .looks import choose_look, see_at_all_looks
 from .meeting_votes import agreement, find_middles, votes_in_space
 from .outline_bolls import outline_bolls
+
+
+def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Masks of the bolls in one image.
+
+    Args:
+        image: (H, W, 3) sRGB.
+    Returns:
+        ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
+    """
+    return group(see_at_all_looks(image, network))
 
 
 def detect_bolls(
@@ -42,10 +55,11 @@ def detect_bolls(
             progress(done, len(images), camera.name)
             ids[camera.name], scores[camera.name] = find_bolls(image, network)
         return MaskSet(ids, scores)
+    look = choose_look([images[k] for k in sorted({0, len(images) // 2})], network)
     maps = []
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(done, 2 * len(images), camera.name)
-        maps.append(network.maps(image))
+        maps.append(network.maps(image, look))
     lint = lint_in_space(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
     middles = join_parts(find_middles(votes), votes, lint)

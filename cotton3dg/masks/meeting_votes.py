@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
-from .bolls import Maps, nearest_middles
+from .bolls import Maps
+from .group_votes import nearest_middles, weighted_median
 from .lint_in_space import LintInSpace
 
 SPREAD = 0.16
@@ -144,7 +145,7 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     rays = np.concatenate([view.rays for view in votes])
     view_of = np.repeat(np.arange(len(votes)), [len(view.places) for view in votes])
     eyes = np.array([view.eye for view in votes])
-    usual = _weighted_median(diameters, weights)
+    usual = weighted_median(diameters, weights)
     low, high = _extent(places, weights, usual)
     pitch = max(PITCH * usual, float(np.cbrt((high - low).prod() / LARGEST_GRID)))
     shape = np.ceil((high - low) / pitch).astype(int) + 1
@@ -174,7 +175,7 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
             continue
         views = len(np.unique(view_of[near]))
         support = float(weights[near].sum())
-        size = _weighted_median(diameters[near], weights[near])
+        size = weighted_median(diameters[near], weights[near])
         if views < min(LEAST_VIEWS, len(votes)) or support < least or not _is_apart(place, size, found):
             continue
         own = np.array(tree.query_ball_point(place, OWN * size), int)
@@ -238,9 +239,3 @@ def _extent(places: Float32, weights: Float32, usual: float) -> tuple[Float64, F
         bounds.append(places[order[np.searchsorted(share, [0.002, 0.998])], axis])
     box = np.array(bounds, np.float64)
     return box[:, 0] - usual, box[:, 1] + usual
-
-
-def _weighted_median(values: Float32, weights: Float32) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])

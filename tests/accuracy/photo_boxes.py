@@ -44,7 +44,8 @@ def open_detector(backend: str, weights: Path | None) -> Find:
     """The function that finds bolls in an image. weights: of the network, None = its own; colour needs none."""
     if backend == "lint-colour":
         return find_lint_colour
-    from cotton3dg.masks.bolls import find_bolls, open_bolls
+    from cotton3dg.masks.bolls import open_bolls
+    from cotton3dg.masks.detect_bolls import find_bolls
 
     network = open_bolls(weights)
     return lambda image: find_bolls(image, network)[0]

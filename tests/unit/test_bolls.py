@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.bolls import Maps, group
+from cotton3dg.masks.bolls import Maps
+from cotton3dg.masks.group_votes import group
 
 SHAPE = (100, 140)
 

@@ -1,0 +1,133 @@
+"""Bolls of one image from the maps of the bolls' network.
+
+Every pixel that looks like lint votes for where the middle of its boll lies; where votes meet is a boll, and the pixels
+that voted for it are its mask (Hough voting).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float32
+from .bolls import OFFSET_PX, Maps
+
+SURE = 0.5
+"""Probability of lint from which a pixel is lint."""
+VOTE_SPREAD = 0.10
+"""Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""
+APART = 0.45
+"""Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
+LEAST_SHARE = 0.06
+"""Share of its disc that a boll must show."""
+REACH = 0.7
+"""Farthest distance, in diameters, from a middle of a vote for it."""
+MARGIN = 48
+"""Width, in pixels of the maps, of the frame around them in which middles are looked for, too."""
+OCTAVES = range(-2, 4)
+"""Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
+
+
+def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Bolls where votes meet, and the pixels that voted for each."""
+    rows, columns = np.nonzero(maps.lint > SURE)
+    ids = np.zeros(maps.lint.shape, np.uint16)
+    if len(rows):
+        votes = maps.votes[:, rows, columns].T
+        middles, sizes = _middles(votes, maps.diameters[rows, columns], maps)
+        ids[rows, columns] = nearest_middles(votes, middles, sizes)
+    return ids_of_image(ids, maps)
+
+
+def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
+    """(B, 2) places where enough votes meet, most first, and (B,) the mean size that these votes tell; px."""
+    # The middle of a boll that the image's edge cuts may lie beyond it.
+    shape = (maps.lint.shape[0] + 2 * MARGIN, maps.lint.shape[1] + 2 * MARGIN)
+    # A boll seen whole gives votes of weight 1 in all.
+    weights = (maps.scale**2 / (np.pi / 4 * diameters**2)).astype(np.float32)
+    heat, sized = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    octaves = np.round(np.log2(diameters / (OFFSET_PX * maps.scale / 2))).clip(OCTAVES[0], OCTAVES[-1])
+    x, y = (votes / maps.scale + MARGIN).T
+    inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
+    for octave in OCTAVES:
+        chosen = inside & (octaves == octave)
+        if not chosen.any():
+            continue
+        sigma = VOTE_SPREAD * OFFSET_PX * 2.0**octave / 2
+        cells = np.ravel_multi_index((y[chosen].astype(int), x[chosen].astype(int)), shape)
+        heat += _gathered(cells, weights[chosen], shape, sigma)
+        sized += _gathered(cells, weights[chosen] * diameters[chosen], shape, sigma)
+    rows, columns = np.nonzero((heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE))
+    order = np.argsort(-heat[rows, columns], kind="stable")
+    rows, columns = rows[order], columns[order]
+    places = ((np.stack([columns, rows], axis=1) + 0.5 - MARGIN) * maps.scale).astype(np.float32)
+    sizes = (sized[rows, columns] / heat[rows, columns]).astype(np.float32)
+    kept = apart(places, sizes)
+    return places[kept], sizes[kept]
+
+
+def _gathered(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
+    """Values summed over their neighbourhood, (H, W): those that agree give their sum at the peak."""
+    part = np.bincount(cells, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
+    return cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
+
+
+def apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
+    """Which of (N, D) places, the surest first, are no nearer to a surer one than `APART` of the larger's size (N,)."""
+    from scipy.spatial import cKDTree
+
+    if not len(places):
+        return np.zeros(0, np.intp)
+    tree = cKDTree(places)
+    alive = np.ones(len(places), bool)
+    kept = []
+    for number, size in enumerate(sizes):
+        if not alive[number]:
+            continue
+        kept.append(number)
+        near = np.array(tree.query_ball_point(places[number], APART * max(float(size), float(sizes.max()))), int)
+        far = np.linalg.norm(places[near] - places[number], axis=1)
+        alive[near[far < APART * np.maximum(sizes[near], size)]] = False
+    return np.array(kept, np.intp)
+
+
+def nearest_middles(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
+    """(N,) number of the middle (B, D), from 1, that each point (N, D) is nearest to, in diameters (B,) of the boll;
+    0 = none within reach."""
+    from scipy.spatial import cKDTree
+
+    if not len(middles) or not len(points):
+        return np.zeros(len(points), np.uint16)
+    # The nearest in their own diameters is among the nearest few.
+    distances, which = cKDTree(middles).query(points, k=min(6, len(middles)))
+    distances, which = distances.reshape(len(points), -1), which.reshape(len(points), -1)
+    relative = distances / sizes[which]
+    best = relative.argmin(axis=1)
+    rows = np.arange(len(points))
+    return np.where(relative[rows, best] < reach, which[rows, best] + 1, 0).astype(np.uint16)
+
+
+def weighted_median(values: Float32, weights: Float32) -> float:
+    """The value that has half of the weight at either side."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
+
+
+def ids_of_image(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+    """Ids at the size of the image, edged where the probability of lint, interpolated, is one half; and scores."""
+    height, width = maps.image_shape
+    size = (width, height)
+    large = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+    lint = cv2.resize(maps.lint, size, interpolation=cv2.INTER_LINEAR)
+    near = cv2.dilate(large, np.ones((5, 5), np.uint8))
+    large = np.where(lint > SURE, np.where(large > 0, large, near), 0).astype(np.uint16)
+    scores = {}
+    for boll in np.unique(large[large > 0]):
+        own = large == boll
+        if own.sum() < 9:
+            large[own] = 0
+        else:
+            scores[int(boll)] = round(float(lint[own].mean()), 3)
+    return large, scores

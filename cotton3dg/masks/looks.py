@@ -1,0 +1,86 @@
+"""One image seen at several sizes: the network knows bolls of some sizes better than others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float32
+from .bolls import BollNetwork, Maps, middles_of_pixels, seen_size
+from .group_votes import SURE, weighted_median
+
+LOOKS = (1.0, 0.5, 0.25)
+"""Sizes, in those of `seen_size`, at which an image is looked at: a boll that fills it is known only from afar."""
+FAMILIAR_PX = 90.0
+"""Width of a boll, in pixels that the network sees, that it knows best; ..."""
+FAMILIAR_OCTAVES = 1.0
+"""... one that is that many octaves (standard deviation) wider or narrower counts less."""
+
+
+def see_at_all_looks(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
+    """What the network says of an (H, W, 3) sRGB image at all of `LOOKS` together."""
+    return mix_looks([network.maps(image, look) for look in LOOKS])
+
+
+def mix_looks(looks: Sequence[Maps]) -> Maps:
+    """Maps of one image seen at several sizes as one, of the size of the first: where bolls are large, those count most
+    in which they are small."""
+    first = looks[0]
+    height, width = first.lint.shape
+    fitted = [_resize_maps(maps, height, width) for maps in looks]
+    octaves = np.mean([np.log2(maps.diameters) for maps in fitted], axis=0)
+    trust = np.stack(
+        [np.exp(-0.5 * ((octaves - np.log2(FAMILIAR_PX * maps.scale / 2)) / FAMILIAR_OCTAVES) ** 2) for maps in looks]
+    )
+    trust = (trust + 1e-6) / (trust + 1e-6).sum(axis=0)
+
+    def mean(parts: Iterable[Float32]) -> Float32:
+        return np.sum([share * part for share, part in zip(trust, parts, strict=True)], axis=0, dtype=np.float32)
+
+    return replace(
+        first,
+        probabilities=mean(maps.probabilities for maps in fitted),
+        votes=mean(maps.votes for maps in fitted),
+        borders=mean(maps.borders for maps in fitted),
+        diameters=np.exp2(mean(np.log2(maps.diameters) for maps in fitted)),
+    )
+
+
+def choose_look(images: Sequence[NDArray[np.uint8]], network: BollNetwork) -> float:
+    """At which of `LOOKS` the bolls in images like these are most familiar; the largest where there are none."""
+    sizes, weights = [np.zeros(0, np.float32)], [np.zeros(0, np.float32)]
+    for image in images:
+        maps = see_at_all_looks(image, network)
+        own = maps.diameters[maps.lint > SURE]
+        factor = seen_size(*image.shape[:2])[0] / image.shape[1]
+        sizes.append(own * np.float32(factor))
+        weights.append(own**-2)
+    if not len(np.concatenate(sizes)):
+        return LOOKS[0]
+    usual_px = weighted_median(np.concatenate(sizes), np.concatenate(weights))
+    return min(LOOKS, key=lambda look: abs(np.log(look * usual_px / FAMILIAR_PX)))
+
+
+def _resize_maps(maps: Maps, height: int, width: int) -> Maps:
+    """The maps with as many pixels as those of another look."""
+    if maps.lint.shape == (height, width):
+        return maps
+
+    def resize(part: Float32) -> Float32:
+        return cv2.resize(part.transpose(1, 2, 0), (width, height)).transpose(2, 0, 1)
+
+    scale = maps.image_shape[1] / width
+    ways = resize(maps.votes - middles_of_pixels(maps.lint.shape, maps.scale))
+    single = resize(np.stack([maps.borders, np.log2(maps.diameters)]))
+    return Maps(
+        probabilities=resize(maps.probabilities),
+        votes=ways + middles_of_pixels((height, width), scale),
+        borders=single[0],
+        diameters=np.exp2(single[1]),
+        scale=scale,
+        image_shape=maps.image_shape,
+    )

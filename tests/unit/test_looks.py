@@ -1,0 +1,59 @@
+"""One image seen at several sizes, taken together."""
+
+import numpy as np
+import pytest
+from scenes.bright_network import bright_network
+
+from cotton3dg.core.training_picture import LINT
+from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels
+from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, choose_look, mix_looks
+
+WIDTH, HEIGHT = 320, 240
+
+
+def look_at(look: float, diameter_px: float, lint: float) -> Maps:
+    """Of an image with one boll in its middle, of a width in px of the full look (one pixel of the image)."""
+    scale = 2 / look
+    shape = round(HEIGHT / scale), round(WIDTH / scale)
+    probabilities = np.full((5, *shape), (1 - lint) / 4, np.float32)
+    probabilities[LINT] = lint
+    middle = np.array([WIDTH / 2, HEIGHT / 2], np.float32)[:, None, None]
+    votes = middle + 0 * middles_of_pixels(shape, scale)
+    sizes = np.full(shape, diameter_px, np.float32)
+    return Maps(probabilities, votes, np.zeros(shape, np.float32), sizes, scale, (HEIGHT, WIDTH))
+
+
+def test_votes_and_sizes_of_all_looks_are_in_pixels_of_the_image():
+    mixed = mix_looks([look_at(look, 100, 0.9) for look in LOOKS])
+    assert mixed.lint.shape == (HEIGHT / 2, WIDTH / 2)
+    assert mixed.scale == 2
+    np.testing.assert_allclose(mixed.probabilities.sum(axis=0), 1, atol=1e-5)
+    np.testing.assert_allclose(mixed.diameters, 100, rtol=1e-4)
+    inside = np.s_[10:-10, 10:-10]  # the outermost pixels of a small look lie in those of a large one
+    np.testing.assert_allclose(mixed.votes[0][inside], WIDTH / 2, atol=0.05)
+    np.testing.assert_allclose(mixed.votes[1][inside], HEIGHT / 2, atol=0.05)
+
+
+@pytest.mark.parametrize("best", range(len(LOOKS)))
+def test_the_look_in_which_bolls_are_familiar_counts_most(best):
+    diameter_px = FAMILIAR_PX / LOOKS[best]
+    heard = [
+        mix_looks([look_at(look, diameter_px, float(k == only)) for k, look in enumerate(LOOKS)]).lint.mean()
+        for only in range(len(LOOKS))
+    ]
+    assert np.argmax(heard) == best
+    assert sum(heard) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("seen_px", "look"), [(30, 1.0), (90, 0.5), (250, 0.25)])
+def test_a_film_of_large_bolls_is_looked_at_smaller(seen_px, look):
+    """The network of this test says the same size at every look: three sizes of boll, an octave apart."""
+    network = BollNetwork(bright_network(seen_px), "bright")
+    image = np.zeros((360, 640, 3), np.uint8)
+    image[100:200, 100:200] = 255
+    assert choose_look([image], network) == look
+
+
+def test_where_no_boll_is_seen_the_look_is_the_largest():
+    network = BollNetwork(bright_network(), "bright")
+    assert choose_look([np.zeros((360, 640, 3), np.uint8)], network) == LOOKS[0]

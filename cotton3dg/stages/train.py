@@ -288,7 +288,7 @@ def _metrics(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Trai
         ssim=mean([quality.ssim for quality in qualities]),
         plant_psnr_db=mean([quality.plant_psnr_db for quality in qualities]),
         plant_ssim=mean([quality.plant_ssim for quality in qualities]),
-        plant_region=f"pixels whose rendered surface is within {PLANT_REGION} of the cameras' distance from their centre",
+        plant_region=f"rendered surfaces within {PLANT_REGION} of the cameras' distance from their centre",
         n_gaussians=len(result.gaussians),
         steps=last["step"],
         seconds=last["seconds"],

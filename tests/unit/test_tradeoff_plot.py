@@ -42,6 +42,7 @@ def test_times_are_on_a_logarithmic_axis():
 
 def test_no_label_covers_another():
     dots = [Dot("a", f"setting {n}", 10.0 + 0.01 * n, 20.0, n == 0) for n in range(12)]
+    dots.append(Dot("a", "far", 1000.0, 0.0, False))
     texts = plot_tradeoff([Panel("", dots)], "s").axes[0].texts
     boxes = [words.get_window_extent() for words in texts]
     assert 1 < len(boxes) < len(dots), "there is room for some"

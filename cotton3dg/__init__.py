@@ -39,7 +39,7 @@ _HOMES = {
     "pipeline": ("plan", "run", "stage_options", "status"),
     "scale.table": ("TableFit", "find_table", "scale_from_table"),
     "splat.initialise": ("starting_gaussians",),
-    "splat.metrics": ("focus", "psnr_db"),
+    "splat.metrics": ("psnr_db",),
     "splat.rasterizer": ("accumulate_weights", "render", "render_values"),
     "splat.trainer": ("fit",),
     "splat.views": ("View",),

@@ -54,7 +54,6 @@ from .scale.table import TableFit as TableFit
 from .scale.table import find_table as find_table
 from .scale.table import scale_from_table as scale_from_table
 from .splat.initialise import starting_gaussians as starting_gaussians
-from .splat.metrics import focus as focus
 from .splat.metrics import psnr_db as psnr_db
 from .splat.rasterizer import accumulate_weights as accumulate_weights
 from .splat.rasterizer import render as render

@@ -34,7 +34,7 @@ for name, model in ("50 steps", quick), ("saved model", gaussians):
 orbit = c3d.fit_orbit(cameras)
 chosen = [int(i) for i in c3d.evenly_spaced(c3d.azimuths(cameras, orbit), 36)]
 seen = [cameras[i] for i in chosen]
-inside = c3d.within_orbit(gaussians.means, cameras, *c3d.focus(cameras))
+inside = c3d.within_orbit(gaussians.means, cameras, orbit)
 masks = c3d.detect_bolls([photos[i] for i in chosen], seen, c3d.open_bolls(), gaussians, inside)
 
 # segment: which Gaussians each mask holds.

@@ -161,14 +161,6 @@ def _without_lost_images(model: Any) -> Any:
     return model
 
 
-def poses(model: Any) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    """Names of the placed images in order, their camera centres (n, 3) su and viewing directions (n, 3)."""
-    placed = sorted((model.image(image_id) for image_id in model.reg_image_ids()), key=lambda image: image.name)
-    centres = np.array([image.projection_center() for image in placed]).reshape(-1, 3)
-    forwards = np.array([image.viewing_direction() for image in placed]).reshape(-1, 3)
-    return [image.name for image in placed], centres, forwards
-
-
 @dataclass(frozen=True)
 class LensEvidence:
     """Whether a reconstruction needs its lens distortion."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from pathlib import Path
 
@@ -14,11 +13,19 @@ CM_PER_POINT = 2.54 / 72
 
 def write_sheet(path: Path, sheet: NDArray[np.uint8], dots_per_cm: int, *, pdf: bool = True) -> None:
     """Save a (H, W) grey picture, as PDF or as PNG."""
-    path.write_bytes(pdf_of(sheet, dots_per_cm) if pdf else png_of(sheet, dots_per_cm))
+    from PIL import Image
+
+    if pdf:
+        path.write_bytes(pdf_of(sheet, dots_per_cm))
+    else:
+        Image.fromarray(sheet).save(path, "PNG", dpi=(2.54 * dots_per_cm,) * 2)
 
 
 def pdf_of(sheet: NDArray[np.uint8], dots_per_cm: int) -> bytes:
-    """One page that is the picture (PDF 1.4)."""
+    """One page that is the picture (PDF 1.4).
+
+    Pillow's own would blur edges, as it compresses grey pictures as JPEG, and cannot forbid viewers to scale the page.
+    """
     height, width = sheet.shape
     across, down = (side / dots_per_cm / CM_PER_POINT for side in (width, height))
     pixels = zlib.compress(np.ascontiguousarray(sheet).tobytes(), 9)
@@ -40,22 +47,3 @@ def pdf_of(sheet: NDArray[np.uint8], dots_per_cm: int) -> bytes:
     table = "".join(f"{start:010d} 00000 n \n" for start in starts)
     trailer = f"trailer<</Size {len(objects) + 1}/Root 1 0 R>>\nstartxref\n{len(content)}\n%%EOF\n"
     return content + f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}{trailer}".encode()
-
-
-def png_of(sheet: NDArray[np.uint8], dots_per_cm: int) -> bytes:
-    """PNG that says how large its pixels are."""
-
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-    height, width = sheet.shape
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), sheet], axis=1)
-    return b"".join(
-        [
-            b"\x89PNG\r\n\x1a\n",
-            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
-            chunk(b"pHYs", struct.pack(">IIB", 100 * dots_per_cm, 100 * dots_per_cm, 1)),
-            chunk(b"IDAT", zlib.compress(lines.tobytes(), 9)),
-            chunk(b"IEND", b""),
-        ]
-    )

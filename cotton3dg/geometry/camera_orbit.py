@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
+GAP_BIN_DEG = 15.0
+"""Camera directions farther apart than this leave a gap; bolls still overlap in views 15 degrees apart."""
+
 
 @dataclass(frozen=True)
 class Orbit:
@@ -21,6 +24,11 @@ class Orbit:
     """(3,) unit vector, up."""
     radius: float
     """su, median distance of the cameras from the axis."""
+    distance: float
+    """su, median distance of the cameras from the centre."""
+    coverage_deg: float
+    """Of 360, what is left when every gap beyond GAP_BIN_DEG is taken away."""
+    largest_gap_deg: float
 
 
 def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
@@ -28,7 +36,7 @@ def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
 
     The axis is the normal of the cameras' plane, or the mean of their up vectors where the path is too short or too
     uneven to have a plane; the centre is the point closest to the optical axes, with distances weighed by Cauchy's
-    function because a hand now and then points elsewhere.
+    function because a hand now and then points elsewhere, which would move the point of plain least squares.
 
     Raises:
         ValueError: fewer than two cameras.
@@ -52,18 +60,31 @@ def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
         centre = np.linalg.solve(normal, pulled + 1e-6 * weights.sum() * centres.mean(axis=0))
         misses = np.linalg.norm((across @ (centre - centres)[:, :, None])[:, :, 0], axis=1)
         weights = 1.0 / (1.0 + (misses / max(float(np.median(misses)), 1e-12)) ** 2)
-    outward = centres - centre
-    outward -= np.outer(outward @ axis, axis)
-    return Orbit(centre, axis, float(np.median(np.linalg.norm(outward, axis=1))))
+    offsets = centres - centre
+    level = offsets - np.outer(offsets @ axis, axis)
+    angles = np.sort(np.degrees(_angles(offsets, axis)))
+    gaps = np.diff(angles, append=angles[0] + 360.0)
+    return Orbit(
+        centre,
+        axis,
+        radius=float(np.median(np.linalg.norm(level, axis=1))),
+        distance=float(np.median(np.linalg.norm(offsets, axis=1))),
+        coverage_deg=float(360.0 - np.maximum(gaps - GAP_BIN_DEG, 0.0).sum()),
+        largest_gap_deg=float(gaps.max()),
+    )
 
 
 def azimuths(cameras: Sequence[Camera], orbit: Orbit) -> Float64:
     """(V,) angle of each camera around the orbit's axis, 0..2π, from the first camera on."""
-    outward = np.stack([camera.centre for camera in cameras]) - orbit.centre
-    x = outward[0] - orbit.axis * (outward[0] @ orbit.axis)
+    return _angles(np.stack([camera.centre for camera in cameras]) - orbit.centre, orbit.axis)
+
+
+def _angles(offsets: Float64, axis: Float64) -> Float64:
+    """(V,) angle of each of the (V, 3) offsets around `axis`, 0..2π, from the first one on."""
+    x = offsets[0] - axis * (offsets[0] @ axis)
     x /= max(float(np.linalg.norm(x)), 1e-12)
-    y = np.cross(orbit.axis, x)
-    return np.mod(np.arctan2(outward @ y, outward @ x), 2 * np.pi)
+    y = np.cross(axis, x)
+    return np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
 
 
 def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
@@ -81,6 +102,16 @@ def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
         chosen.append(int(np.argmax(np.round(np.where(np.isin(np.arange(len(angles)), chosen), -1.0, gaps), 9))))
         gaps = np.minimum(gaps, _gap(angles, angles[chosen[-1]]))
     return np.sort(np.array(chosen, np.int64))
+
+
+def out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
+    """Names of the images that do not show the (3,) `target`, su: the plant has left the frame."""
+    lost = []
+    for camera in cameras:
+        pixels, _ = camera.project(np.asarray(target)[None])
+        if not ((pixels[0] >= 0) & (pixels[0] <= (camera.width, camera.height))).all():
+            lost.append(camera.name)
+    return lost
 
 
 def _gap(angles: Float64, other: float) -> Float64:

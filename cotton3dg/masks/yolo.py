@@ -135,15 +135,10 @@ def decoded(
 
 def suppressed(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
     """Indices of boxes (n, 4), surest first, none of which overlaps a surer one by more than `iou`."""
-    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    waiting, keep = np.argsort(-scores, kind="stable"), []
-    while len(waiting):
-        best, waiting = int(waiting[0]), waiting[1:]
-        keep.append(best)
-        low = np.maximum(boxes[best, :2], boxes[waiting, :2])
-        shared = np.prod(np.maximum(np.minimum(boxes[best, 2:], boxes[waiting, 2:]) - low, 0), axis=1)
-        waiting = waiting[shared <= iou * (areas[best] + areas[waiting] - shared)]
-    return keep
+    import cv2
+
+    sides = boxes[:, 2:] - boxes[:, :2]
+    return list(cv2.dnn.NMSBoxes(np.hstack([boxes[:, :2], sides]).tolist(), scores.tolist(), 0.0, iou))
 
 
 def mask_in_box(

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
+from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from .densify import concatenated
 from .flow_points import dense_points
-from .metrics import focus
 from .views import View
 
 SH_CONSTANT = 0.28209479177387814
@@ -63,16 +63,16 @@ def starting_gaussians(points: NDArray, colours: NDArray, views: Sequence[View],
 
 def filling(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Gaussians:
     """`count` faint grey Gaussians, evenly spread over the ball that the cameras look at; they hardly overlap."""
-    centre, radius_su = focus(cameras)
+    orbit = fit_orbit(cameras)
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    reach_su = FILL_REACH * radius_su
+    reach_su = FILL_REACH * orbit.distance
     sigma_su = 0.3 * reach_su * (4 * np.pi / 3 / max(count, 1)) ** (1 / 3)
     quats = np.zeros((count, 4), np.float32)
     quats[:, 0] = 1.0
     return Gaussians(
-        (centre + directions * reach_su * np.cbrt(rng.random((count, 1)))).astype(np.float32),
+        (orbit.centre + directions * reach_su * np.cbrt(rng.random((count, 1)))).astype(np.float32),
         quats,
         np.full((count, 3), np.log(sigma_su), np.float32),
         np.full(count, np.log(FILL_OPACITY / (1 - FILL_OPACITY)), np.float32),

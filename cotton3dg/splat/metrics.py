@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
+from ..geometry.camera_orbit import Orbit
 from .rasterizer import render
 from .views import View
 
 PLANT_REGION = 0.5
-"""Radius of the plant region relative to the distance of the cameras from the point they look at."""
+"""Radius of the plant region relative to the distance of the cameras from the centre of their orbit."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,16 @@ class ViewQuality:
     """(H, W, 3) RGB."""
 
 
-def view_quality(
-    gaussians: Gaussians, view: View, centre: NDArray, radius_su: float, gains: NDArray | float = 1.0
-) -> ViewQuality:
-    """Render `gaussians` through the camera of `view` and compare; the plant region is a ball around `centre`.
+def view_quality(gaussians: Gaussians, view: View, orbit: Orbit, gains: NDArray | float = 1.0) -> ViewQuality:
+    """Render `gaussians` through the camera of `view` and compare.
 
     Args:
+        orbit: of all cameras; the plant region is a ball around its centre.
         gains: (3,) how much brighter the photo is than the images trained on (see exposure.py).
     """
     rendering = render(gaussians, view.camera)
     rendered = to_uint8(rendering.image * gains)
-    plant = plant_region(view.camera, rendering.depth, centre, radius_su)
+    plant = plant_region(view.camera, rendering.depth, orbit.centre, PLANT_REGION * orbit.distance)
     similarity = ssim_map(rendered, view.image)
     return ViewQuality(
         view.camera.name,
@@ -95,20 +94,6 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
     similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
     similarity /= (mean_a**2 + mean_b**2 + c1) * (variance_a + variance_b + c2)
     return similarity.mean(axis=2)
-
-
-def focus(cameras: Sequence[Camera]) -> tuple[NDArray[np.float64], float]:
-    """The point nearest to all optical axes, and the median distance of the cameras from it, su.
-
-    Parallel axes leave the point undetermined along them; it then lies in the mean camera's plane.
-    """
-    centres = np.array([camera.centre for camera in cameras])
-    directions = np.array([camera.forward for camera in cameras])
-    middle = centres.mean(axis=0)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    offset = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, centres - middle), rcond=1e-6)[0]
-    point = middle + offset
-    return point, float(np.median(np.linalg.norm(centres - point, axis=1)))
 
 
 def plant_region(camera: Camera, depth: NDArray, centre: NDArray, radius_su: float) -> NDArray[np.bool_]:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..errors import StageFailed
+from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..options import TrainOptions
 from . import densify
-from .metrics import PLANT_REGION, focus
+from .metrics import PLANT_REGION
 from .rasterizer import StepReport, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
@@ -87,7 +88,7 @@ of a boll, so that surfaces to be measured are sampled even where lint is too wh
 small budget on the table top and leaves nothing for detail."""
 
 LARGEST_IN_ROOM = 0.05
-"""Longest σ elsewhere relative to the distance from the focus."""
+"""Longest σ elsewhere relative to the distance from the orbit's centre."""
 
 
 @dataclass
@@ -160,8 +161,8 @@ def fit(
     if training.n_start > options.max_gaussians:
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
     cameras = [view.camera for view in views]
-    _, radius_su = focus(cameras)
-    around = surroundings(cameras, options.steps)
+    orbit = fit_orbit(cameras)
+    around = surroundings(orbit, options.steps)
     stages = resolutions(views, options.steps)
     densifications = densification_steps(options.steps, len(views))
     order = image_order(len(views), options.steps, options.seed)
@@ -178,9 +179,9 @@ def fit(
             view.image,
             sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
             background=(0.0, 0.0, 0.0),
-            learning_rates=learning_rates(step, options.steps, radius_su, around),
+            learning_rates=learning_rates(step, options.steps, orbit.distance, around),
             dssim=options.dssim,
-            near_su=NEAREST * radius_su or None,
+            near_su=NEAREST * orbit.distance or None,
         )
         training.losses += [report.loss] if report.finite else []
         if not report.finite and keep_rejected and not result.rejected:
@@ -189,7 +190,7 @@ def fit(
         if step + 1 in densifications:
             share = (densifications.index(step + 1) + 1) / len(densifications)
             count = densify.scheduled_count(training.n_start, options.max_gaussians, share)
-            densified = _densify(result.gaussians, training.statistics, cameras, count)
+            densified = _densify(result.gaussians, training.statistics, cameras, orbit, count)
             if len(densified.gaussians) == 0:
                 raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
             result.n_pruned += densified.n_pruned
@@ -219,7 +220,7 @@ def fit(
             training.seconds, training.cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
             save(training)
             saved = time.perf_counter()
-    keep = _worth_keeping(result.gaussians, training.statistics, cameras)
+    keep = _worth_keeping(result.gaussians, training.statistics, cameras, orbit)
     # Whoever has not been looked for in every view cannot be called hidden.
     if keep.any() and options.steps - (densifications[-1] if densifications else 0) >= len(views):
         result.n_pruned += int((~keep).sum())
@@ -276,14 +277,14 @@ def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings
     )
 
 
-def surroundings(cameras: Sequence[Camera], steps: int) -> Surroundings:
+def surroundings(orbit: Orbit, steps: int) -> Surroundings:
     """Where a training of `steps` steps takes longer ones."""
     if steps < SURROUNDINGS_STEPS:
         return NO_SURROUNDINGS
-    (x, y, z), radius_su = focus(cameras)
+    x, y, z = orbit.centre
     return Surroundings(
         (float(x), float(y), float(z)),
-        PLANT_REGION * radius_su,
+        PLANT_REGION * orbit.distance,
         SURROUNDINGS_GROWTH,
         SURROUNDINGS_MEANS,
         SURROUNDINGS_LOG_SCALES,
@@ -304,22 +305,23 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
 
 
 def _densify(
-    gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], count: int
+    gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], orbit: Orbit, count: int
 ) -> densify.Densified:
     """Density control that favours the plant: what the cameras look at is what gets measured."""
-    centre, radius_su = focus(cameras)
-    distances = np.linalg.norm(gaussians.means - centre, axis=1)
-    inside = distances <= PLANT_REGION * radius_su
+    distances = np.linalg.norm(gaussians.means - orbit.centre, axis=1)
+    inside = distances <= PLANT_REGION * orbit.distance
     need = densify.growth_score(statistics.abs_grad_px, statistics.count) * np.where(inside, PLANT_NEED, 1.0)
-    largest = np.where(inside, LARGEST_IN_PLANT * radius_su, LARGEST_IN_ROOM * distances)
+    largest = np.where(inside, LARGEST_IN_PLANT * orbit.distance, LARGEST_IN_ROOM * distances)
     oversized = np.exp(gaussians.log_scales.max(axis=1)) / largest
     # Anything oversized comes before anything else, the worst first; 1e6 only has to exceed every gradient.
     need = np.where(oversized > 1, 1e6 * oversized, need)
-    return densify.densify(gaussians, _worth_keeping(gaussians, statistics, cameras), need, count)
+    keep = _worth_keeping(gaussians, statistics, cameras, orbit)
+    return densify.densify(gaussians, keep, need, count)
 
 
-def _worth_keeping(gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
-    _, radius_su = focus(cameras)
+def _worth_keeping(
+    gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], orbit: Orbit
+) -> NDArray[np.bool_]:
     centres = np.array([camera.centre for camera in cameras])
-    keep = densify.worth_keeping(gaussians, centres, CLOSEST * radius_su)
+    keep = densify.worth_keeping(gaussians, centres, CLOSEST * orbit.distance)
     return keep & densify.contributing(statistics.weight, statistics.count)

@@ -32,7 +32,6 @@ from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
 from ..masks.yolo import detect_yolo
 from ..masks.yolo_networks import Network, open_network
 from ..options import MasksOptions, as_dict
-from ..splat.metrics import focus
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
@@ -126,7 +125,7 @@ def by_bolls(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     views = _spaced(cameras, options)
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in views]
     gaussians = _model(workspace)
-    allowed = None if gaussians is None else within_orbit(gaussians.means, cameras, *focus(cameras))
+    allowed = None if gaussians is None else within_orbit(gaussians.means, cameras, fit_orbit(cameras))
     return Found(detect_bolls(images, views, network, gaussians, allowed, progress))
 
 
@@ -333,4 +332,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=9, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE = Stage("masks", version=10, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -36,7 +36,7 @@ from ..lifting.lift import (
 from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
 from ..lifting.prompts import PromptView, prompted
 from ..options import SegmentOptions
-from ..splat.metrics import focus, to_uint8
+from ..splat.metrics import to_uint8
 from ..splat.rasterizer import accumulate_weights, render_values
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work, twice_the_model
@@ -58,7 +58,7 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     workspace.require(workspace.folder("masks"), "masks")
     masked, id_images = _masks(workspace, cameras, options)
-    allowed = within_orbit(gaussians.means, cameras, *focus(cameras))
+    allowed = within_orbit(gaussians.means, cameras, fit_orbit(cameras))
     info = SegmentInfo(options.method, options.target)
     foreground = features = None
     maps: dict[str, NDArray[np.float32]] = {}
@@ -244,4 +244,4 @@ def _cost(work: Work) -> Cost:
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 
-STAGE = Stage("segment", version=3, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)
+STAGE = Stage("segment", version=4, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.coverage import Coverage, coverage, out_of_view
 from ..capture.image_pairs import image_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
+from ..core.scene import Camera
 from ..documents.frames import FramesInfo
 from ..documents.sfm import LensDecision, SfmInfo
 from ..errors import CaptureFailed
@@ -20,12 +20,12 @@ from ..files.colmap import read_cameras, read_points
 from ..files.reconstruction import (
     NEEDLESS_RISE_PCT,
     ReconstructionSettings,
-    poses,
     reconstruct,
     straightened,
     undistort,
 )
 from ..files.saving import json_text
+from ..geometry.camera_orbit import Orbit, fit_orbit, out_of_view
 from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
@@ -71,13 +71,12 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)
             _check_registered(models, names)
         models[0], lens = _with_lens(models[0], options)
-        registered, centres, forwards = poses(models[0])
-        walk = coverage(centres, forwards)
-        _check_coverage(walk)
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
-        info = _info(models, names, registered, walk, lens, out_of_view(walk.target, cameras))
+        orbit = fit_orbit(cameras)
+        _check_coverage(orbit)
+        info = _info(models, names, cameras, orbit, lens)
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
@@ -106,19 +105,18 @@ def _check_registered(models: list[Any], names: list[str]) -> None:
         )
 
 
-def _check_coverage(walk: Coverage) -> None:
-    if not walk.coverage_deg >= MIN_COVERAGE_DEG:
+def _check_coverage(orbit: Orbit) -> None:
+    if not orbit.coverage_deg >= MIN_COVERAGE_DEG:
         raise CaptureFailed(
-            f"the camera went {walk.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
+            f"the camera went {orbit.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
             " one slow full turn, walking around the plant"
         )
 
 
-def _info(
-    models: list[Any], names: list[str], registered: list[str], walk: Coverage, lens: LensDecision, lost: list[str]
-) -> SfmInfo:
+def _info(models: list[Any], names: list[str], cameras: list[Camera], orbit: Orbit, lens: LensDecision) -> SfmInfo:
     """How good the first of the models is, of all images `names`, and what it misses."""
     model = models[0]
+    registered = [camera.name for camera in cameras]
     camera = next(iter(model.cameras.values()))
     return SfmInfo(
         n_frames=len(names),
@@ -133,13 +131,13 @@ def _info(
         camera_model=camera.model_name,
         camera_params=tuple(camera.params.tolist()),
         focal_length_px=camera.mean_focal_length(),
-        orbit_coverage_deg=walk.coverage_deg,
-        orbit_largest_gap_deg=walk.largest_gap_deg,
-        orbit_radius_su=walk.radius_su,
-        orbit_axis=tuple(walk.axis.tolist()),
-        orbit_target=tuple(walk.target.tolist()),
+        orbit_coverage_deg=orbit.coverage_deg,
+        orbit_largest_gap_deg=orbit.largest_gap_deg,
+        orbit_radius_su=orbit.distance,
+        orbit_axis=tuple(orbit.axis.tolist()),
+        orbit_target=tuple(orbit.centre.tolist()),
         distortion=lens,
-        plant_out_of_view=tuple(lost),
+        plant_out_of_view=tuple(out_of_view(orbit.centre, cameras)),
     )
 
 
@@ -178,7 +176,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=5,
+    version=6,
     inputs=inputs,
     run=run,
     cost=_cost,

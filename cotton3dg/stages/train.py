@@ -34,13 +34,14 @@ from ..files.colmap import read_cameras, read_points, read_positions, read_track
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
 from ..files.saving import explained_disk_errors, json_text, replacing
+from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.densify import scheduled_count
 from ..splat.exposure import VISIBLE, corrected, exposure
 from ..splat.initialise import FILL_SHARE, START_SHARE, starting_gaussians
-from ..splat.metrics import PLANT_REGION, ViewQuality, focus, view_quality
+from ..splat.metrics import PLANT_REGION, ViewQuality, view_quality
 from ..splat.motion import longest_tracks
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
@@ -114,12 +115,12 @@ def save_intermediate(
 def _save(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
     """Judge the model by the held-out views and write the stage's folder."""
     views, held_out = capture.views, capture.held_out
-    centre, radius_su = focus([view.camera for view in views])
+    orbit = fit_orbit([view.camera for view in views])
     qualities = [
-        view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su, gains)
+        view_quality(result.gaussians, view, orbit, gains)
         for view, gains in zip(held_out, capture.held_out_gains, strict=True)
     ]
-    pixel_su = radius_su / float(np.median([view.camera.fx for view in views]))
+    pixel_su = orbit.distance / float(np.median([view.camera.fx for view in views]))
     metrics = _metrics(result, qualities, pixel_su)
     with workspace.writing("train") as folder:
         write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
@@ -287,7 +288,7 @@ def _metrics(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Trai
         ssim=mean([quality.ssim for quality in qualities]),
         plant_psnr_db=mean([quality.plant_psnr_db for quality in qualities]),
         plant_ssim=mean([quality.plant_ssim for quality in qualities]),
-        plant_region=f"pixels whose rendered surface is within {PLANT_REGION} of the orbit radius of its focus",
+        plant_region=f"rendered surfaces within {PLANT_REGION} of the cameras' distance from their centre",
         n_gaussians=len(result.gaussians),
         steps=last["step"],
         seconds=last["seconds"],
@@ -357,4 +358,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.05 + 0.22 * full_mp) * work.images + steps_s)
 
 
-STAGE = Stage("train", version=8, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)
+STAGE = Stage("train", version=9, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)

@@ -18,8 +18,9 @@ from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
 from ..files.ply import read_gaussians
 from ..files.tables import number, read_rows
+from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
-from ..splat.metrics import PLANT_REGION, focus, view_quality
+from ..splat.metrics import view_quality
 from ..splat.rasterizer import render
 from ..splat.views import View
 from ..stages.stage import STAGES
@@ -80,14 +81,12 @@ def _rendering(workspace: Workspace, options: TrainOptions) -> RenderingInfo:
         if known.model == gaussians.sha256():
             return known
     views = load_views(workspace, FULL_SIDE)
-    centre, radius_su = focus([view.camera for view in views])
+    orbit = fit_orbit([view.camera for view in views])
     exposure = Effects.load(workspace.effects_json).exposure
     gains = (exposure.gains or {}) if exposure.on else {}
     _, held_out = hold_out(views, options.holdout)
     qualities = [
-        view_quality(
-            gaussians, view, centre, PLANT_REGION * radius_su, np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0)))
-        ).plant_psnr_db
+        view_quality(gaussians, view, orbit, np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0)))).plant_psnr_db
         for view in held_out
     ]
     finite = [quality for quality in qualities if math.isfinite(quality)]

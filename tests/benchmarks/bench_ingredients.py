@@ -21,9 +21,10 @@ from unittest.mock import patch
 import numpy as np
 
 from cotton3dg.files.colmap import read_points
+from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import densify, initialise, trainer
-from cotton3dg.splat.metrics import PLANT_REGION, focus, view_quality
+from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.views import View
 from cotton3dg.stages.train import Capture, load_capture
 from cotton3dg.workspace import Workspace
@@ -77,9 +78,9 @@ def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, f
     began = time.process_time()
     result = trainer.fit(initialise.starting_gaussians(points, colours, training, options), training, options)
     cpu_s = time.process_time() - began
-    centre, radius_su = focus([view.camera for view in capture.views])
+    orbit = fit_orbit([view.camera for view in capture.views])
     qualities = [
-        view_quality(result.gaussians, view, centre, PLANT_REGION * radius_su, gains)
+        view_quality(result.gaussians, view, orbit, gains)
         for view, gains in zip(capture.held_out, capture.held_out_gains, strict=True)
     ]
     return {

@@ -18,9 +18,10 @@ import numpy as np
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.files.colmap import read_points
+from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import PRESET_VALUES, PRESETS, as_dict, resolve
 from cotton3dg.splat.initialise import starting_gaussians
-from cotton3dg.splat.metrics import PLANT_REGION, focus, view_quality
+from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.trainer import fit
 from cotton3dg.stages.train import load_capture
 from cotton3dg.workspace import Workspace
@@ -44,7 +45,7 @@ def main() -> None:
     loaded, cpu_loaded = time.perf_counter(), time.process_time()
     start = starting_gaussians(points, colours, training, options)
     started, cpu_started = time.perf_counter(), time.process_time()
-    centre, radius_su = focus([view.camera for view in capture.views])
+    orbit = fit_orbit([view.camera for view in capture.views])
     curve: list[dict[str, float]] = []
     judging = cpu_judging = 0.0
 
@@ -54,7 +55,7 @@ def main() -> None:
             return
         now, cpu_now = time.perf_counter(), time.process_time()
         qualities = [
-            view_quality(gaussians, view, centre, PLANT_REGION * radius_su, gains)
+            view_quality(gaussians, view, orbit, gains)
             for view, gains in zip(held_out, capture.held_out_gains, strict=True)
         ]
         curve.append(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scenes.lint_scene import orbit_cameras
 
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.core.scene import Camera
+from cotton3dg.geometry.camera_orbit import GAP_BIN_DEG, azimuths, evenly_spaced, fit_orbit, out_of_view
 
 
 def test_orbit_of_a_full_turn() -> None:
@@ -32,6 +33,54 @@ def test_one_camera_that_looks_elsewhere_hardly_moves_the_centre() -> None:
 def test_one_camera_is_no_orbit() -> None:
     with pytest.raises(ValueError, match="at least 2"):
         fit_orbit(orbit_cameras(1))
+
+
+def camera_at(centre: np.ndarray, forward: np.ndarray, up: np.ndarray, name: str = "a.jpg") -> Camera:
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return Camera(name, 64, 48, 60, 60, 32, 24, np.column_stack([rotation, -rotation @ centre]))
+
+
+def circle(angles_deg: np.ndarray, tilt: float = 0.3) -> tuple[list[Camera], np.ndarray]:
+    """Cameras on a circle of radius 2 about (4, -2, 7), a little above it, looking at it; and their axis."""
+    rotation = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    offsets = [rotation @ [2 * np.cos(a), 2 * np.sin(a), 0.4] for a in np.radians(angles_deg)]
+    up = rotation[:, 2]
+    return [camera_at((4, -2, 7) + o, -o / np.linalg.norm(o), up) for o in offsets], up
+
+
+def test_a_full_circle_leaves_no_gap() -> None:
+    cameras, axis = circle(np.arange(0, 360, 5))
+    orbit = fit_orbit(cameras)
+    np.testing.assert_allclose(orbit.axis, axis, atol=1e-9)
+    np.testing.assert_allclose(orbit.centre, (4, -2, 7), atol=1e-5)
+    assert orbit.radius == pytest.approx(2, rel=1e-5)
+    assert orbit.distance == pytest.approx(np.hypot(2, 0.4), rel=1e-5)
+    assert orbit.coverage_deg == pytest.approx(360)
+    assert orbit.largest_gap_deg == pytest.approx(5, abs=0.01)
+
+
+def test_a_half_circle_leaves_a_gap() -> None:
+    orbit = fit_orbit(circle(np.arange(0, 181, 5))[0])
+    assert orbit.largest_gap_deg == pytest.approx(180, abs=0.1)
+    assert orbit.coverage_deg == pytest.approx(180 + GAP_BIN_DEG, abs=0.1)
+
+
+def test_parallel_views_stay_finite() -> None:
+    centres = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0.1, 0]])
+    orbit = fit_orbit([camera_at(centre, np.array([0.0, 0, 1]), np.array([0.0, -1, 0])) for centre in centres])
+    assert np.isfinite([*orbit.centre, *orbit.axis, orbit.radius, orbit.distance, orbit.coverage_deg]).all()
+
+
+def test_images_without_the_plant_are_named() -> None:
+    angles = np.radians(np.arange(0, 360, 30))
+    up, cameras = np.array([0.0, 0, 1]), []
+    for number, angle in enumerate(angles):
+        centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0])
+        forward = (1 if number == 4 else -1) * centre / np.linalg.norm(centre)  # one looks away
+        cameras.append(camera_at(centre, forward, up, f"{number}.jpg"))
+    assert out_of_view(np.zeros(3), cameras) == ["4.jpg"]
+    assert out_of_view(np.array([0, 0, 50.0]), cameras) == [camera.name for camera in cameras]
 
 
 def test_azimuths_go_once_around() -> None:

@@ -10,7 +10,7 @@ from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, left_out_predictions, score, write_evaluation
 from cotton3dg.files.images import read_image
-from cotton3dg.files.scatter import DOT, scatter, ticks
+from cotton3dg.files.scatter import plot_scatter
 from cotton3dg.files.tables import csv_text
 
 
@@ -95,26 +95,22 @@ def test_the_scores_and_a_plot_for_each_trait_are_saved(tables, tmp_path):
 
 
 def test_points_on_the_line_lie_on_the_diagonal():
-    values = np.array([1.0, 5.0, 9.0])
-    picture = scatter("x", values, values, [])
-    dots = np.argwhere((picture == DOT).all(axis=-1))
-    rows, columns = dots.T
-    low, high, _ = ticks(1.0, 9.0)
-    side = 720 - 60 - 90
-    assert np.unique(np.round((columns + rows) - (110 + 60 + side), -1)).tolist() in (
-        [0],
-        [-10, 0],
-        [0, 10],
-        [-10, 0, 10],
-    )
-    assert (low, high) == (0.0, 10.0)
+    true, measured = np.array([1.0, 5.0, 9.0]), np.array([1.0, 4.0, 9.0])
+    figure = plot_scatter("x", true, measured, ["n = 3"])
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    (dots,), (diagonal,) = axes.collections, axes.lines
+    np.testing.assert_array_equal(dots.get_offsets(), np.column_stack([true, measured]))
+    np.testing.assert_array_equal(*diagonal.get_data())
+    assert axes.get_xlim() == axes.get_ylim() == pytest.approx((0.6, 9.4))
+    box = axes.get_window_extent()
+    assert box.width == pytest.approx(box.height)
 
 
-def test_ticks_are_round():
-    assert ticks(42.0, 97.0) == (30.0, 100.0, 10.0)
-    low, high, step = ticks(5.0, 5.0)
-    assert low < 5.0 < high
-    assert step > 0
+@pytest.mark.parametrize("value", [0.0, 5.0, -3.0])
+def test_a_single_value_has_room_around_it(value):
+    low, high = plot_scatter("x", np.array([value]), np.array([value]), []).axes[0].get_xlim()
+    assert low < value < high
 
 
 def test_tables_that_cannot_be_compared_are_refused(tables, tmp_path):

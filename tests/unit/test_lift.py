@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes.orbit_scene import orbit
 
+from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, resized_ids, rim_width_px, with_rim, within_orbit
 
 
@@ -70,7 +73,8 @@ def test_ids_are_resized_without_new_values():
 
 
 def test_only_what_stands_inside_the_orbit_can_be_a_boll():
-    cameras, middle = orbit(12), np.array([0, 0, 35.0])
+    cameras = orbit(12)
     points = np.array([[0, 0, 30], [20, 5, 50], [0, 200, 40], [-109, 0, 60]], np.float32)
-    assert within_orbit(points, cameras, middle, 112.8).tolist() == [True, True, False, False]
-    assert within_orbit(points, cameras[:1], cameras[0].centre, 0.0).all(), "no point that the cameras look at"
+    assert within_orbit(points, cameras, fit_orbit(cameras)).tolist() == [True, True, False, False]
+    outwards = [replace(view, cam_from_scene=np.diag([-1.0, 1, -1]) @ view.cam_from_scene) for view in cameras]
+    assert within_orbit(points, outwards, fit_orbit(outwards)).all(), "no point that the cameras look at"

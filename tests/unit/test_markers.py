@@ -10,7 +10,7 @@ from scenes.table_scene import POSE, orbit
 
 from cotton3dg.commands.markers import print_markers
 from cotton3dg.errors import BadUsage
-from cotton3dg.files.sheet import CM_PER_POINT, pdf_of, png_of
+from cotton3dg.files.sheet import CM_PER_POINT, pdf_of, write_sheet
 from cotton3dg.options import MarkersOptions, board_squares
 from cotton3dg.scale.markers import (
     MarkerFit,
@@ -139,7 +139,7 @@ def test_the_board_on_the_sheet_can_be_read():
     assert np.linalg.norm(corners["board", 0, 1] - corners["board", 0, 0]) == pytest.approx(300, abs=0.5)
 
 
-def test_pdf_and_png_say_their_size():
+def test_pdf_and_png_say_their_size(tmp_path):
     sheet = np.arange(200, dtype=np.uint8).reshape(10, 20)
     pdf = pdf_of(sheet, 10)
     assert f"[0 0 {2 / CM_PER_POINT:.4f} {1 / CM_PER_POINT:.4f}]".encode() in pdf
@@ -149,7 +149,8 @@ def test_pdf_and_png_say_their_size():
     assert pdf[table : table + 4] == b"xref"
     for number, line in enumerate(pdf[table:].splitlines()[3:8], 1):
         assert pdf[int(line[:10]) :].startswith(f"{number} 0 obj".encode())
-    png = png_of(sheet, 10)
+    write_sheet(tmp_path / "sheet", sheet, 10, pdf=False)
+    png = (tmp_path / "sheet").read_bytes()
     assert (cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) == sheet).all()
     assert png[png.index(b"pHYs") + 4 :][:8] == (1000).to_bytes(4, "big") * 2
 

@@ -1,4 +1,4 @@
-"""PSNR, SSIM, focus and plant region, against values worked out by hand."""
+"""PSNR, SSIM and plant region, against values worked out by hand."""
 
 import math
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat.metrics import focus, plant_region, psnr_db, ssim_map, to_uint8, view_quality
+from cotton3dg.geometry.camera_orbit import Orbit
+from cotton3dg.splat.metrics import plant_region, psnr_db, ssim_map, to_uint8, view_quality
 from cotton3dg.splat.views import View
 
 
@@ -71,22 +72,6 @@ def test_ssim_of_tiny_images_is_finite(shape: tuple[int, int]) -> None:
     assert (similarity <= 1 + 1e-9).all()
 
 
-def test_focus_is_where_the_cameras_look() -> None:
-    target = np.array([3.0, -2.0, 1.0])
-    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    cameras = [camera_at(target + 5 * np.array([np.cos(a), np.sin(a), 0.3]), target) for a in angles]
-    point, radius = focus(cameras)
-    np.testing.assert_allclose(point, target, atol=1e-9)
-    assert radius == pytest.approx(5 * math.hypot(1, 0.3))
-
-
-def test_focus_of_parallel_cameras_is_finite() -> None:
-    cameras = [camera_at(np.array([float(i), 0, 0]), np.array([float(i), 9.0, 0])) for i in range(4)]
-    point, radius = focus(cameras)
-    assert np.isfinite(point).all()
-    assert math.isfinite(radius)
-
-
 def test_plant_region_is_the_ball_at_its_depth() -> None:
     target = np.array([0.0, 0.0, 0.0])
     camera = camera_at(np.array([0.0, -5.0, 0.0]), target)
@@ -103,7 +88,8 @@ def test_plant_region_is_the_ball_at_its_depth() -> None:
 def test_view_quality_of_a_black_render() -> None:
     nothing = Gaussians(*(np.zeros(s, np.float32) for s in ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))))
     camera = camera_at(np.array([0.0, -5.0, 0.0]), np.zeros(3))
-    quality = view_quality(nothing, View(camera, np.full((48, 64, 3), 255, np.uint8)), np.zeros(3), 1.0)
+    around = Orbit(np.zeros(3), np.array([0.0, 0, 1]), 5.0, 5.0, 360.0, 10.0)
+    quality = view_quality(nothing, View(camera, np.full((48, 64, 3), 255, np.uint8)), around)
     assert quality.psnr_db == pytest.approx(0.0)
     assert math.isnan(quality.plant_psnr_db)
     assert quality.plant_share == 0.0

@@ -7,8 +7,9 @@ import pytest
 from scenes.training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
 from cotton3dg.errors import StageFailed
+from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.splat import trainer
-from cotton3dg.splat.metrics import PLANT_REGION, focus
+from cotton3dg.splat.metrics import PLANT_REGION
 from cotton3dg.splat.rasterizer import StepReport
 from cotton3dg.splat.trainer import densification_steps, fit, image_order, learning_rates, resolutions, surroundings
 from cotton3dg.splat.views import View
@@ -140,15 +141,14 @@ def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> N
     assert learning_rates(0, 1000, 1.0).means > learning_rates(0, 3000, 1.0).means
 
 
-def test_what_is_far_from_the_focus_takes_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_far_from_the_centre_takes_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     start, views, _ = training_scene()
-    cameras = [view.camera for view in views]
-    centre, radius_su = focus(cameras)
-    around = surroundings(cameras, 500)
-    assert around.centre == pytest.approx(tuple(centre))
-    assert around.radius_su == pytest.approx(PLANT_REGION * radius_su)
+    orbit = fit_orbit([view.camera for view in views])
+    around = surroundings(orbit, 500)
+    assert around.centre == pytest.approx(tuple(orbit.centre))
+    assert around.radius_su == pytest.approx(PLANT_REGION * orbit.distance)
     assert around.most_means > around.most_log_scales > 1
-    assert surroundings(cameras, 499).most_means == 1
+    assert surroundings(orbit, 499).most_means == 1
     honest, seen = trainer.train_step, set()
 
     def step(*arguments, learning_rates, **options):

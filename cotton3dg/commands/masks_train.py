@@ -26,7 +26,8 @@ from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import BollNetwork, find_bolls, seen_size, shipped_weights
 from ..masks.train_yolo import export_onnx, train_yolo
-from ..options import MasksTrainOptions, as_dict
+from ..option_rules import as_dict
+from ..options import MasksTrainOptions
 from ..simulate.backgrounds import paint_backgrounds
 from ..simulate.compositing import compose
 from ..simulate.plates import Plate, load_plates, render_plates, save_plates

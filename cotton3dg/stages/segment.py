@@ -35,7 +35,7 @@ from ..lifting.lift import (
 )
 from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
 from ..lifting.prompts import PromptView, prompted
-from ..options import SegmentOptions
+from ..options import AffinityOptions, ProbabilityOptions, SegmentOptions
 from ..splat.metrics import focus, to_uint8
 from ..splat.rasterizer import accumulate_weights, render_values
 from ..workspace import Workspace
@@ -63,7 +63,7 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     foreground = features = None
     maps: dict[str, NDArray[np.float32]] = {}
     if options.method == "affinity":
-        lifted, features, info = _by_features(gaussians, masked, id_images, allowed, options, progress, info)
+        lifted, features, info = _by_features(gaussians, masked, id_images, allowed, options.affinity, progress, info)
     else:
         begin_s = time.perf_counter()
         rim_px = rim_width_px(id_images)
@@ -71,8 +71,9 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         info = replace(info, rim_px=rim_px, weights_seconds=time.perf_counter() - begin_s)
         least = FOREGROUND_SHARE
         if options.method == "probability" and masked:
-            foreground, maps, info = _probabilities(gaussians, masked, id_images, views, options, progress, info)
-            least = options.threshold
+            own = options.probability
+            foreground, maps, info = _probabilities(gaussians, masked, id_images, views, own, progress, info)
+            least = own.threshold
         lifted = lift(views, allowed, gaussians.sha256(), foreground, least)
     with workspace.writing("segment") as folder:
         write_lifted(folder / workspace.selections_npz.name, lifted)
@@ -141,7 +142,7 @@ def _probabilities(
     cameras: Sequence[Camera],
     id_images: Sequence[NDArray[np.uint16]],
     weights: Sequence[ViewWeights],
-    options: SegmentOptions,
+    options: ProbabilityOptions,
     progress: Progress,
     info: SegmentInfo,
 ) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], SegmentInfo]:
@@ -199,7 +200,7 @@ def _by_features(
     cameras: Sequence[Camera],
     id_images: Sequence[NDArray[np.uint16]],
     allowed: NDArray[np.bool_],
-    options: SegmentOptions,
+    options: AffinityOptions,
     progress: Progress,
     info: SegmentInfo,
 ) -> tuple[LiftedMasks, NDArray[np.float32], SegmentInfo]:
@@ -240,7 +241,7 @@ def _cost(work: Work) -> Cost:
     """Lifting the masks, and for the other methods the optimisation besides."""
     options: SegmentOptions = work.options["segment"]
     lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
-    steps_s = {"probability": 0.004 * options.steps, "affinity": 0.02 * options.feature_steps}
+    steps_s = {"probability": 0.004 * options.probability.steps, "affinity": 0.02 * options.affinity.feature_steps}
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 

@@ -34,7 +34,8 @@ from ..files.colmap import read_cameras, read_points, read_positions, read_track
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
 from ..files.saving import explained_disk_errors, json_text, replacing
-from ..options import TrainOptions, as_dict
+from ..option_rules import as_dict
+from ..options import TrainOptions
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.densify import scheduled_count

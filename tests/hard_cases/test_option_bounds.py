@@ -12,7 +12,7 @@ from cotton3dg.errors import BadUsage
 from cotton3dg.option_rules import places
 from cotton3dg.options import STAGE_OPTIONS, SimulateOptions, TrainOptions, resolve
 from cotton3dg.splat.trainer import RECORDED_EVERY, densification_steps, fit
-from cotton3dg.stages.train import hold_out
+from cotton3dg.splat.views import hold_out
 
 BOUNDS = [
     (stage, place, place.item.metadata[end], -1 if end == "at_least" else 1)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 
 from .errors import BadUsage, Cotton3dgError
-from .options import PRESETS, STAGE_OPTIONS, help_text
+from .option_rules import flags
+from .options import PRESETS, STAGE_OPTIONS
 
 PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
 ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
@@ -63,11 +63,10 @@ def with_flags(command: Callable[..., None], options: type, **arguments: Any) ->
     for name, annotation in arguments.items():
         kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
         parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
-    kinds = get_type_hints(options)
-    for item in fields(options):
-        flag = typer.Option(help=help_text(item), show_default=str(item.default) or "none")
-        annotation = Annotated[kinds[item.name] | None, flag]
-        parameters.append(inspect.Parameter(item.name, position, annotation=annotation, default=None))
+    for name, (place, explained) in flags(options).items():
+        flag = typer.Option(help=explained, show_default=str(place.item.default) or "none")
+        annotation = Annotated[place.kind | None, flag]
+        parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     command.__doc__ = options.__doc__

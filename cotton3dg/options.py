@@ -1,44 +1,21 @@
-"""Options: one frozen dataclass a stage, read from the command line and from TOML.
+"""Options: one frozen dataclass a stage, and one for each of its methods; read from the command line and from TOML.
 
-A field's metadata (`help`, `unit`, `paper`, bounds, choices) is written once here; the command line, `cotton3dg.toml`
-and the records all derive from it. Order of precedence: command line > plant's TOML > batch's TOML > preset > default.
+What is known of an option is written once here; the command line, `cotton3dg.toml` and the records all derive from it.
+Order of precedence: command line > plant's TOML > batch's TOML > preset > default.
 """
 
 from __future__ import annotations
 
-import math
 import tomllib
-from dataclasses import Field, asdict, dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any
 
 from .errors import BadUsage
+from .option_rules import effective, option, options_of, resolved
 
 PRESETS = ("draft", "standard", "paper")
-
-
-def option(
-    default: Any,
-    help: str,
-    *,
-    unit: str = "",
-    paper: str = "",
-    at_least: float | None = None,
-    at_most: float | None = None,
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """A dataclass field with what `--help` says about it and what values it accepts."""
-    return field(
-        default=default,
-        metadata={
-            "help": help,
-            "unit": unit,
-            "paper": paper,
-            "at_least": at_least,
-            "at_most": at_most,
-            "choices": choices,
-        },
-    )
 
 
 @dataclass(frozen=True)
@@ -76,6 +53,67 @@ class TrainOptions:
 
 
 @dataclass(frozen=True)
+class BollsNetworkOptions:
+    """Masks by the bolls' network."""
+
+    weights: str = option("", "a network of your own, .onnx")
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Masks that were made elsewhere."""
+
+    source: str = option("", "folder or file of masks (PNG, COCO, Labelme, YOLO labels); default: own_masks")
+    classes: str = option("", "classes that are bolls, by comma; default: the only one")
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """Masks by a network whose weights are the user's."""
+
+    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    confidence: float = option(0.25, "least score of a boll", at_least=0.0, at_most=1.0)
+    tile: int = option(
+        0, "side of squares looked at one by one, for small bolls; 0 = whole images", unit="px", at_least=0
+    )
+
+
+@dataclass(frozen=True)
+class YoloOptions(NetworkOptions):
+    """Masks by YOLO."""
+
+    weights: str = option("", ".pt or .onnx")
+    classes: str = option("", "classes that are bolls, by comma; default: the only one")
+    image_size: int = option(
+        1280, "longer side of what the model sees", unit="px", paper="1280", at_least=32, at_most=8192
+    )
+    nms_iou: float = option(0.7, "overlap of boxes above which only the surest stays", at_least=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True)
+class AnySamOptions(NetworkOptions):
+    """Masks by SAM, whatever prompts it."""
+
+    weights: str = option("", "folder of a SAM or SAM 2 model")
+
+
+@dataclass(frozen=True)
+class SamOptions(AnySamOptions):
+    """Masks by SAM, prompted by points or boxes."""
+
+    prompts: str = option("", "table of points (image,x,y) or boxes (image,x1,y1,x2,y2); default: from lint")
+
+
+@dataclass(frozen=True)
+class GroundedSamOptions(AnySamOptions):
+    """Masks by SAM in the boxes of Grounding DINO."""
+
+    detector: str = option("", "folder of a Grounding DINO model")
+    prompt: str = option("cotton boll", "what to look for", paper="cotton boll")
+    text_confidence: float = option(0.35, "least score of a box", at_least=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True)
 class MasksOptions:
     """2D boll masks."""
 
@@ -85,25 +123,14 @@ class MasksOptions:
         paper="yolo, sam, grounded-sam",
         choices=("bolls", "lint", "import", "yolo", "sam", "grounded-sam"),
     )
-    views: int = option(36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2)
-    source: str = option("", "import: folder or file of masks (PNG, COCO, Labelme, YOLO labels); default: own_masks")
-    classes: str = option("", "import, yolo: classes that are bolls, by comma; default: the only one")
-    weights: str = option(
-        "", "bolls: a network of your own, .onnx; yolo: .pt or .onnx; sam, grounded-sam: folder of a SAM or SAM 2 model"
+    views: int = option(
+        36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2, idle_with=("import",)
     )
-    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
-    confidence: float = option(0.25, "networks: least score of a boll", at_least=0.0, at_most=1.0)
-    image_size: int = option(
-        1280, "yolo: longer side of what the model sees", unit="px", paper="1280", at_least=32, at_most=8192
-    )
-    nms_iou: float = option(0.7, "yolo: overlap of boxes above which only the surest stays", at_least=0.0, at_most=1.0)
-    tile: int = option(
-        0, "networks: side of squares looked at one by one, for small bolls; 0 = whole images", unit="px", at_least=0
-    )
-    prompts: str = option("", "sam: table of points (image,x,y) or boxes (image,x1,y1,x2,y2); default: from lint")
-    detector: str = option("", "grounded-sam: folder of a Grounding DINO model")
-    prompt: str = option("cotton boll", "grounded-sam: what to look for", paper="cotton boll")
-    text_confidence: float = option(0.35, "grounded-sam: least score of a box", at_least=0.0, at_most=1.0)
+    bolls: BollsNetworkOptions = options_of(BollsNetworkOptions, "bolls")
+    imported: ImportOptions = options_of(ImportOptions, "import")
+    yolo: YoloOptions = options_of(YoloOptions, "yolo")
+    sam: SamOptions = options_of(SamOptions, "sam")
+    grounded_sam: GroundedSamOptions = options_of(GroundedSamOptions, "grounded-sam")
 
 
 @dataclass(frozen=True)
@@ -137,29 +164,46 @@ class MasksTrainOptions:
 
 
 @dataclass(frozen=True)
+class ProbabilityOptions:
+    """A probability of lint for each Gaussian, as the paper on binary segmentation has it."""
+
+    threshold: float = option(0.75, "least p of lint", paper="0.75 clear, 0.9 accurate", at_least=0.0, at_most=1.0)
+    steps: int = option(7000, "optimisation steps, one view each", paper="12000", at_least=1)
+    spacing: int = option(
+        4, "one ray for each square of so many px; 1 = all, 5 GB", unit="px", paper="1", at_least=1, at_most=16
+    )
+    holdout: int = option(8, "every n-th view with masks is held out for mBIoU; 0 = none", at_least=0)
+    seed: int = option(0, "seed of rays, order of views and first features", at_least=0)
+
+
+@dataclass(frozen=True)
+class AffinityOptions:
+    """A feature for each Gaussian, alike within a boll, as SAGA has it."""
+
+    views: int = option(4, "views that prompt, evenly around the plant", paper="4", at_least=2)
+    features: int = option(16, "length of a feature", paper="32 in SAGA", at_least=2, at_most=64)
+    feature_steps: int = option(3000, "optimisation steps, one view each", paper="10000", at_least=1)
+    seed: int = option(0, "seed of rays, order of views and first features", at_least=0)
+
+
+@dataclass(frozen=True)
 class SegmentOptions:
     """Lifting the masks onto the Gaussians."""
 
     method: str = option("lift", "how masks become labels of Gaussians", choices=("lift", "probability", "affinity"))
     max_side: int = option(960, "longer side of the renders that masks are compared with", unit="px", at_least=64)
     target: int = option(0, "take this mask id alone, in every view; 0 = all masks", at_least=0, at_most=65534)
-    threshold: float = option(
-        0.75, "probability: least p of lint", paper="0.75 clear, 0.9 accurate", at_least=0.0, at_most=1.0
+    probability: ProbabilityOptions = options_of(ProbabilityOptions, "probability")
+    affinity: AffinityOptions = options_of(AffinityOptions, "affinity")
+
+
+@dataclass(frozen=True)
+class DbscanOptions:
+    """Bolls as DBSCAN clusters of the views' objects."""
+
+    eps: float = option(
+        0.6, "farthest distance of two objects, in median widths of a mask", paper="0.3 su", at_least=0.0
     )
-    steps: int = option(7000, "probability: optimisation steps, one view each", paper="12000", at_least=1)
-    spacing: int = option(
-        4,
-        "probability: one ray for each square of so many px; 1 = all, 5 GB",
-        unit="px",
-        paper="1",
-        at_least=1,
-        at_most=16,
-    )
-    holdout: int = option(8, "probability: every n-th view with masks is held out for mBIoU; 0 = none", at_least=0)
-    views: int = option(4, "affinity: views that prompt, evenly around the plant", paper="4", at_least=2)
-    features: int = option(16, "affinity: length of a feature", paper="32 in SAGA", at_least=2, at_most=64)
-    feature_steps: int = option(3000, "affinity: optimisation steps, one view each", paper="10000", at_least=1)
-    seed: int = option(0, "probability, affinity: seed of rays, order of views and first features", at_least=0)
 
 
 @dataclass(frozen=True)
@@ -168,9 +212,7 @@ class ClusterOptions:
 
     method: str = option("consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan"))
     boll_plys: bool = option(False, "save each boll's Gaussians as a PLY of its own")
-    eps: float = option(
-        0.6, "dbscan: farthest distance of two objects, in median widths of a mask", paper="0.3 su", at_least=0.0
-    )
+    dbscan: DbscanOptions = options_of(DbscanOptions, "dbscan")
 
 
 MARKER_DICTIONARIES = (
@@ -187,8 +229,24 @@ MARKER_DICTIONARIES = (
 
 
 @dataclass(frozen=True)
+class ArucoOptions:
+    """Scale by printed markers."""
+
+    marker_cm: float = option(10.0, "black square of a printed marker, or a square of a board", unit="cm", at_least=0.5)
+    dictionary: str = option("4x4_50", "OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
+    board: str = option("", "COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
+
+
+@dataclass(frozen=True)
+class DistanceOptions:
+    """Scale by two points."""
+
+    distance_cm: float = option(0.0, "between the two points of scale_points.csv", unit="cm", at_least=0.0)
+
+
+@dataclass(frozen=True)
 class ScaleOptions:
-    """Metric scale and up axis."""
+    """Metric scale and up axis. The table is found by its shape, whatever gives the scale."""
 
     method: str = option(
         "table",
@@ -196,15 +254,15 @@ class ScaleOptions:
         paper="sections",
         choices=("table", "sections", "aruco", "distance", "all", "none"),
     )
-    table_length_cm: float = option(120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0)
-    table_width_cm: float = option(60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0)
-    marker_cm: float = option(
-        10.0, "aruco: black square of a printed marker, or a square of a board", unit="cm", at_least=0.5
+    table_length_cm: float = option(
+        120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0, idle_with=("none",)
     )
-    dictionary: str = option("4x4_50", "aruco: OpenCV's name of the markers", choices=MARKER_DICTIONARIES)
-    board: str = option("", "aruco: COLUMNSxROWS of squares of a ChArUco board, e.g. 4x5; none = loose markers")
-    distance_cm: float = option(0.0, "distance: between the two points of scale_points.csv", unit="cm", at_least=0.0)
+    table_width_cm: float = option(
+        60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0, idle_with=("none",)
+    )
     require_scale: bool = option(False, "fail (exit 5) instead of leaving the metric cells blank")
+    aruco: ArucoOptions = options_of(ArucoOptions, "aruco", "all")
+    distance: DistanceOptions = options_of(DistanceOptions, "distance", "all")
 
 
 @dataclass(frozen=True)
@@ -304,42 +362,6 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def board_squares(text: str) -> tuple[int, int] | None:
-    """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.
-
-    Raises:
-        BadUsage: the text is no board.
-    """
-    if not text:
-        return None
-    columns, by, rows = text.lower().partition("x")
-    if not (by and columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) > 1):
-        raise BadUsage(f"board {text!r} cannot be used; write COLUMNSxROWS, e.g. 4x5")
-    return int(columns), int(rows)
-
-
-_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-
-T = TypeVar("T")
-
-
-def checked(options: T) -> T:
-    """Return `options` unchanged, or raise BadUsage naming the field that is out of bounds."""
-    for item in fields(options):  # type: ignore[arg-type]
-        value, rules = getattr(options, item.name), item.metadata
-        where = f"{type(options).__name__.removesuffix('Options').lower()}.{item.name}"
-        low, high, choices = rules.get("at_least"), rules.get("at_most"), rules.get("choices")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise BadUsage(f"{where} = {value} is not finite; give a number")
-        if low is not None and not value >= low:
-            raise BadUsage(f"{where} = {value} is too small; use at least {low}")
-        if high is not None and not value <= high:
-            raise BadUsage(f"{where} = {value} is too large; use at most {high}")
-        if choices and value not in choices:
-            raise BadUsage(f"{where} = {value!r} is unknown; use one of {', '.join(choices)}")
-    return options
-
-
 def read_toml(path: Path) -> dict[str, dict[str, Any]]:
     """Read `cotton3dg.toml`: one table a stage. A missing file is an empty one.
 
@@ -358,46 +380,21 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def resolve(stage: str, *layers: dict[str, Any]) -> Any:
-    """Options of a stage or command with `layers` of values applied in order, later ones winning; checked."""
-    options = COMMAND_OPTIONS[stage]()
-    types = get_type_hints(type(options))
-    for layer in layers:
-        values = {}
-        for key, value in layer.items():
-            if key not in types:
-                raise BadUsage(f"{stage}.{key} is not an option; use {', '.join(types)}")
-            values[key] = _converted(f"{stage}.{key}", value, types[key])
-        options = replace(options, **values)
-    return checked(options)
+def resolve(stage: str, *layers: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> Any:
+    """Options of a stage or command with `layers` of values applied in order, later ones winning; checked.
+
+    An option of a method stands in the method's table, `{"probability": {"threshold": 0.9}}`, where it waits until the
+    method is chosen. Its name alone means that of the chosen method.
+
+    Args:
+        asked: the last layer, from the command line.
+    Raises:
+        BadUsage: no such option, a value that it does not take, or an option without an effect: one that was asked for,
+            or one that stands outside of its method's table.
+    """
+    return resolved(stage, COMMAND_OPTIONS[stage](), layers, asked or {})
 
 
-def _converted(where: str, value: Any, kind: type) -> Any:
-    """`value` as `kind`; strings (from --set) are parsed, other types must fit exactly."""
-    try:
-        if isinstance(value, str) and kind is not str:
-            if kind is bool:
-                return {"true": True, "false": False}[value.lower()]
-            return kind(value)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            return float(value)
-    except (ValueError, KeyError) as error:
-        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}") from error
-    if type(value) is not kind:
-        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}")
-    return value
-
-
-def as_dict(options: Any) -> dict[str, Any]:
-    """Plain values for a record."""
-    return asdict(options)
-
-
-def help_text(item: Field[Any]) -> str:
-    """What `--help` shows for one field: purpose, unit and the paper's value."""
-    unit, paper = item.metadata.get("unit"), item.metadata.get("paper")
-    choices = item.metadata.get("choices")
-    notes = [unit] if unit else []
-    notes += [" | ".join(choices)] if choices else []
-    notes += [f"paper: {paper}"] if paper else []
-    return item.metadata["help"] + (f" ({'; '.join(notes)})" if notes else "")
+def recorded(stage: str, values: Mapping[str, Any]) -> Any:
+    """Options as a record has them. An old one also has those of methods that were not chosen; they had no effect."""
+    return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))

@@ -17,7 +17,7 @@ from typing import Any
 from .core.progress import Progress, silent
 from .documents.record import Record
 from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
-from .options import PRESET_VALUES, PRESETS, read_toml, resolve
+from .options import PRESET_VALUES, PRESETS, read_toml, recorded, resolve
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .stages.stage import STAGES, stage_of
 from .stages.staleness import StageState, stale_reason, state_of
@@ -69,8 +69,10 @@ def stage_options(
         raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
     files = [file for file in (defaults, workspace and workspace.options_file) if file]
     named = {"traits": {"plant_id": workspace.plant_id}} if workspace else {}
-    layers = [named, PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files), overrides or {}]
-    return {stage: resolve(stage, *(layer.get(stage, {}) for layer in layers)) for stage in STAGES}
+    layers, asked = [named, PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files)], overrides or {}
+    return {
+        stage: resolve(stage, *(layer.get(stage, {}) for layer in layers), asked=asked.get(stage)) for stage in STAGES
+    }
 
 
 def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
@@ -105,8 +107,8 @@ def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
     for maker in (name for name in STAGES if name in makers):
         record = workspace.read_record(maker)
         steps += _remade_for(workspace, maker)
-        recorded = resolve(maker, record.options if record else {})
-        steps.append(Step(maker, recorded, f"{stage} reads what clean dropped"))
+        options = recorded(maker, record.options if record else {})
+        steps.append(Step(maker, options, f"{stage} reads what clean dropped"))
     return steps
 
 

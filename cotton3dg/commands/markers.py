@@ -7,8 +7,8 @@ from pathlib import Path
 from ..errors import BadUsage
 from ..files.saving import explained_disk_errors, replacing
 from ..files.sheet import write_sheet
-from ..options import MarkersOptions, board_squares
-from ..scale.markers import MarkerKind, draw_sheet
+from ..options import MarkersOptions
+from ..scale.markers import MarkerKind, board_squares, draw_sheet
 
 DOTS_PER_CM = 100
 PAPER_CM = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.94)}

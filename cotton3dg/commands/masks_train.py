@@ -27,7 +27,8 @@ from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import BollNetwork, seen_size, shipped_weights
 from ..masks.detect_bolls import find_bolls
 from ..masks.train_yolo import export_onnx, train_yolo
-from ..options import MasksTrainOptions, as_dict
+from ..option_rules import as_dict
+from ..options import MasksTrainOptions
 from ..simulate.backgrounds import paint_backgrounds
 from ..simulate.compositing import compose
 from ..simulate.plates import Plate, load_plates, render_plates, save_plates

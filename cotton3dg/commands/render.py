@@ -32,7 +32,8 @@ from ..files.ply import read_gaussians
 from ..files.saving import json_text
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import framed, turntable, walk
-from ..options import RenderOptions, TrainOptions, as_dict
+from ..option_rules import as_dict
+from ..options import RenderOptions, TrainOptions
 from ..splat import rasterizer
 from ..splat.appearance import depth_colours, with_bolls
 from ..splat.metrics import to_uint8

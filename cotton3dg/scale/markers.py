@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
+from ..errors import BadUsage
 from ..geometry.triangulation import Sighting, triangulate
 from .references import LEAST_ERROR, NoReference, Reference, distance_ratios
 
@@ -61,6 +62,20 @@ def aruco_dictionary(name: str) -> Any:
     import cv2
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
+
+
+def board_squares(text: str) -> tuple[int, int] | None:
+    """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.
+
+    Raises:
+        BadUsage: the text is no board.
+    """
+    if not text:
+        return None
+    columns, by, rows = text.lower().partition("x")
+    if not (by and columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) > 1):
+        raise BadUsage(f"board {text!r} cannot be used; write COLUMNSxROWS, e.g. 4x5")
+    return int(columns), int(rows)
 
 
 def charuco_board(kind: MarkerKind) -> Any:

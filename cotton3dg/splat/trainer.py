@@ -160,72 +160,123 @@ def fit(
     training = Training.of(start) if isinstance(start, Gaussians) else start
     if training.n_start > options.max_gaussians:
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
-    cameras = [view.camera for view in views]
-    orbit = fit_orbit(cameras)
-    around = surroundings(orbit, options.steps)
-    stages = resolutions(views, options.steps)
-    densifications = densification_steps(options.steps, len(views))
-    order = image_order(len(views), options.steps, options.seed)
-    result = training.fit
+    result, schedule = training.fit, _Schedule.of(views, options)
     saved = time.perf_counter()
     began, cpu_began = saved - training.seconds, time.process_time() - training.cpu_seconds
+
+    def read_clocks() -> None:
+        training.seconds, training.cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
+
     for step in range(training.step, options.steps):
-        view = next(level for until, level in stages if step < until)[order[step]]
-        report = train_step(
-            result.gaussians,
-            training.adam,
-            training.statistics,
-            view.camera,
-            view.image,
-            sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
-            background=(0.0, 0.0, 0.0),
-            learning_rates=learning_rates(step, options.steps, orbit.distance, around),
-            dssim=options.dssim,
-            near_su=NEAREST * orbit.distance or None,
-        )
+        view = schedule.view(step)
+        report = _take_step(training, view, step, schedule)
         training.losses += [report.loss] if report.finite else []
         if not report.finite and keep_rejected and not result.rejected:
             keep_rejected(training, view)
         _note(result, report, step, view.camera.name, options.steps)
-        if step + 1 in densifications:
-            share = (densifications.index(step + 1) + 1) / len(densifications)
-            count = densify.scheduled_count(training.n_start, options.max_gaussians, share)
-            densified = _densify(result.gaussians, training.statistics, cameras, orbit, count)
-            if len(densified.gaussians) == 0:
-                raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
-            result.n_pruned += densified.n_pruned
-            result.n_split += densified.n_split
-            result.gaussians = densified.gaussians
-            training.adam = training.adam[densified.rows[: densified.n_continued]].extended(2 * densified.n_split)
-            training.statistics = DensityStatistics.zeros(len(result.gaussians))
+        if step + 1 in schedule.densifications:
+            _control_density(training, step + 1, schedule)
         if (step + 1) % RECORDED_EVERY == 0 or step + 1 == options.steps:
-            result.history.append(
-                {
-                    "step": step + 1,
-                    "seconds": round(time.perf_counter() - began, 3),
-                    "cpu_seconds": round(time.process_time() - cpu_began, 3),
-                    "n_gaussians": len(result.gaussians),
-                    "width_px": view.camera.width,
-                    "loss": float(np.mean(training.losses)) if training.losses else math.nan,
-                }
-            )
-            training.losses.clear()
-            progress(
-                step + 1, options.steps, f"loss {result.history[-1]['loss']:.4f}, {len(result.gaussians)} Gaussians"
-            )
+            read_clocks()
+            entry = _recorded(training, step + 1, view.camera.width)
+            progress(step + 1, options.steps, f"loss {entry['loss']:.4f}, {entry['n_gaussians']} Gaussians")
         training.step = step + 1
         if watch:
             watch(step + 1, result.gaussians)
         if save and time.perf_counter() - saved >= SAVED_EVERY_S:
-            training.seconds, training.cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
+            read_clocks()
             save(training)
             saved = time.perf_counter()
-    keep = _worth_keeping(result.gaussians, training.statistics, cameras, orbit)
+    _drop_superfluous(training, schedule)
+    return result
+
+
+@dataclass(frozen=True)
+class _Schedule:
+    """What a training does at which step: it follows from the views and the options alone."""
+
+    options: TrainOptions
+    cameras: list[Camera]
+    orbit: Orbit
+    around: Surroundings
+    levels: list[tuple[int, list[View]]]
+    """The views from coarse to fine, as `resolutions` has them."""
+    order: list[int]
+    """Index of the view of each step."""
+    densifications: range
+
+    @staticmethod
+    def of(views: Sequence[View], options: TrainOptions) -> _Schedule:
+        cameras = [view.camera for view in views]
+        orbit = fit_orbit(cameras)
+        return _Schedule(
+            options,
+            cameras,
+            orbit,
+            surroundings(orbit, options.steps),
+            resolutions(views, options.steps),
+            image_order(len(views), options.steps, options.seed),
+            densification_steps(options.steps, len(views)),
+        )
+
+    def view(self, step: int) -> View:
+        return next(level for until, level in self.levels if step < until)[self.order[step]]
+
+
+def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -> StepReport:
+    options = schedule.options
+    return train_step(
+        training.fit.gaussians,
+        training.adam,
+        training.statistics,
+        view.camera,
+        view.image,
+        sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
+        background=(0.0, 0.0, 0.0),
+        learning_rates=learning_rates(step, options.steps, schedule.orbit.distance, schedule.around),
+        dssim=options.dssim,
+        near_su=NEAREST * schedule.orbit.distance or None,
+    )
+
+
+def _control_density(training: Training, done: int, schedule: _Schedule) -> None:
+    """Split and prune after `done` steps."""
+    result, steps = training.fit, schedule.densifications
+    share = (steps.index(done) + 1) / len(steps)
+    count = densify.scheduled_count(training.n_start, schedule.options.max_gaussians, share)
+    densified = _densify(result.gaussians, training.statistics, schedule.cameras, schedule.orbit, count)
+    if len(densified.gaussians) == 0:
+        raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
+    result.n_pruned += densified.n_pruned
+    result.n_split += densified.n_split
+    result.gaussians = densified.gaussians
+    training.adam = training.adam[densified.rows[: densified.n_continued]].extended(2 * densified.n_split)
+    training.statistics = DensityStatistics.zeros(len(result.gaussians))
+
+
+def _recorded(training: Training, done: int, width_px: int) -> dict[str, Any]:
+    """The new last entry of the history."""
+    entry = {
+        "step": done,
+        "seconds": round(training.seconds, 3),
+        "cpu_seconds": round(training.cpu_seconds, 3),
+        "n_gaussians": len(training.fit.gaussians),
+        "width_px": width_px,
+        "loss": float(np.mean(training.losses)) if training.losses else math.nan,
+    }
+    training.fit.history.append(entry)
+    training.losses.clear()
+    return entry
+
+
+def _drop_superfluous(training: Training, schedule: _Schedule) -> None:
+    """Leave out what no view needed since the last densification."""
+    result, last = training.fit, schedule.densifications[-1] if schedule.densifications else 0
+    keep = _worth_keeping(result.gaussians, training.statistics, schedule.cameras, schedule.orbit)
     # Whoever has not been looked for in every view cannot be called hidden.
-    if keep.any() and options.steps - (densifications[-1] if densifications else 0) >= len(views):
+    if keep.any() and schedule.options.steps - last >= len(schedule.cameras):
         result.n_pruned += int((~keep).sum())
         result.gaussians = result.gaussians[keep]
-    return result
 
 
 def resolutions(views: Sequence[View], steps: int) -> list[tuple[int, list[View]]]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -32,3 +35,12 @@ class View:
             return self
         size = max(1, round(self.camera.width * factor)), max(1, round(self.camera.height * factor))
         return View(self.camera.resized(*size), cv2.resize(self.image, size, interpolation=cv2.INTER_AREA))
+
+
+def hold_out(views: list[T], every: int) -> tuple[list[T], list[T]]:
+    """Training and held-out views: every `every`-th from the first is held out, none for 0 or if none would be left.
+
+    Also for a list of something that belongs to the views, one each.
+    """
+    held_out = views[::every] if every > 1 else []
+    return [view for i, view in enumerate(views) if every <= 1 or i % every], held_out

@@ -37,7 +37,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     if options.method == "dbscan":
-        bolls = cluster_objects(lifted, gaussians.means, up, options.eps)
+        bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps)
     else:
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = close_flagged(bolls)

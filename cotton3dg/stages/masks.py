@@ -31,12 +31,15 @@ from ..masks.grounding_dino import find_boxes, open_grounding_dino
 from ..masks.sam import Prompts, detect_sam, open_sam, prompts_around
 from ..masks.yolo import detect_yolo
 from ..masks.yolo_networks import Network, open_network
-from ..options import MasksOptions, as_dict
+from ..option_rules import as_dict
+from ..options import MasksOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
 MASK_BYTES = 2**18
 """Of one image's masks on the disk, generous."""
+WEIGHTS = ("weights", "detector")
+"""Options that name networks, of whichever back end has them."""
 VOTING_VIEWS = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
@@ -71,11 +74,11 @@ def inputs(workspace: Workspace) -> list[Path]:
 def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
     """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks; and
     the model, where `bolls` and `lint` look at it."""
-    texts = (options.weights, options.detector, options.prompts, options.source)
-    named = [_found_file(workspace, text) for text in texts if text]
-    if options.backend == "bolls" and not options.weights:
+    chosen = as_dict(options)
+    named = [_found_file(workspace, chosen[name]) for name in (*WEIGHTS, "prompts", "source") if chosen.get(name)]
+    if options.backend == "bolls" and not options.bolls.weights:
         named.append(SHIPPED_FILE)
-    by_model = options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.prompts)
+    by_model = options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.sam.prompts)
     return [*named, workspace.gaussians_ply] if by_model else named
 
 
@@ -121,7 +124,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
 
 def by_bolls(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
     """Masks of the bolls' network, on views evenly spaced around the plant; by place, too, once there is a model."""
-    network = open_bolls(_found_file(workspace, options.weights) if options.weights else None)
+    network = open_bolls(_found_file(workspace, options.bolls.weights) if options.bolls.weights else None)
     views = _spaced(cameras, options)
     images = [read_image(workspace.undistorted_image(camera.name)) for camera in views]
     gaussians = _model(workspace)
@@ -145,17 +148,18 @@ def by_lint(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
 
 def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
     """Masks of a YOLO segmentation model."""
-    network = open_network(_given(workspace, options.weights, "--weights"), trusted=options.trust_weights)
-    classes = _class_numbers(network, options.classes)
+    own = options.yolo
+    network = open_network(_given(workspace, own.weights, "--weights"), trusted=own.trust_weights)
+    classes = _class_numbers(network, own.classes)
 
     def detect(_: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
         return detect_yolo(
             image,
             network,
-            image_size=options.image_size,
-            confidence=options.confidence,
-            nms_iou=options.nms_iou,
-            tile_px=options.tile,
+            image_size=own.image_size,
+            confidence=own.confidence,
+            nms_iou=own.nms_iou,
+            tile_px=own.tile,
             classes=classes,
         )
 
@@ -165,9 +169,10 @@ def by_yolo(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camer
 
 def by_sam(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
     """Masks of SAM, prompted by the user's table or, without one, by the masks of `lint`."""
-    segment = open_sam(_given(workspace, options.weights, "--weights"), trusted=options.trust_weights)
-    if options.prompts:
-        prompts = _table_prompts(_found_file(workspace, options.prompts), cameras)
+    own = options.sam
+    segment = open_sam(_given(workspace, own.weights, "--weights"), trusted=own.trust_weights)
+    if own.prompts:
+        prompts = _table_prompts(_found_file(workspace, own.prompts), cameras)
         views = [camera for camera in cameras if camera.name in prompts]
     else:
         lint = by_lint(workspace, options, cameras, progress).masks
@@ -175,22 +180,23 @@ def by_sam(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera
         views = [camera for camera in cameras if camera.name in prompts]
 
     def detect(name: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
-        return detect_sam(image, segment, prompts[name], confidence=options.confidence, tile_px=options.tile)
+        return detect_sam(image, segment, prompts[name], confidence=own.confidence, tile_px=own.tile)
 
     return Found(_each(workspace, views, detect, progress))
 
 
 def by_text(workspace: Workspace, options: MasksOptions, cameras: Sequence[Camera], progress: Progress) -> Found:
     """Masks of SAM in the boxes that Grounding DINO finds for a text."""
-    if not options.prompt.strip():
+    own = options.grounded_sam
+    if not own.prompt.strip():
         raise BadUsage("--prompt is empty; say what to look for, e.g. --prompt 'cotton boll'")
-    detector = _given(workspace, options.detector, "--detector")
-    find = open_grounding_dino(detector, options.prompt, trusted=options.trust_weights)
-    segment = open_sam(_given(workspace, options.weights, "--weights"), trusted=options.trust_weights)
+    detector = _given(workspace, own.detector, "--detector")
+    find = open_grounding_dino(detector, own.prompt, trusted=own.trust_weights)
+    segment = open_sam(_given(workspace, own.weights, "--weights"), trusted=own.trust_weights)
 
     def detect(_: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
-        boxes = find_boxes(image, find, confidence=options.text_confidence, tile_px=options.tile)
-        return detect_sam(image, segment, Prompts(boxes=boxes), confidence=options.confidence, tile_px=options.tile)
+        boxes = find_boxes(image, find, confidence=own.text_confidence, tile_px=own.tile)
+        return detect_sam(image, segment, Prompts(boxes=boxes), confidence=own.confidence, tile_px=own.tile)
 
     return Found(_each(workspace, _spaced(cameras, options), detect, progress))
 
@@ -201,10 +207,11 @@ def imported(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     Raises:
         BadInput: masks of images that do not exist, or of another shape than these.
     """
-    source = _found_file(workspace, options.source) if options.source else workspace.masks_input
+    own = options.imported
+    source = _found_file(workspace, own.source) if own.source else workspace.masks_input
     by_stem = {Path(camera.name).stem: camera for camera in cameras}
     sizes = {stem: (camera.height, camera.width) for stem, camera in by_stem.items()}
-    found = read_masks(source, sizes, _listed(options.classes))
+    found = read_masks(source, sizes, _listed(own.classes))
     unknown = sorted(found.ids.keys() - by_stem.keys())
     if unknown:
         raise BadInput(
@@ -314,7 +321,8 @@ def _table_prompts(table: Path, cameras: Sequence[Camera]) -> dict[str, Prompts]
 def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
     """Which weights made the masks."""
     sums: dict[str, str] = {}
-    for text in filter(None, (options.weights, options.detector)):
+    chosen = as_dict(options)
+    for text in (chosen[name] for name in WEIGHTS if chosen.get(name)):
         path = _found_file(workspace, text)
         files = [path] if path.is_file() else sorted([*path.glob("*.safetensors"), *path.glob("*.bin")])
         sums |= {f"{path.name}/{file.name}" if path.is_dir() else file.name: file_sha256(file) for file in files}

@@ -19,8 +19,8 @@ from ..files.images import read_image, write_image
 from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from ..options import ScaleOptions, board_squares
-from ..scale.markers import MarkerKind, crossed, find_markers, outlined_markers, scale_from_markers
+from ..options import ScaleOptions
+from ..scale.markers import MarkerKind, board_squares, crossed, find_markers, outlined_markers, scale_from_markers
 from ..scale.rectangle import Rectangle
 from ..scale.references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
 from ..scale.sections import scale_from_sections
@@ -106,7 +106,7 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
 
 
 def _check_points(workspace: Workspace, options: ScaleOptions) -> None:
-    if not options.distance_cm:
+    if not options.distance.distance_cm:
         raise BadUsage("the distance of the two points is not given; add --distance-cm")
     if not workspace.scale_points.exists():
         raise MissingInput(
@@ -148,7 +148,8 @@ def _sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
 
 
 def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
-    kind = MarkerKind(options.dictionary, options.marker_cm, board_squares(options.board))
+    printed = options.aruco
+    kind = MarkerKind(printed.dictionary, printed.marker_cm, board_squares(printed.board))
     found = [find_markers(read_image(scene.workspace.undistorted_image(c.name)), kind) for c in scene.cameras]
     fit = scale_from_markers(scene.cameras, found, kind)
     if isinstance(fit, NoReference):
@@ -159,7 +160,7 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
 
 def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
     picks = read_picks(scene.workspace.scale_points)
-    found = scale_from_distance(scene.cameras, picks, options.distance_cm)
+    found = scale_from_distance(scene.cameras, picks, options.distance.distance_cm)
     if isinstance(found, NoReference):
         return found, {}
     reference, points = found

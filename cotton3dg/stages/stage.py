@@ -13,7 +13,8 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.record import Record
 from ..files.images import fitted_size
-from ..options import STAGE_OPTIONS, as_dict
+from ..option_rules import as_dict
+from ..options import STAGE_OPTIONS
 from ..workspace import Workspace
 
 STAGES = tuple(STAGE_OPTIONS)

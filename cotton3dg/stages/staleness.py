@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.state import State
 from ..documents.record import Record
-from ..options import as_dict
+from ..option_rules import as_dict
 from ..workspace import Workspace
 from .stage import STAGES, stage_of
 

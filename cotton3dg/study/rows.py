@@ -22,9 +22,9 @@ from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from ..splat.metrics import view_quality
 from ..splat.rasterizer import render
-from ..splat.views import View
+from ..splat.views import View, hold_out
 from ..stages.stage import STAGES
-from ..stages.train import hold_out, load_views
+from ..stages.train import load_views
 from ..workspace import Workspace
 from .tables import COLUMNS, ERRORS
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import pipeline
 from ..errors import BadUsage
-from ..options import PRESETS, as_dict, resolve
+from ..options import PRESETS, resolve
 from ..stages.stage import Footage
 from ..workspace import Workspace
 from .tables import TITLES
@@ -97,7 +97,7 @@ def settings_of(
         return [Setting(sweep, "partial", base, obstacle, partial=True), Setting(sweep, "whole", base, is_base=True)]
     stage, option, usual = FACTORS[sweep]
     base_value = getattr(base[stage], option)
-    wanted = tuple(getattr(resolve(stage, as_dict(base[stage]), {option: value}), option) for value in values) or usual
+    wanted = tuple(getattr(resolve(stage, {option: value}), option) for value in values) or usual
     if sweep == "steps":
         longest = max(base_value, *wanted) if values else base_value
         options = {**base, stage: replace(base[stage], steps=longest)}

@@ -28,8 +28,8 @@ from ..planning.cost import costs, footage
 from ..planning.tradeoff import duration, typical_ratio
 from ..stages.stage import STAGES, stage_of
 from ..stages.staleness import stale_reason
-from ..stages.train import save_intermediate
 from ..workspace import Workspace
+from .passing_models import save_passing_models
 from .plot import write_plot
 from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
@@ -166,7 +166,7 @@ class Study:
         options = passing[0].options["train"]
         base = self._workspace(self.base)
         progress = self.watcher.started(Step("train", options, "its models are kept"))
-        outcomes = save_intermediate(base, options, workspaces, progress)
+        outcomes = save_passing_models(base, options, workspaces, progress)
         base_record = base.read_record("train")
         for steps, outcome in outcomes.items():
             workspace = workspaces[steps]

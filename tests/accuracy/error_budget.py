@@ -39,7 +39,7 @@ from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import write_ids
 from cotton3dg.files.reconstruction import undistort
 from cotton3dg.files.saving import file_sha256, json_text, write_text_atomically
-from cotton3dg.options import STAGE_OPTIONS, resolve
+from cotton3dg.options import recorded
 from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace
 
@@ -52,9 +52,7 @@ def run_stages(plant: TruePlant, scratch: Workspace, *stages: str) -> None:
     """Run stages in the scratch folder with the options that the plant's own run had."""
     for stage in stages:
         record = plant.run.read_record(stage)
-        recorded = record.options if record else {}
-        known = {key: value for key, value in recorded.items() if key in STAGE_OPTIONS[stage].__dataclass_fields__}
-        stage_of(stage).run(scratch, resolve(stage, known), silent)
+        stage_of(stage).run(scratch, recorded(stage, record.options if record else {}), silent)
 
 
 def share(plant: TruePlant, scratch: Workspace, *stages: str) -> None:

@@ -47,7 +47,7 @@ from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import read_ids, write_ids
 from cotton3dg.files.saving import file_sha256, write_text_atomically
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from cotton3dg.options import ClusterOptions, SegmentOptions
+from cotton3dg.options import ClusterOptions, ProbabilityOptions, SegmentOptions
 from cotton3dg.stages import cluster, segment
 from cotton3dg.workspace import Workspace
 
@@ -157,7 +157,7 @@ def sweep(
         with tempfile.TemporaryDirectory() as folder:
             scratch = with_masks(results.plant.run, spread(results.plant.run, masks, n_views), folder)
             for method in missing:
-                cost = trial(scratch, SegmentOptions(method=method, steps=steps))
+                cost = trial(scratch, SegmentOptions(method=method, probability=ProbabilityOptions(steps=steps)))
                 found = scores(results.plant, scratch)
                 results.add(masks=kind, views=n_views, method=method, **found, **cost)
 
@@ -180,7 +180,7 @@ def main() -> None:
     parser.add_argument("--views", nargs="+", type=int, default=list(VIEWS))
     parser.add_argument("--paper-views", nargs="+", type=int, default=list(PAPER_VIEWS))
     parser.add_argument("--minutes", type=float, default=math.inf, help="of the processor; default: until all is done")
-    parser.add_argument("--steps", type=int, default=SegmentOptions.steps, help="of the method probability")
+    parser.add_argument("--steps", type=int, default=ProbabilityOptions.steps, help="of the method probability")
     wanted = parser.parse_args()
     wanted.folder.mkdir(parents=True, exist_ok=True)
     until_s = 60 * wanted.minutes

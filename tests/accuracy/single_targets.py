@@ -17,7 +17,7 @@ from segmentation_sweep import MASKS, masks_of, spread, with_masks
 from true_scene import true_plant
 
 from cotton3dg.documents.segment import SegmentInfo
-from cotton3dg.options import SegmentOptions
+from cotton3dg.options import ProbabilityOptions, resolve
 from cotton3dg.stages import segment
 
 
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--targets", nargs="+", type=int, help="mask ids; default: all")
     parser.add_argument("--masks", choices=MASKS, default="lint")
     parser.add_argument("--views", type=int, default=36)
-    parser.add_argument("--steps", type=int, default=SegmentOptions.steps)
+    parser.add_argument("--steps", type=int, default=ProbabilityOptions.steps)
     wanted = parser.parse_args()
     masks = spread(wanted.plant.run, masks_of(wanted.plant, wanted.masks), wanted.views)
     targets = wanted.targets or np.unique(np.concatenate([np.unique(ids[ids > 0]) for ids in masks.values()])).tolist()
@@ -35,7 +35,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         scratch = with_masks(wanted.plant.run, masks, folder)
         for target in targets:
-            segment.run(scratch, SegmentOptions(method="probability", target=target, steps=wanted.steps))
+            segment.run(scratch, resolve("segment", {"method": "probability", "target": target, "steps": wanted.steps}))
             last = (SegmentInfo.load(scratch.segment_json).by_steps or ())[-1]
             held_out = {f"held_out_{name}": iou for name, iou in (last.mbiou_held_out or {}).items()}
             rows.append({"target": target, "seconds": last.seconds, **(last.mbiou or {}), **held_out})

@@ -26,7 +26,8 @@ from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import densify, initialise, trainer
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.views import View
-from cotton3dg.stages.train import Capture, load_capture
+from cotton3dg.stages.train import load_capture
+from cotton3dg.training.photos import Capture
 from cotton3dg.workspace import Workspace
 
 

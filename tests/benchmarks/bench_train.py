@@ -19,7 +19,8 @@ import numpy as np
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.files.colmap import read_points
 from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.options import PRESET_VALUES, PRESETS, as_dict, resolve
+from cotton3dg.option_rules import as_dict
+from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
 from cotton3dg.splat.initialise import starting_gaussians
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.trainer import fit

@@ -14,7 +14,7 @@ from cotton3dg.files.images import read_ids, write_image
 from cotton3dg.files.ply import write_gaussians
 from cotton3dg.files.yolo_labels import write_yolo_labels
 from cotton3dg.masks.bolls import BollNetwork
-from cotton3dg.options import MasksOptions, MasksTrainOptions
+from cotton3dg.options import MasksTrainOptions, resolve
 from cotton3dg.stages import masks
 
 
@@ -27,7 +27,7 @@ def plant(tmp_path_factory):
 
 def test_masks_of_the_network_with_and_without_a_model(plant):
     workspace, _ = plant
-    options = MasksOptions(backend="bolls", weights="bright.onnx", views=8)
+    options = resolve("masks", {"backend": "bolls", "weights": "bright.onnx", "views": 8})
     alone = masks.run(workspace, options)
     assert alone.summary["images"] == 8 and alone.summary["masks"] > 0
     with workspace.writing("train") as folder:
@@ -45,9 +45,9 @@ def test_bad_weights_name_the_remedy(plant):
     workspace, _ = plant
     (workspace.root / "text.onnx").write_text("no network")
     with pytest.raises(BadInput, match="--backend lint"):
-        masks.run(workspace, MasksOptions(backend="bolls", weights="text.onnx"))
+        masks.run(workspace, resolve("masks", {"backend": "bolls", "weights": "text.onnx"}))
     with pytest.raises(MissingInput, match="--backend lint"):
-        masks.run(workspace, MasksOptions(backend="bolls", weights="none.onnx"))
+        masks.run(workspace, resolve("masks", {"backend": "bolls", "weights": "none.onnx"}))
 
 
 def test_annotations_teach_a_network(tmp_path):

@@ -16,7 +16,7 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.annotations import read_masks
 from cotton3dg.files.images import read_ids
 from cotton3dg.files.saving import file_sha256
-from cotton3dg.options import MasksOptions, MasksTrainOptions
+from cotton3dg.options import MasksOptions, MasksTrainOptions, resolve
 from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
@@ -37,7 +37,10 @@ def written(workspace: Workspace) -> dict:
 def test_an_onnx_network_needs_no_extra(plant, tmp_path: Path) -> None:
     workspace, _ = plant
     weights = write_bright_cells(tmp_path / "cells.onnx")
-    options = MasksOptions(backend="yolo", weights=str(weights), image_size=SIDE, tile=96, confidence=0.3, views=4)
+    options = resolve(
+        "masks",
+        {"backend": "yolo", "weights": str(weights), "image_size": SIDE, "tile": 96, "confidence": 0.3, "views": 4},
+    )
     outcome = masks.run(workspace, options)
     document = written(workspace)
     assert outcome.summary["images"] == 4 and outcome.summary["masks"] > 0
@@ -49,7 +52,9 @@ def test_an_onnx_network_needs_no_extra(plant, tmp_path: Path) -> None:
 def test_weights_beside_the_plant_are_found_by_their_name(plant) -> None:
     workspace, _ = plant
     write_bright_cells(workspace.root / "cells.onnx")
-    options = MasksOptions(backend="yolo", weights="cells.onnx", image_size=SIDE, confidence=1.0, views=2)
+    options = resolve(
+        "masks", {"backend": "yolo", "weights": "cells.onnx", "image_size": SIDE, "confidence": 1.0, "views": 2}
+    )
     outcome = masks.run(workspace, options)
     assert outcome.flags == ("no_masks",) and "--confidence" in outcome.warnings[0]
 
@@ -70,7 +75,7 @@ def test_what_cannot_work_is_told_in_one_line(plant, options: dict, error: type,
     workspace, _ = plant
     write_bright_cells(workspace.root / "cells.onnx")
     with pytest.raises(error, match=words) as raised:
-        masks.run(workspace, MasksOptions(**({"image_size": SIDE} | options)))
+        masks.run(workspace, resolve("masks", {"yolo": {"image_size": SIDE}} | options))
     assert "\n" not in str(raised.value)
 
 
@@ -80,7 +85,7 @@ def test_exported_masks_come_back_by_import(plant) -> None:
     before = {image["name"]: read_ids(workspace.mask_png(image["name"])) for image in written(workspace)["images"]}
     coco = export(workspace)
     assert len(list((coco.parent / "images").glob("*.jpg"))) == 4
-    outcome = masks.run(workspace, MasksOptions(backend="import", source="annotations"))
+    outcome = masks.run(workspace, resolve("masks", {"backend": "import", "source": "annotations"}))
     assert outcome.summary["images"] == 4
     for name, ids in before.items():
         found = read_ids(workspace.mask_png(name)) > 0
@@ -95,7 +100,7 @@ def test_imported_images_without_masks_are_told(plant) -> None:
     first = document["images"][0]
     document["annotations"] = [item for item in document["annotations"] if item["image_id"] != first["id"]]
     (workspace.root / "edited.json").write_text(json.dumps(document))
-    outcome = masks.run(workspace, MasksOptions(backend="import", source="edited.json"))
+    outcome = masks.run(workspace, resolve("masks", {"backend": "import", "source": "edited.json"}))
     assert (
         outcome.warnings[0].startswith("1 of 4 imported images have no mask")
         and first["file_name"] in outcome.warnings[0]
@@ -122,17 +127,17 @@ def test_sam_with_prompts_of_lint_and_of_a_table(plant, tmp_path: Path, kind: st
     workspace, _ = plant
     save(tmp_path / kind, kind)
     options = {"backend": "sam", "weights": str(tmp_path / kind), "confidence": 0.0}
-    assert masks.run(workspace, MasksOptions(views=4, **options)).summary["images"] == 4
+    assert masks.run(workspace, resolve("masks", {"views": 4, **options})).summary["images"] == 4
     assert written(workspace)["weights_sha256"].keys() == {f"{kind}/model.safetensors"}
     table = tmp_path / "clicks.csv"
     table.write_text("image,x,y\n000004,200,120\n000004,300,130\n000009,220,100\n")
-    assert masks.run(workspace, MasksOptions(prompts=str(table), **options)).summary["images"] == 2
+    assert masks.run(workspace, resolve("masks", {"prompts": str(table), **options})).summary["images"] == 2
     table.write_text("image,x,y\n000004,900,120\n")
     with pytest.raises(BadInput, match="outside of its 480 x 270"):
-        masks.run(workspace, MasksOptions(prompts=str(table), **options))
+        masks.run(workspace, resolve("masks", {"prompts": str(table), **options}))
     table.write_text("image,x,y\nIMG_7,9,1\n")
     with pytest.raises(BadInput, match="IMG_7"):
-        masks.run(workspace, MasksOptions(prompts=str(table), **options))
+        masks.run(workspace, resolve("masks", {"prompts": str(table), **options}))
 
 
 def test_a_text_finds_boxes_that_prompt_sam(plant, tmp_path: Path) -> None:
@@ -140,13 +145,16 @@ def test_a_text_finds_boxes_that_prompt_sam(plant, tmp_path: Path) -> None:
     from scenes.transformer_scene import save
 
     workspace, _ = plant
-    options = MasksOptions(
-        backend="grounded-sam",
-        weights=str(save(tmp_path / "sam", "sam")),
-        detector=str(save(tmp_path / "dino", "grounding-dino")),
-        text_confidence=0.0,
-        confidence=0.0,
-        views=2,
+    options = resolve(
+        "masks",
+        {
+            "backend": "grounded-sam",
+            "weights": str(save(tmp_path / "sam", "sam")),
+            "detector": str(save(tmp_path / "dino", "grounding-dino")),
+            "text_confidence": 0.0,
+            "confidence": 0.0,
+            "views": 2,
+        },
     )
     assert masks.run(workspace, options).summary["images"] == 2
     assert len(written(workspace)["weights_sha256"]) == 2
@@ -173,14 +181,17 @@ def test_yolo_is_trained_exported_and_used_with_and_without_ultralytics(plant, t
     assert document["finished"] and sorted(document["images"].values()).count("judges") == 1
     answers = {}
     for name in ("best.pt", "best.onnx"):
-        given = MasksOptions(
-            backend="yolo",
-            weights=str(best.with_name(name)),
-            trust_weights=name.endswith(".pt"),
-            image_size=160,
-            confidence=0.0,
-            nms_iou=0.2,
-            views=2,
+        given = resolve(
+            "masks",
+            {
+                "backend": "yolo",
+                "weights": str(best.with_name(name)),
+                "trust_weights": name.endswith(".pt"),
+                "image_size": 160,
+                "confidence": 0.0,
+                "nms_iou": 0.2,
+                "views": 2,
+            },
         )
         outcome = masks.run(workspace, given)
         answers[name] = {

@@ -11,7 +11,7 @@ from scenes.lint_workspace import make_workspace
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.images import read_ids, write_ids
 from cotton3dg.files.ply import write_gaussians
-from cotton3dg.options import MasksOptions
+from cotton3dg.options import MasksOptions, resolve
 from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
@@ -55,8 +55,10 @@ def test_lint_masks_depend_on_the_model_once_there_is_one(tmp_path: Path) -> Non
         assert (found & truth).sum() > 0.75 * (found | truth).sum()
     model = workspace.gaussians_ply
     assert model in masks.STAGE.reads(workspace, MasksOptions(backend="lint"))
-    assert model in masks.STAGE.reads(workspace, MasksOptions(backend="sam", weights="."))
-    assert model not in masks.STAGE.reads(workspace, MasksOptions(backend="sam", weights=".", prompts="."))
+    assert model in masks.STAGE.reads(workspace, resolve("masks", {"backend": "sam", "weights": "."}))
+    assert model not in masks.STAGE.reads(
+        workspace, resolve("masks", {"backend": "sam", "weights": ".", "prompts": "."})
+    )
     assert model not in masks.STAGE.reads(workspace, MasksOptions(backend="import"))
 
 
@@ -73,7 +75,7 @@ def test_imported_masks_are_kept_as_they_are(plant, tmp_path: Path) -> None:
     workspace, truths = plant
     for name in list(truths)[:3]:
         write_ids(tmp_path / f"{Path(name).stem}.png", truths[name])
-    outcome = masks.run(workspace, MasksOptions(backend="import", source=str(tmp_path)))
+    outcome = masks.run(workspace, resolve("masks", {"backend": "import", "source": str(tmp_path)}))
     assert outcome.summary["images"] == 3
     assert len(list(workspace.folder("masks").glob("*.png"))) == 3
     for name in list(truths)[:3]:
@@ -95,7 +97,7 @@ def test_masks_of_unknown_images_are_refused_and_the_old_result_stays(plant, tmp
     before = workspace.masks_json.read_bytes()
     write_ids(tmp_path / "IMG_77.png", next(iter(truths.values())))
     with pytest.raises(BadInput, match="IMG_77"):
-        masks.run(workspace, MasksOptions(backend="import", source=str(tmp_path)))
+        masks.run(workspace, resolve("masks", {"backend": "import", "source": str(tmp_path)}))
     assert workspace.masks_json.read_bytes() == before
 
 

@@ -11,7 +11,7 @@ from scenes.table_workspace import table_workspace
 
 from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadUsage, MissingInput
-from cotton3dg.options import ScaleOptions
+from cotton3dg.options import ScaleOptions, resolve
 from cotton3dg.stages import scale
 
 CAMERAS = orbit(12, 960, 540)
@@ -44,7 +44,7 @@ def pick(workspace, points_cm, views=(1, 4, 8)):
 
 
 def test_markers_give_the_scale_and_a_picture(workspace):
-    outcome = scale.run(workspace, ScaleOptions(method="aruco", marker_cm=14.0))
+    outcome = scale.run(workspace, resolve("scale", {"method": "aruco", "marker_cm": 14.0}))
     found = read_scale(workspace.scale_json)
     assert found.source == "aruco"
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.005)
@@ -58,7 +58,7 @@ def test_markers_give_the_scale_and_a_picture(workspace):
 
 def test_all_references_are_reconciled(workspace):
     pick(workspace, [[-60, -30, 0], [60, 30, 0]])
-    options = ScaleOptions(method="all", marker_cm=14.0, distance_cm=float(np.hypot(120, 60)))
+    options = resolve("scale", {"method": "all", "marker_cm": 14.0, "distance_cm": float(np.hypot(120, 60))})
     outcome = scale.run(workspace, options)
     found = read_scale(workspace.scale_json)
     assert set(found.source.split("+")) == {"table", "aruco", "distance"}
@@ -69,7 +69,8 @@ def test_all_references_are_reconciled(workspace):
 
 def test_a_wrong_table_size_is_flagged_beside_markers(workspace):
     outcome = scale.run(
-        workspace, ScaleOptions(method="all", marker_cm=14.0, table_length_cm=140.0, table_width_cm=70.0)
+        workspace,
+        resolve("scale", {"method": "all", "marker_cm": 14.0, "table_length_cm": 140.0, "table_width_cm": 70.0}),
     )
     assert "references_disagree" in outcome.flags
     assert "%" in outcome.warnings[-1]
@@ -81,7 +82,7 @@ def test_a_wrong_table_size_is_flagged_beside_markers(workspace):
 
 def test_picked_points_give_the_scale(workspace):
     pick(workspace, [[-60, -30, 0], [60, 30, 0]])
-    scale.run(workspace, ScaleOptions(method="distance", distance_cm=float(np.hypot(120, 60))))
+    scale.run(workspace, resolve("scale", {"method": "distance", "distance_cm": float(np.hypot(120, 60))}))
     found = read_scale(workspace.scale_json)
     assert found.source == "distance"
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.006)
@@ -92,7 +93,7 @@ def test_distance_without_points_or_length_says_what_to_do(workspace):
     with pytest.raises(BadUsage, match="--distance-cm"):
         scale.run(workspace, ScaleOptions(method="distance"))
     with pytest.raises(MissingInput, match=r"scale_points\.csv"):
-        scale.run(workspace, ScaleOptions(method="distance", distance_cm=100.0))
+        scale.run(workspace, resolve("scale", {"method": "distance", "distance_cm": 100.0}))
 
 
 def test_sections_give_the_scale_of_the_points(workspace):
@@ -103,7 +104,7 @@ def test_sections_give_the_scale_of_the_points(workspace):
 
 
 def test_no_marker_is_said(workspace):
-    outcome = scale.run(workspace, ScaleOptions(method="aruco", dictionary="apriltag_36h11"))
+    outcome = scale.run(workspace, resolve("scale", {"method": "aruco", "dictionary": "apriltag_36h11"}))
     assert read_scale(workspace.scale_json) is None
     assert outcome.flags == ("no_scale",)
     assert "no photo shows a marker" in outcome.warnings[0]

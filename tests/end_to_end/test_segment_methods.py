@@ -11,13 +11,13 @@ from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.files.images import read_image
-from cotton3dg.options import ClusterOptions, SegmentOptions
+from cotton3dg.options import ClusterOptions, resolve
 from cotton3dg.stages import cluster, segment
 from cotton3dg.workspace import Workspace
 
 QUICK = {
-    "probability": SegmentOptions(method="probability", steps=1500, spacing=2),
-    "affinity": SegmentOptions(method="affinity", feature_steps=150),
+    "probability": resolve("segment", {"method": "probability", "steps": 1500, "spacing": 2}),
+    "affinity": resolve("segment", {"method": "affinity", "feature_steps": 150}),
 }
 
 
@@ -68,7 +68,7 @@ def test_features_become_bolls(workspace):
     assert within > between + 0.2
     cluster.run(workspace, ClusterOptions(method="dbscan"))
     assert {0, 1, 4} <= found(workspace)
-    six = segment.run(workspace, SegmentOptions(method="affinity", feature_steps=2, views=6))
+    six = segment.run(workspace, resolve("segment", {"method": "affinity", "feature_steps": 2, "views": 6}))
     assert six.summary["views"] == 6
 
 
@@ -88,7 +88,7 @@ def test_flipped_labels_in_some_views_do_no_harm(workspace, method):
 def test_a_single_target(workspace):
     gaussians, bolls = model()
     write_masks(workspace, masks_of(gaussians, bolls, cameras()))
-    segment.run(workspace, SegmentOptions(method="probability", steps=1500, spacing=2, target=2))
+    segment.run(workspace, resolve("segment", {"method": "probability", "steps": 1500, "spacing": 2, "target": 2}))
     assert json.loads(workspace.segment_json.read_text())["by_steps"][0]["mbiou"]["0.7"] > 0.7
     assert cluster.run(workspace, ClusterOptions()).summary["bolls"] == 1
     assert found(workspace) == {1}

@@ -24,7 +24,7 @@ from cotton3dg.splat.initialise import initial_gaussians
 from cotton3dg.splat.losses import unit_features
 from cotton3dg.splat.state import Surroundings
 from cotton3dg.splat.trainer import fit
-from cotton3dg.stages import train
+from cotton3dg.training.quality import metrics_of, outcome_of
 
 ROOT = Path(__file__).parents[2]
 MOST_ADAM_STEP = 0.1 / np.sqrt(0.001)
@@ -47,7 +47,7 @@ def test_case_02_culled_gaussians_are_counted_in_the_stages_record() -> None:
     result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
     assert result.culled["non_finite"] >= 1
     assert result.culled["degenerate"] >= 1
-    outcome = train._outcome(train._metrics(result, [], 1e-4), effects())
+    outcome = outcome_of(metrics_of(result, [], 1e-4), effects())
     assert "gaussians_culled" in outcome.flags
     assert f"{result.culled['degenerate']} degenerate" in outcome.warnings[0]
 

@@ -9,30 +9,32 @@ import pytest
 from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg.errors import BadUsage
+from cotton3dg.option_rules import places
 from cotton3dg.options import STAGE_OPTIONS, SimulateOptions, TrainOptions, resolve
 from cotton3dg.splat.trainer import RECORDED_EVERY, densification_steps, fit
-from cotton3dg.stages.train import hold_out
+from cotton3dg.splat.views import hold_out
 
 BOUNDS = [
-    (stage, item.name, item.metadata[end], -1 if end == "at_least" else 1, type(item.default))
+    (stage, place, place.item.metadata[end], -1 if end == "at_least" else 1)
     for stage, kind in (STAGE_OPTIONS | {"simulate": SimulateOptions}).items()
-    for item in fields(kind)
+    for place in places(kind)
     for end in ("at_least", "at_most")
-    if item.metadata.get(end) is not None
+    if place.item.metadata[end] is not None
 ]
 
 
-@pytest.mark.parametrize(("stage", "name", "bound", "outwards", "kind"), BOUNDS)
-def test_case_53_the_bound_is_accepted_and_what_lies_beyond_is_refused(stage, name, bound, outwards, kind) -> None:
-    assert getattr(resolve(stage, {name: kind(bound)}), name) == bound
+@pytest.mark.parametrize(("stage", "place", "bound", "outwards"), BOUNDS)
+def test_case_53_the_bound_is_accepted_and_what_lies_beyond_is_refused(stage, place, bound, outwards) -> None:
+    kind = place.kind
+    assert place.value_in(resolve(stage, {place.path: kind(bound)})) == bound
     beyond = kind(bound) + outwards if kind is int else np.nextafter(kind(bound), outwards * np.inf).item()
-    with pytest.raises(BadUsage, match=rf"{stage}\.{name}"):
-        resolve(stage, {name: beyond})
+    with pytest.raises(BadUsage, match=rf"{stage}\.{place.path}"):
+        resolve(stage, {place.path: beyond})
 
 
 @pytest.mark.parametrize(
     ("stage", "name"),
-    [(stage, item.name) for stage, kind in STAGE_OPTIONS.items() for item in fields(kind) if item.type == "float"],
+    [(stage, place.path) for stage, kind in STAGE_OPTIONS.items() for place in places(kind) if place.kind is float],
 )
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
 def test_case_53_numbers_that_are_not_finite_are_refused(stage, name, value) -> None:
@@ -42,10 +44,10 @@ def test_case_53_numbers_that_are_not_finite_are_refused(stage, name, value) -> 
 
 def test_case_53_every_number_has_a_lower_bound() -> None:
     unbounded = [
-        f"{stage}.{item.name}"
+        f"{stage}.{place.path}"
         for stage, kind in STAGE_OPTIONS.items()
-        for item in fields(kind)
-        if type(item.default) in (int, float) and item.metadata.get("at_least") is None
+        for place in places(kind)
+        if place.kind in (int, float) and place.item.metadata["at_least"] is None
     ]
     assert unbounded == []
 

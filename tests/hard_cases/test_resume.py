@@ -74,7 +74,8 @@ def test_case_51_a_checkpoint_of_something_else_or_a_damaged_one_is_not_used(
     assert read_training(tmp_path / "none.npz", "key") is None
     assert not caplog.records
     whole = path.read_bytes()
-    for damaged in (b"", whole[:100], whole[:-30], whole[:2000] + bytes([whole[2000] ^ 0xFF]) + whole[2001:]):
+    half = len(whole) // 2  # amid an array: nobody reads all of the headers between them
+    for damaged in (b"", whole[:100], whole[:-30], whole[:half] + bytes([whole[half] ^ 0xFF]) + whole[half + 1 :]):
         path.write_bytes(damaged)
         assert read_training(path, "key") is None
         assert "starts from the beginning" in caplog.text

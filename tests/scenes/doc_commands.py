@@ -10,6 +10,7 @@ import typer
 
 from cotton3dg.cli import app
 from cotton3dg.cli_arguments import parsed_overrides
+from cotton3dg.option_rules import flags, places
 from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected
 from scenes.tiny_plant import ROOT
@@ -101,10 +102,10 @@ def check(words: list[str], *, whole: bool = True) -> None:
                 return
             raise
     if name in COMMAND_OPTIONS:
-        names = COMMAND_OPTIONS[name]().__dict__
-        resolve(name, {key: value for key, value in given.items() if key in names and value is not None})
+        names = flags(COMMAND_OPTIONS[name])
+        resolve(name, asked={key: value for key, value in given.items() if key in names and value is not None})
     for stage, values in parsed_overrides(given.get("set_")).items():
-        resolve(stage, {key: value for key, value in values.items() if "$" not in value})
+        resolve(stage, asked={key: value for key, value in values.items() if "$" not in value})
     assert given.get("preset", PRESETS[0]) in PRESETS
     if name == "run":
         selected(given["from_"], given["until"])
@@ -117,4 +118,9 @@ def option_names() -> set[str]:
 
 def stage_option_names() -> set[str]:
     """STAGE.OPTION of all stages."""
-    return {f"{stage}.{name}" for stage, kind in STAGE_OPTIONS.items() for name in kind().__dict__}
+    return {
+        f"{stage}.{name}"
+        for stage, kind in STAGE_OPTIONS.items()
+        for place in places(kind)
+        for name in (place.name, place.path)
+    }

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import tomllib
 
 import pytest
 from scenes.doc_commands import (
@@ -65,6 +66,14 @@ def test_every_name_in_the_text_exists(page):
         name = re.split(r"\W", name)[0]
         if dot and stage in STAGE_OPTIONS and name not in FILE_ENDINGS:
             assert f"{stage}.{name}" in stage_option_names(), code
+
+
+def test_every_options_file_in_the_text_is_accepted():
+    files = ["\n".join(block.lines) for page in PAGES for block in blocks(page) if block.language == "toml"]
+    assert len(files) > 2
+    for text in files:
+        for stage, values in tomllib.loads(text).items():
+            resolve(stage, values)
 
 
 def refused(command):

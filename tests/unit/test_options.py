@@ -1,11 +1,20 @@
 """Options: precedence, conversion, bounds and TOML."""
 
-from dataclasses import fields
-
 import pytest
 
+from cotton3dg.cli_arguments import parsed_overrides
 from cotton3dg.errors import BadUsage
-from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, TrainOptions, checked, help_text, read_toml, resolve
+from cotton3dg.option_rules import as_dict, checked, flags, places
+from cotton3dg.options import (
+    PRESET_VALUES,
+    STAGE_OPTIONS,
+    ProbabilityOptions,
+    ScaleOptions,
+    TrainOptions,
+    read_toml,
+    recorded,
+    resolve,
+)
 
 
 def test_later_layers_win():
@@ -53,7 +62,101 @@ def test_toml_is_read(tmp_path):
 
 def test_every_default_and_preset_keeps_its_own_rules():
     for stage, kind in STAGE_OPTIONS.items():
-        checked(kind())
+        checked(stage, kind())
         for preset in PRESET_VALUES.values():
             resolve(stage, preset.get(stage, {}))
-        assert all(help_text(item) for item in fields(kind))
+        for name, (place, explained) in flags(kind).items():
+            alike = [other for other in places(kind) if other.name == name]
+            assert explained and {(other.kind, other.item.default) for other in alike} == {
+                (place.kind, place.item.default)
+            }
+
+
+def test_the_name_alone_is_the_option_of_the_chosen_method():
+    options = resolve("segment", {"method": "probability", "steps": 9, "seed": 3})
+    assert options.probability == ProbabilityOptions(steps=9, seed=3)
+    assert options.affinity.seed == 0
+    assert resolve("segment", {"seed": 4}, asked={"method": "affinity"}).affinity.seed == 4
+    every = resolve("scale", asked={"method": "all", "marker_cm": 8.0, "distance_cm": 9.0})
+    assert (every.aruco.marker_cm, every.distance.distance_cm) == (8.0, 9.0)
+
+
+def test_the_table_of_a_method_waits_until_it_is_chosen(tmp_path):
+    path = tmp_path / "cotton3dg.toml"
+    path.write_text(
+        "[segment.probability]\nthreshold = 0.9\n[segment.affinity]\nviews = 6\n"
+        '[masks]\nviews = 12\n[masks.grounded-sam]\nprompt = "boll"\n[masks.import]\nsource = "drawn"\n'
+    )
+    tables = read_toml(path)
+    waiting = resolve("segment", tables["segment"])
+    assert as_dict(waiting) == as_dict(resolve("segment"))
+    chosen = resolve("segment", tables["segment"], asked={"method": "probability"})
+    assert chosen.probability.threshold == 0.9 and "threshold" in as_dict(chosen) and "features" not in as_dict(chosen)
+    assert resolve("masks", tables["masks"], {"backend": "grounded-sam"}).grounded_sam.prompt == "boll"
+    imported = resolve("masks", tables["masks"], asked={"backend": "import"})
+    assert imported.imported.source == "drawn" and imported.views == 12
+    assert as_dict(imported) == {"backend": "import", "source": "drawn", "classes": ""}
+
+
+def test_the_command_line_can_name_the_method_too():
+    asked = parsed_overrides(["segment.method=probability", "segment.probability.threshold=0.9"])["segment"]
+    assert resolve("segment", {"threshold": 0.8}, asked=asked).probability.threshold == 0.9
+
+
+@pytest.mark.parametrize(
+    "stage, layer, asked, words",
+    [
+        (
+            "segment",
+            {},
+            {"threshold": "0.9"},
+            r"with method = lift; choose method = probability, leave it out",
+        ),
+        ("segment", {"threshold": 0.9}, {}, r"keep it below \[segment\.probability\] in cotton3dg\.toml"),
+        ("segment", {"method": "affinity", "steps": 3}, {}, r"segment\.steps has no effect with method = affinity"),
+        ("segment", {}, {"probability.threshold": "0.9"}, r"segment\.probability\.threshold has no effect"),
+        ("segment", {"seed": 1}, {}, r"choose method = probability or affinity"),
+        ("masks", {}, {"classes": "boll"}, r"choose backend = import or yolo"),
+        ("masks", {}, {"confidence": "0.1"}, r"choose backend = yolo or sam or grounded-sam"),
+        (
+            "masks",
+            {"backend": "import"},
+            {"views": 4},
+            r"masks\.views has no effect .* import; leave it out",
+        ),
+        ("scale", {}, {"distance_cm": 12.0}, r"choose method = distance or all"),
+        ("scale", {"method": "none"}, {"table_width_cm": 50.0}, r"has no effect with method = none; leave it out"),
+        ("cluster", {"eps": 0.5}, {}, r"choose method = dbscan"),
+    ],
+)
+def test_what_has_no_effect_is_refused_with_the_remedy(stage, layer, asked, words):
+    with pytest.raises(BadUsage, match=words) as raised:
+        resolve(stage, layer, asked=asked)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "table, named",
+    [
+        ({"probability": {"stepz": 1}}, r"segment\.probability\.stepz is not an option"),
+        ({"probability": {"features": 1}}, r"segment\.probability\.features is not an option"),
+        ({"probability": {"steps": 0}}, r"segment\.probability\.steps = 0 is too small"),
+        ({"probability": {"steps": "many"}}, r"segment\.probability\.steps = 'many'"),
+        ({"target": {}}, r"segment\.target = {} cannot be used; give a whole number"),
+        ({"probability": 3}, r"segment\.probability is not an option"),
+        ({"lift": {"steps": 3}}, r"segment\.lift is not an option"),
+        ({"method": {"probability": 3}}, r"segment\.method = .* cannot be used; give text"),
+    ],
+)
+def test_a_table_is_checked_whether_its_method_is_chosen_or_not(table, named):
+    with pytest.raises(BadUsage, match=named):
+        resolve("segment", table)
+
+
+def test_a_record_of_all_methods_is_read():
+    old = {"method": "table", "table_length_cm": 90.0, "marker_cm": 3.0, "dictionary": "4x4_50", "distance_cm": 7.0}
+    assert recorded("scale", old) == ScaleOptions(table_length_cm=90.0)
+    for stage, kind in STAGE_OPTIONS.items():
+        for method in next(places(kind)).item.metadata["choices"] or (None,):
+            options = resolve(stage, {next(places(kind)).name: method} if method else {})
+            assert recorded(stage, as_dict(options)) == options

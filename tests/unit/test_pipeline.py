@@ -124,6 +124,29 @@ def test_a_network_trained_anew_under_its_old_name_runs_the_masks(workspace, sta
     assert run(workspace, overrides=overrides).ran == ["masks"]
 
 
+@pytest.mark.parametrize("chosen", ["lift", "probability"])
+def test_only_options_of_the_chosen_method_make_a_result_stale(workspace, stages, chosen):
+    workspace.options_file.write_text(f'[segment]\nmethod = "{chosen}"\n')
+    run(workspace)
+    assert ("threshold" in workspace.read_record("segment").options) == (chosen == "probability")
+    with workspace.options_file.open("a") as file:
+        file.write("[segment.affinity]\nfeatures = 8\n[segment.probability]\nthreshold = 0.9\n")
+    options = pipeline.stage_options(workspace)["segment"]
+    assert stale_reason(workspace, "segment", options) == ("" if chosen == "lift" else "option threshold 0.75 -> 0.9")
+
+
+def test_a_record_that_has_the_options_of_all_methods_is_still_up_to_date(workspace, stages):
+    run(workspace)
+    record = workspace.read_record("segment")
+    others = {"threshold": 0.75, "steps": 7000, "views": 4, "features": 16, "seed": 0}
+    workspace.write_record(replace(record, options=record.options | others))
+    assert run(workspace).ran == []
+    reason = stale_reason(
+        workspace, "segment", pipeline.stage_options(workspace, overrides={"segment": {"target": 1}})["segment"]
+    )
+    assert reason == "option target 0 -> 1"
+
+
 def test_a_new_version_of_a_stage_runs_it(workspace, stages):
     run(workspace)
     stages("train", version=2)

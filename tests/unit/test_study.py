@@ -46,7 +46,7 @@ class Stages:
 
         return Stage(stage, 1, inputs, run, stage_of(stage).cost)
 
-    def save_intermediate(self, workspace, options, targets, progress):
+    def save_passing_models(self, workspace, options, targets, progress):
         self.ran.append("training")
         return {steps: written(target, "train", f"model after {steps}") for steps, target in targets.items()}
 
@@ -70,7 +70,7 @@ def figures(setting):
 def stages(monkeypatch):
     stages = Stages()
     replace_stages(monkeypatch, stages.make)
-    monkeypatch.setattr(work, "save_intermediate", stages.save_intermediate)
+    monkeypatch.setattr(work, "save_passing_models", stages.save_passing_models)
     monkeypatch.setattr(work, "footage", lambda plant: VIDEO)
     monkeypatch.setattr(
         work,

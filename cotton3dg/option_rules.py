@@ -1,0 +1,220 @@
+"""What an option says of itself, and what follows: its flag, its bounds, and with which methods it counts.
+
+A stage that can do its work by several methods has a table of options for each method that needs some. The stage's
+first option chooses the method.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from typing import Any, get_type_hints
+
+from .errors import BadUsage
+
+_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
+
+def option(
+    default: Any,
+    help: str,
+    *,
+    unit: str = "",
+    paper: str = "",
+    at_least: float | None = None,
+    at_most: float | None = None,
+    choices: tuple[str, ...] = (),
+    idle_with: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with what `--help` says about it and what values it accepts.
+
+    Args:
+        idle_with: methods of the stage with which it has no effect.
+    """
+    return field(
+        default=default,
+        metadata={
+            "help": help,
+            "unit": unit,
+            "paper": paper,
+            "at_least": at_least,
+            "at_most": at_most,
+            "choices": choices,
+            "idle_with": idle_with,
+        },
+    )
+
+
+def options_of(kind: type, *methods: str) -> Any:
+    """A dataclass field for the options of a method, or of several.
+
+    Args:
+        methods: the first is the name of the table.
+    """
+    return field(default=kind(), metadata={"methods": methods})
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an option stands."""
+
+    item: Field[Any]
+    kind: type
+    table: str = ""
+    """The field of the stage's options that holds it; empty of an option of the stage itself."""
+    methods: tuple[str, ...] = ()
+    """With which the table counts."""
+
+    @property
+    def name(self) -> str:
+        """That of its flag."""
+        return self.item.name
+
+    @property
+    def path(self) -> str:
+        """As `--set` and TOML write it behind the stage."""
+        return f"{self.methods[0]}.{self.name}" if self.table else self.name
+
+    def counts_with(self, method: Any) -> bool:
+        return method in self.methods if self.table else method not in self.item.metadata["idle_with"]
+
+    def value_in(self, options: Any) -> Any:
+        return getattr(getattr(options, self.table) if self.table else options, self.name)
+
+
+def places(options: Any) -> Iterator[Place]:
+    """Every option of a stage or command, of its class or of an instance; the one that chooses the method is first."""
+    kinds = get_type_hints(options if isinstance(options, type) else type(options))
+    for item in fields(options):
+        kind, methods = kinds[item.name], item.metadata.get("methods", ())
+        if not is_dataclass(kind):
+            yield Place(item, kind)
+            continue
+        inner = get_type_hints(kind)
+        yield from (Place(each, inner[each.name], item.name, methods) for each in fields(kind))
+
+
+def as_dict(options: Any) -> dict[str, Any]:
+    """Plain values for a record, by the names of their flags: those that have an effect with the chosen method."""
+    known = list(places(options))
+    method = known[0].value_in(options)
+    return {place.name: place.value_in(options) for place in known if place.counts_with(method)}
+
+
+def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of `values`, by the names of their flags, that have an effect with the method that they name."""
+    known = list(places(options))
+    method = values.get(known[0].name, known[0].value_in(options))
+    return {place.name: values[place.name] for place in known if place.counts_with(method) and place.name in values}
+
+
+def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]) -> Any:
+    """`options` with `layers` of values and at last what was `asked` applied, as `options.resolve` explains."""
+    every_layer = (*layers, asked)
+    known = list(places(options))
+    chooser = known[0]
+    method = next(
+        (layer[chooser.name] for layer in reversed(every_layer) if chooser.name in layer), chooser.item.default
+    )
+    _check_value(f"{stage}.{chooser.name}", _converted(f"{stage}.{chooser.name}", method, chooser.kind), chooser)
+    values: dict[str, dict[str, Any]] = {}
+    for layer in every_layer:
+        for name, value in _paths(layer, {place.methods[0] for place in known if place.table}):
+            found = [place for place in known if name in (place.name, place.path)]
+            if not found:
+                names = dict.fromkeys(place.name for place in known)
+                raise BadUsage(f"{stage}.{name} is not an option; use {', '.join(names)}")
+            active = [place for place in found if place.counts_with(method)]
+            if not active and (layer is asked or name != found[0].path):
+                raise _no_effect(stage, name, chooser.name, method, found)
+            for place in active or found:
+                values.setdefault(place.table, {})[place.name] = _converted(f"{stage}.{name}", value, place.kind)
+    own = values.pop("", {})
+    tables = {table: replace(getattr(options, table), **chosen) for table, chosen in values.items()}
+    return checked(stage, replace(options, **own, **tables))
+
+
+def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, Any]]:
+    """Each value with the name that `--set` would give it."""
+    for name, value in layer.items():
+        if name in tables and isinstance(value, dict):
+            yield from ((f"{name}.{inner}", each) for inner, each in value.items())
+        else:
+            yield name, value
+
+
+def _no_effect(stage: str, name: str, chooser: str, method: Any, found: list[Place]) -> BadUsage:
+    """What to say of an option that was asked for and has no effect."""
+    said = f"{stage}.{name} has no effect with {chooser} = {method}; "
+    others = " or ".join(dict.fromkeys(other for place in found for other in place.methods))
+    if not others:
+        return BadUsage(f"{said}leave it out")
+    table = f"[{stage}.{found[0].methods[0]}]"
+    return BadUsage(f"{said}choose {chooser} = {others}, leave it out, or keep it below {table} in cotton3dg.toml")
+
+
+def checked(stage: str, options: Any) -> Any:
+    """The same `options`.
+
+    Raises:
+        BadUsage: an option is out of bounds.
+    """
+    for place in places(options):
+        _check_value(f"{stage}.{place.path}", place.value_in(options), place)
+    return options
+
+
+def _check_value(where: str, value: Any, place: Place) -> None:
+    rules = place.item.metadata
+    low, high, choices = rules["at_least"], rules["at_most"], rules["choices"]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise BadUsage(f"{where} = {value} is not finite; give a number")
+    if low is not None and not value >= low:
+        raise BadUsage(f"{where} = {value} is too small; use at least {low}")
+    if high is not None and not value <= high:
+        raise BadUsage(f"{where} = {value} is too large; use at most {high}")
+    if choices and value not in choices:
+        raise BadUsage(f"{where} = {value!r} is unknown; use one of {', '.join(choices)}")
+
+
+def _converted(where: str, value: Any, kind: type) -> Any:
+    """`value` as `kind`; strings (from --set) are parsed, other types must fit exactly."""
+    try:
+        if isinstance(value, str) and kind is not str:
+            if kind is bool:
+                return {"true": True, "false": False}[value.lower()]
+            return kind(value)
+        if kind is float and isinstance(value, int) and not isinstance(value, bool):
+            return float(value)
+    except (ValueError, KeyError) as error:
+        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}") from error
+    if type(value) is not kind:
+        raise BadUsage(f"{where} = {value!r} cannot be used; give {_KINDS[kind]}")
+    return value
+
+
+def flags(options: type) -> dict[str, tuple[Place, str]]:
+    """Flag -> an option that it sets, and what `--help` shows; options of methods that are called alike share one."""
+    alike: dict[str, list[Place]] = {}
+    for place in places(options):
+        alike.setdefault(place.name, []).append(place)
+    return {name: (found[0], _united_help(found)) for name, found in alike.items()}
+
+
+def _united_help(found: list[Place]) -> str:
+    """What is to be said of one flag, with the methods that it is for."""
+    methods_of: dict[str, list[str]] = {}
+    for place in found:
+        methods_of.setdefault(help_text(place.item), []).extend(place.methods[:1])
+    return "; ".join(f"{', '.join(methods)}: {text}" if methods else text for text, methods in methods_of.items())
+
+
+def help_text(item: Field[Any]) -> str:
+    """Purpose, unit and the paper's value of an option."""
+    unit, paper = item.metadata["unit"], item.metadata["paper"]
+    choices = item.metadata["choices"]
+    notes = [unit] if unit else []
+    notes += [" | ".join(choices)] if choices else []
+    notes += [f"paper: {paper}"] if paper else []
+    return item.metadata["help"] + (f" ({'; '.join(notes)})" if notes else "")

@@ -1,0 +1,53 @@
+"""The models that one training passes through, each saved as if the training had ended there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..core.scene import Gaussians
+from ..options import TrainOptions
+from ..splat.trainer import Fit, fit
+from ..stages.train import load_capture, load_start, save_model
+from ..workspace import Workspace
+
+
+def save_passing_models(
+    workspace: Workspace, options: TrainOptions, targets: Mapping[int, Workspace], progress: Progress = silent
+) -> dict[int, StageOutcome]:
+    """Train once and save the model after so many steps as the result of the stage train in other folders.
+
+    The schedules of a training are made for its last step: a training that ends at an earlier one does better than this
+    training there.
+
+    Args:
+        targets: number of steps -> whose train folder gets the model. The clock stands while models are saved.
+    """
+    began, cpu_began = time.perf_counter(), time.process_time()
+    capture = load_capture(workspace, options)
+    outcomes: dict[int, StageOutcome] = {}
+
+    def watch(step: int, gaussians: Gaussians) -> None:
+        nonlocal began, cpu_began
+        if step not in targets or step == options.steps:
+            return
+        now, cpu_now = time.perf_counter(), time.process_time()
+        reached = {
+            "step": step,
+            "seconds": round(now - began, 3),
+            "cpu_seconds": round(cpu_now - cpu_began, 3),
+            "n_gaussians": len(gaussians),
+        }
+        outcomes[step] = save_model(targets[step], Fit(gaussians, [reached]), capture)
+        began, cpu_began = began + time.perf_counter() - now, cpu_began + time.process_time() - cpu_now
+
+    result = fit(load_start(workspace, options, capture.training), capture.training, options, progress, watch)
+    if options.steps in targets:
+        result.history[-1] |= {
+            "seconds": round(time.perf_counter() - began, 3),
+            "cpu_seconds": round(time.process_time() - cpu_began, 3),
+        }
+        outcomes[options.steps] = save_model(targets[options.steps], result, capture)
+    return outcomes

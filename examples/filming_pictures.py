@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cotton3dg.options import SimulateOptions
 from cotton3dg.simulate.camera import Orbit, orbit
 from cotton3dg.simulate.plant import grow_plant
-from cotton3dg.simulate.render import RenderScene, developed, lit_scene, render
+from cotton3dg.simulate.render import RenderScene, develop, light_scene, render
 from cotton3dg.simulate.room import build_room
 
 Picture = NDArray[np.uint8]
@@ -27,7 +27,7 @@ QUALITY = 82
 
 def filmed_scene(options: SimulateOptions) -> tuple[RenderScene, Orbit]:
     plant = grow_plant(options)
-    return lit_scene(plant, build_room(options, plant.stem_base)), orbit(options, plant.vertices)
+    return light_scene(plant, build_room(options, plant.stem_base)), orbit(options, plant.vertices)
 
 
 def pictures(options: SimulateOptions) -> Iterator[tuple[str, Picture]]:
@@ -38,13 +38,13 @@ def pictures(options: SimulateOptions) -> Iterator[tuple[str, Picture]]:
         camera = path.at(frame)
         return render(of, replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom))
 
-    yield "good", developed(light())
-    yield "too_close", developed(light(zoom=2.4))
-    yield "too_far", developed(light(zoom=0.3))
-    yield "too_fast", developed(np.mean([light(time) for time in np.linspace(FRAME - 0.4, FRAME + 0.4, 24)], axis=0))
-    yield "too_dark", developed(light(), exposure_ev=-3.0, noise=14.0, rng=np.random.default_rng(0))
-    yield "burnt_out", developed(light(), exposure_ev=2.0)
-    yield "table_hidden", developed(light(of=filmed_scene(replace(options, hidden=0.45))[0]))
+    yield "good", develop(light())
+    yield "too_close", develop(light(zoom=2.4))
+    yield "too_far", develop(light(zoom=0.3))
+    yield "too_fast", develop(np.mean([light(time) for time in np.linspace(FRAME - 0.4, FRAME + 0.4, 24)], axis=0))
+    yield "too_dark", develop(light(), exposure_ev=-3.0, noise=14.0, rng=np.random.default_rng(0))
+    yield "burnt_out", develop(light(), exposure_ev=2.0)
+    yield "table_hidden", develop(light(of=filmed_scene(replace(options, hidden=0.45))[0]))
     yield "full_turn", walk(360)
     yield "half_turn", walk(190)
 

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
 from ..geometry.point_sets import MIN_GAUSSIANS, compact_part, extent
-from .boll_shape import numbered
+from .boll_shape import number_bolls
 
 VOLUME_CAP = 3.0
 """Largest bounding volume of a cluster in medians of one mask's, which covers the visible half of a boll."""
@@ -43,7 +43,7 @@ def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float
     shapes = [extent(points[rows]) for _, rows, _ in objects]
     centres, widths = np.array([shape[0] for shape in shapes]), np.array([shape[1] for shape in shapes])
     reach, cap = eps * float(np.median(widths[:, 0])), VOLUME_CAP * float(np.median(widths.prod(axis=1)))
-    groups = _joined(centres, [rows for _, rows, _ in objects], points, view_of, reach, cap)
+    groups = _join(centres, [rows for _, rows, _ in objects], points, view_of, reach, cap)
     claims = np.zeros((len(groups), len(points)), np.float32)
     views = []
     for claim, members in zip(claims, groups, strict=True):
@@ -63,7 +63,7 @@ def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float
         confidence = min(len(names) / max(int(able.sum()), 1), 1.0)
         if confidence >= LEAST_CONFIDENCE:
             bolls.append(BollInstance(0, rows, names, centre, float(size.mean()), confidence))
-    return numbered(bolls, up)
+    return number_bolls(bolls, up)
 
 
 def _objects(lifted: LiftedMasks, points: NDArray) -> list[tuple[int, NDArray[np.int64], NDArray[np.float32]]]:
@@ -81,7 +81,7 @@ def _objects(lifted: LiftedMasks, points: NDArray) -> list[tuple[int, NDArray[np
     return objects
 
 
-def _joined(
+def _join(
     centres: NDArray, rows: list[NDArray[np.int64]], points: NDArray, view_of: NDArray, reach: float, cap: float
 ) -> list[list[int]]:
     """Members of each cluster: the nearest two join while they are within reach, share no view and fit the cap."""

@@ -14,7 +14,7 @@ OTHER_WEIGHT = 0.5
 """A boll has a mask when it holds more than this many times the weight there of what is no boll."""
 
 
-def with_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDArray[np.int32]) -> list[BollInstance]:
+def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDArray[np.int32]) -> list[BollInstance]:
     """The same bolls with their masks: those in which none has more weight. A mask of no boll is nobody's.
 
     Args:

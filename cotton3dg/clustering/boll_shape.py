@@ -26,7 +26,7 @@ SEEDINGS = 6
 """Starts of each number of pieces: one of a heap's farthest points is no good start for it now and then."""
 
 
-def pieces(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
+def split_heap(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
     """Part a set that is several bolls in a row or heap.
 
     Gaussians lie on the surface of bolls, and that tells how many these are: of the numbers of pieces that are each of
@@ -42,7 +42,7 @@ def pieces(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
     points = np.asarray(points, np.float64)
     best, least = None, np.inf
     for count in range(2, _most_pieces(points, usual_width) + 1):
-        labels = _parted(points, count)
+        labels = _part(points, count)
         if not _like_bolls(points, labels, usual_width):
             continue
         labels = _lloyd(points, labels, sized=True)
@@ -52,13 +52,13 @@ def pieces(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
     return best
 
 
-def numbered(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
+def number_bolls(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
     """The bolls from the top downwards with ids 1, 2, ..."""
     ordered = sorted(bolls, key=lambda boll: (-float(boll.centre @ up), *boll.centre))
     return [replace(boll, boll_id=boll_id) for boll_id, boll in enumerate(ordered, 1)]
 
 
-def close_flagged(bolls: list[BollInstance]) -> list[BollInstance]:
+def flag_close(bolls: list[BollInstance]) -> list[BollInstance]:
     """The same bolls, with a flag `close` on those that may be one with a neighbour."""
     if len(bolls) < 2:
         return bolls
@@ -103,11 +103,11 @@ def _roughness(points: NDArray, labels: NDArray[np.int64]) -> float:
     return total
 
 
-def _parted(points: NDArray, count: int) -> NDArray[np.int64]:
+def _part(points: NDArray, count: int) -> NDArray[np.int64]:
     """The tightest of the parts that Lloyd's algorithm makes from several seedings; a pair needs but one."""
     outermost = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[::-1]
     firsts = outermost[np.linspace(0, len(points) // 2, SEEDINGS if count > 2 else 1).astype(int)]
-    trials = [_lloyd(points, _seeded(points, count, int(first)), sized=False) for first in firsts]
+    trials = [_lloyd(points, _seed(points, count, int(first)), sized=False) for first in firsts]
     return min(trials, key=lambda labels: _spread(points, labels))
 
 
@@ -117,7 +117,7 @@ def _spread(points: NDArray, labels: NDArray[np.int64]) -> float:
     return float(sum(((part - part.mean(axis=0)) ** 2).sum() for part in parts))
 
 
-def _seeded(points: NDArray, count: int, first: int) -> NDArray[np.int64]:
+def _seed(points: NDArray, count: int, first: int) -> NDArray[np.int64]:
     """Nearest seed of each point; the seeds are each farthest from those before, so nothing is left to chance."""
     seeds = [first]
     while len(seeds) < count:

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
 from ..geometry.point_sets import compact_part, extent
-from .boll_shape import SEPARATION, numbered, pieces
+from .boll_shape import SEPARATION, number_bolls, split_heap
 
 Float32 = NDArray[np.float32]
 
@@ -153,7 +153,7 @@ def contract(evidence: Float32) -> NDArray[np.int64]:
     return np.unique(groups, return_inverse=True)[1]
 
 
-def moved(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -> NDArray[np.int64]:
+def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -> NDArray[np.int64]:
     """Let each node go to the group it has the strongest evidence for, until none wants to; repairs early greed."""
     np.fill_diagonal(evidence, 0)
     groups = groups.copy()
@@ -196,11 +196,11 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray) -> list[BollIn
     nodes = np.flatnonzero(usable & (sizes >= LEAST_GAUSSIANS))
     verdicts = votes.verdicts(votes.held[:, nodes], usable)
     evidence = _evidence(verdicts, len(sizes))
-    groups = moved(evidence, contract(evidence.copy()))
-    labels = _reconciled(votes, usable, nodes, groups, points)
-    labels, flags = _shaped(labels, points)
+    groups = move_nodes(evidence, contract(evidence.copy()))
+    labels = _reconcile(votes, usable, nodes, groups, points)
+    labels, flags = _split_large(labels, points)
     _join_halves(labels, flags, points)
-    return numbered(_instances(lifted, votes, usable, labels, flags, points), up)
+    return number_bolls(_make_instances(lifted, votes, usable, labels, flags, points), up)
 
 
 def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) -> NDArray[np.bool_]:
@@ -238,7 +238,7 @@ def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], sh
     return np.where(claims.max(axis=1) > 0, claims.argmax(axis=1), -1)
 
 
-def _reconciled(
+def _reconcile(
     votes: _Votes, usable: NDArray[np.bool_], nodes: NDArray[np.int64], groups: NDArray[np.int64], points: NDArray
 ) -> NDArray[np.int64]:
     """Join groups that are parts of one boll, now that each is known by the Gaussians of all its views.
@@ -256,7 +256,7 @@ def _reconciled(
             break
         sets = sparse.csr_matrix(labels[:, None] == names, dtype=np.float32)
         evidence = _evidence(votes.verdicts(sets, usable), votes.held.shape[1])
-        joined = contract(evidence + FIT_EVIDENCE * _fits([points[labels == name] for name in names]))
+        joined = contract(evidence + FIT_EVIDENCE * _find_fitting([points[labels == name] for name in names]))
         if len(np.unique(joined)) == len(names):
             break
         target = np.arange(groups.max() + 1)
@@ -267,7 +267,7 @@ def _reconciled(
     return np.where((labels < 0) & np.isin(edge, names), edge, labels)
 
 
-def _fits(parts: list[NDArray]) -> NDArray[np.bool_]:
+def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:
     """(C, C) which pairs of point sets together are no wider than an ordinary boll."""
     widths = np.array([extent(part)[1][0] for part in parts])
     order = np.argsort(widths)
@@ -283,7 +283,7 @@ def _fits(parts: list[NDArray]) -> NDArray[np.bool_]:
     return fits
 
 
-def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int64], dict[int, str]]:
+def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int64], dict[int, str]]:
     """The labels without stragglers and crumbs, sets that are several bolls parted; and flags of the doubtful ones."""
     shaped = np.full(len(labels), -1)
     widths = {}
@@ -298,7 +298,7 @@ def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int6
     for group, width in widths.items():
         if width > WIDE * usual:
             rows = np.flatnonzero(shaped == group)
-            parts = pieces(points[rows], usual)
+            parts = split_heap(points[rows], usual)
             if parts is not None:
                 names = np.array([group, *(int(shaped.max()) + np.arange(1, parts.max() + 1))])
                 shaped[rows] = names[parts]
@@ -331,7 +331,7 @@ def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArr
         flags[int(names[kept])] = "joined_by_shape"
 
 
-def _instances(
+def _make_instances(
     lifted: LiftedMasks,
     votes: _Votes,
     usable: NDArray[np.bool_],

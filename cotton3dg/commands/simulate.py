@@ -21,9 +21,9 @@ from ..files.images import write_ids
 from ..files.saving import explained_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions, resolve
 from ..simulate.camera import orbit
-from ..simulate.film import exposure_ev, filmed, filmed_ids
+from ..simulate.film import exposure_ev, film, film_ids
 from ..simulate.plant import grow_plant
-from ..simulate.render import lit_scene
+from ..simulate.render import light_scene
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 from ..workspace import Workspace
@@ -48,7 +48,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
     progress(0, options.frames, "growing")
     plant = grow_plant(options)
     path = orbit(options, plant.vertices)
-    scene = lit_scene(plant, build_room(options, plant.stem_base))
+    scene = light_scene(plant, build_room(options, plant.stem_base))
 
     with explained_disk_errors(folder):
         instances = folder / "instances"
@@ -58,9 +58,9 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         partial = folder / ".video.partial.mp4"
         with video_encoder(partial, options.width, options.height, FRAMES_PER_SECOND, QUALITY) as append:
             for frame in range(options.frames):
-                append(filmed(scene, path, frame, options))
+                append(film(scene, path, frame, options))
                 if frame % options.mask_interval == 0:
-                    masks[frame] = filmed_ids(scene, path, frame, options)
+                    masks[frame] = film_ids(scene, path, frame, options)
                     write_ids(instances / f"frame_{frame:04d}.png", masks[frame])
                 progress(frame + 1, options.frames, "filming")
         frames = {f"frame_{frame:04d}.png": frame for frame in masks}

@@ -47,7 +47,7 @@ def cut_picture(rng: np.random.Generator, photos: Sequence[AnnotatedPhoto], size
     ids = ids.reshape(size, size).astype(np.uint16) + np.uint16(numbers[0] != 0)
     centres, diameters = _boxes(ids)
     classes = np.where(ids > 0, LINT, NOT_LINT).astype(np.uint8)
-    return TrainingPicture(_varied(rng, image), classes, ids, centres, diameters)
+    return TrainingPicture(_vary(rng, image), classes, ids, centres, diameters)
 
 
 def _boxes(ids: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -62,7 +62,7 @@ def _boxes(ids: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.flo
     return np.array(centres, np.float32).reshape(-1, 2), np.array(diameters, np.float32)
 
 
-def _varied(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _vary(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Another exposure and white balance, noise, and at times blur."""
     gains = np.exp(rng.normal(0, 0.25) + rng.normal(0, 0.05, 3))
     varied = (

@@ -30,7 +30,7 @@ class Candidate:
     """0..1."""
 
 
-def cropped(mask: NDArray[np.bool_], top: int, left: int, score: float) -> Candidate | None:
+def crop(mask: NDArray[np.bool_], top: int, left: int, score: float) -> Candidate | None:
     """The candidate of a mask whose corner lies at `top`, `left`; None when the mask is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
@@ -40,7 +40,7 @@ def cropped(mask: NDArray[np.bool_], top: int, left: int, score: float) -> Candi
     return Candidate(top + int(first[0]), left + int(first[1]), tight, min(max(float(score), 0.0), 1.0))
 
 
-def resolved(candidates: Sequence[Candidate]) -> list[Candidate]:
+def resolve_overlaps(candidates: Sequence[Candidate]) -> list[Candidate]:
     """The candidates that stand for an object each, the surest first.
 
     Of duplicates the surest is kept. A mask that several others fill by half or more is a heap of objects and goes; any
@@ -66,7 +66,9 @@ def resolved(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [item for item in kept if id(item) not in heaps | parts]
 
 
-def painted(candidates: Sequence[Candidate], height: int, width: int) -> tuple[NDArray[np.uint16], dict[int, float]]:
+def paint_candidates(
+    candidates: Sequence[Candidate], height: int, width: int
+) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """(H, W) ids, 1 ... from the surest on, and their scores; a pixel that several claim belongs to the surest."""
     ids, scores = np.zeros((height, width), np.uint16), {}
     ordered = sorted(candidates, key=lambda item: -item.score)[: np.iinfo(np.uint16).max]

@@ -11,11 +11,11 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from .bolls import BollNetwork
-from .group_votes import group
+from .group_votes import group_votes
 from .join_parts import join_parts
-from .lint_in_space import lint_in_space
+from .lint_in_space import gather_lint
 from .looks import choose_look, see_at_all_looks
-from .meeting_votes import agreement, find_middles, votes_in_space
+from .meeting_votes import cast_votes, find_middles, measure_agreement
 from .outline_bolls import outline_bolls
 
 
@@ -27,7 +27,7 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
     Returns:
         ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
     """
-    return group(see_at_all_looks(image, network))
+    return group_votes(see_at_all_looks(image, network))
 
 
 def detect_bolls(
@@ -60,10 +60,10 @@ def detect_bolls(
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(done, 2 * len(images), camera.name)
         maps.append(network.maps(image, look))
-    lint = lint_in_space(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
-    votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
+    lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
+    votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
     middles = join_parts(find_middles(votes), votes, lint)
-    agreed = agreement(votes, middles)
+    agreed = measure_agreement(votes, middles)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)
         ids[camera.name] = outline_bolls(image, camera, lint, middles)

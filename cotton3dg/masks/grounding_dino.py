@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 from ..errors import BadInput
 from .candidates import cut_by_tile, tiles
-from .transformer_models import load_model, model_kind, normalised, transformers_class
-from .yolo import suppressed
+from .transformer_models import load_model, model_kind, normalise, transformers_class
+from .yolo import suppress
 
 KINDS = ("grounding-dino",)
 SHORT_SIDE_PX, LONG_SIDE_PX = 800, 1333
@@ -40,7 +40,7 @@ def find_boxes(image: NDArray[np.uint8], find: Finder, *, confidence: float, til
         boxes.append(inside[keep])
         scores.append(sure[keep])
     found, sureness = np.concatenate(boxes), np.concatenate(scores)
-    return found[suppressed(found, sureness, SAME_BOX)]
+    return found[suppress(found, sureness, SAME_BOX)]
 
 
 def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
@@ -66,7 +66,7 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
     def find(image: NDArray[np.uint8]) -> tuple[Float64, NDArray]:
         height, width = image.shape[:2]
         factor = min(SHORT_SIDE_PX / min(height, width), LONG_SIDE_PX / max(height, width))
-        pixels = normalised(image, max(round(height * factor), 1), max(round(width * factor), 1))
+        pixels = normalise(image, max(round(height * factor), 1), max(round(width * factor), 1))
         told = model(pixel_values=torch.from_numpy(pixels[None]), **words)
         scores = told.logits[0].sigmoid().max(dim=1).values.double().numpy()
         middle, size = told.pred_boxes[0].double().numpy().reshape(-1, 2, 2).swapaxes(0, 1)

@@ -29,18 +29,18 @@ OCTAVES = range(-2, 4)
 """Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
 
 
-def group(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+def group_votes(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Bolls where votes meet, and the pixels that voted for each."""
     rows, columns = np.nonzero(maps.lint > SURE)
     ids = np.zeros(maps.lint.shape, np.uint16)
     if len(rows):
         votes = maps.votes[:, rows, columns].T
-        middles, sizes = _middles(votes, maps.diameters[rows, columns], maps)
-        ids[rows, columns] = nearest_middles(votes, middles, sizes)
-    return ids_of_image(ids, maps)
+        middles, sizes = _find_middles(votes, maps.diameters[rows, columns], maps)
+        ids[rows, columns] = find_nearest(votes, middles, sizes)
+    return draw_ids(ids, maps)
 
 
-def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
+def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
     """(B, 2) places where enough votes meet, most first, and (B,) the mean size that these votes tell; px."""
     # The middle of a boll that the image's edge cuts may lie beyond it.
     shape = (maps.lint.shape[0] + 2 * MARGIN, maps.lint.shape[1] + 2 * MARGIN)
@@ -56,24 +56,24 @@ def _middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, F
             continue
         sigma = VOTE_SPREAD * OFFSET_PX * 2.0**octave / 2
         cells = np.ravel_multi_index((y[chosen].astype(int), x[chosen].astype(int)), shape)
-        heat += _gathered(cells, weights[chosen], shape, sigma)
-        sized += _gathered(cells, weights[chosen] * diameters[chosen], shape, sigma)
+        heat += _gather(cells, weights[chosen], shape, sigma)
+        sized += _gather(cells, weights[chosen] * diameters[chosen], shape, sigma)
     rows, columns = np.nonzero((heat >= cv2.dilate(heat, np.ones((3, 3), np.uint8))) & (heat > LEAST_SHARE))
     order = np.argsort(-heat[rows, columns], kind="stable")
     rows, columns = rows[order], columns[order]
     places = ((np.stack([columns, rows], axis=1) + 0.5 - MARGIN) * maps.scale).astype(np.float32)
     sizes = (sized[rows, columns] / heat[rows, columns]).astype(np.float32)
-    kept = apart(places, sizes)
+    kept = find_apart(places, sizes)
     return places[kept], sizes[kept]
 
 
-def _gathered(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
+def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
     """Values summed over their neighbourhood, (H, W): those that agree give their sum at the peak."""
     part = np.bincount(cells, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
     return cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
 
 
-def apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
+def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
     """Which of (N, D) places, the surest first, are no nearer to a surer one than `APART` of the larger's size (N,)."""
     from scipy.spatial import cKDTree
 
@@ -92,7 +92,7 @@ def apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
     return np.array(kept, np.intp)
 
 
-def nearest_middles(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
+def find_nearest(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
     """(N,) number of the middle (B, D), from 1, that each point (N, D) is nearest to, in diameters (B,) of the boll;
     0 = none within reach."""
     from scipy.spatial import cKDTree
@@ -115,7 +115,7 @@ def weighted_median(values: Float32, weights: Float32) -> float:
     return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
 
 
-def ids_of_image(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
+def draw_ids(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """Ids at the size of the image, edged where the probability of lint, interpolated, is one half; and scores."""
     height, width = maps.image_shape
     size = (width, height)

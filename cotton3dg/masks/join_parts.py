@@ -34,32 +34,32 @@ def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> M
     places = lint.gaussians.means[lint.shares > 0.5]
     places = places[np.isfinite(places).all(axis=1)]
     owners = middles.nearest(places)
-    parts = [widths(places[owners == k])[0] for k in range(1, len(middles.centres) + 1)]
+    parts = [measure_widths(places[owners == k])[0] for k in range(1, len(middles.centres) + 1)]
     usual = float(np.quantile(parts, USUAL)) if parts else 0.0
     while len(middles.centres) > 1:
-        borders = borders_between(middles, votes)
+        borders = measure_borders(middles, votes)
         best, pair = FITS, None
-        for a, b in near_pairs(middles.centres, NEAR * usual):
+        for a, b in find_near_pairs(middles.centres, NEAR * usual):
             if (a + 1, b + 1) in borders:
                 both = places[(owners == a + 1) | (owners == b + 1)]
-                score = widths(both)[1] / usual + borders[a + 1, b + 1] - UNDECIDED
+                score = measure_widths(both)[1] / usual + borders[a + 1, b + 1] - UNDECIDED
                 if score < best:
                     best, pair = score, (a, b)
         if pair is None:
             break
-        middles = joined(middles, *pair)
+        middles = join_pair(middles, *pair)
         owners = middles.nearest(places)
     return middles
 
 
-def near_pairs(centres: Float32, reach: float) -> list[tuple[int, int]]:
+def find_near_pairs(centres: Float32, reach: float) -> list[tuple[int, int]]:
     """Pairs a < b of rows (B, 3) that are nearer to each other than `reach`."""
     from scipy.spatial import cKDTree
 
     return sorted((int(a), int(b)) for a, b in cKDTree(centres).query_pairs(reach))
 
 
-def joined(middles: Middles, a: int, b: int) -> Middles:
+def join_pair(middles: Middles, a: int, b: int) -> Middles:
     """Row b taken into row a: in the middle of both, by their support."""
     rest = np.delete(np.arange(len(middles.centres)), b)
     weights = middles.support[[a, b]] / middles.support[[a, b]].sum()
@@ -72,7 +72,7 @@ def joined(middles: Middles, a: int, b: int) -> Middles:
     return Middles(centres[rest], diameters[rest], support[rest], views[rest])
 
 
-def widths(places: Float32) -> tuple[float, float]:
+def measure_widths(places: Float32) -> tuple[float, float]:
     """Mean and largest width of points (N, 3) over all directions, without the ends; 0 of none."""
     if not len(places):
         return 0.0, 0.0
@@ -81,7 +81,7 @@ def widths(places: Float32) -> tuple[float, float]:
     return float((high - low).mean()), float((high - low).max())
 
 
-def borders_between(middles: Middles, votes: Sequence[Votes]) -> dict[tuple[int, int], float]:
+def measure_borders(middles: Middles, votes: Sequence[Votes]) -> dict[tuple[int, int], float]:
     """Mean probability of a border along what the views show as one, by pair of bolls a < b, from 1."""
     count = len(middles.centres) + 1
     total, pixels = np.zeros(count * count), np.zeros(count * count)

@@ -48,7 +48,7 @@ class LintInSpace:
         return share, places.astype(np.float32)
 
 
-def lint_in_space(
+def gather_lint(
     maps: Sequence[Maps], cameras: Sequence[Camera], gaussians: Gaussians, allowed: NDArray[np.bool_]
 ) -> LintInSpace:
     """Gather what all views say.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
 from .bolls import Maps
-from .group_votes import nearest_middles, weighted_median
+from .group_votes import find_nearest, weighted_median
 from .lint_in_space import LintInSpace
 
 SPREAD = 0.16
@@ -88,10 +88,10 @@ class Middles:
 
     def nearest(self, places: Float32) -> NDArray[np.uint16]:
         """Which boll lint at (N, 3) places is of, from 1, 0 = none is near."""
-        return nearest_middles(places, self.centres, self.diameters, FARTHEST)
+        return find_nearest(places, self.centres, self.diameters, FARTHEST)
 
 
-def votes_in_space(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
+def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
     """The votes of one view.
 
     Args:
@@ -179,7 +179,7 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
         if views < min(LEAST_VIEWS, len(votes)) or support < least or not _is_apart(place, size, found):
             continue
         own = np.array(tree.query_ball_point(place, OWN * size), int)
-        place = where_rays_meet(eyes[view_of[own]], rays[own], weights[own], place, size)
+        place = meet_rays(eyes[view_of[own]], rays[own], weights[own], place, size)
         if _is_apart(place, size, found):
             found.append((place, size, support, views))
     if not found:
@@ -197,7 +197,7 @@ def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float
     return all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in others)
 
 
-def where_rays_meet(eyes: Float64, rays: Float32, weights: Float32, place: Float64, size: float) -> Float64:
+def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, size: float) -> Float64:
     """The point (3,) that rays (N, 3) from eyes (N, 3) pass nearest: least squares, far rays counting less (Cauchy).
 
     Args:
@@ -216,7 +216,7 @@ def where_rays_meet(eyes: Float64, rays: Float32, weights: Float32, place: Float
     return moved
 
 
-def agreement(votes: Sequence[Votes], middles: Middles) -> Float32:
+def measure_agreement(votes: Sequence[Votes], middles: Middles) -> Float32:
     """(B,) share of what is seen of each boll's lint, over all views, whose votes go to this boll's middle."""
     own, agreed = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
     for view in votes:

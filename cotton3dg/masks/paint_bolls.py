@@ -64,7 +64,7 @@ def paint_bolls(
     else:
         lint = lint_pixels(image, score, expected, pitch_px)
         owners = np.where(lint, nearest_silhouettes(expected), 0)
-    ids = without_specks(divided(image, owners, pitch_px))
+    ids = without_specks(divide(image, owners, pitch_px))
     return ids, {int(boll): volume.confidence(boll) for boll in np.unique(ids[ids > 0])}
 
 
@@ -130,11 +130,11 @@ def lint_pixels(
     if near is None:
         return cut_groups(image, trimap, within, margin_px)
     return cut_groups(
-        image, trimap, within, margin_px, lambda window: surrounded(image[window], score[window], near[window])
+        image, trimap, within, margin_px, lambda window: find_surrounded(image[window], score[window], near[window])
     )
 
 
-def surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def find_surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """The image (H, W, 3) with all that is not near in the colour of what is near and no lint, if there is any."""
     bare = near & (score < NO_LINT)
     if bare.sum() < FEWEST:
@@ -154,7 +154,7 @@ def nearest_silhouettes(expected: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return boll_of_place[places]
 
 
-def divided(image: NDArray[np.uint8], owners: NDArray[np.uint16], pitch_px: float) -> NDArray[np.uint16]:
+def divide(image: NDArray[np.uint8], owners: NDArray[np.uint16], pitch_px: float) -> NDArray[np.uint16]:
     """The lint divided among its owners (H, W), 0 = no lint: along their borders a watershed lets the crease in the
     image decide.
     """

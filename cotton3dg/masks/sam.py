@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
-from .candidates import Candidate, cropped, painted, resolved, tiles
-from .transformer_models import load_model, model_kind, normalised
+from .candidates import Candidate, crop, paint_candidates, resolve_overlaps, tiles
+from .transformer_models import load_model, model_kind, normalise
 
 CLASSES = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Model"}
 """Class of transformers by `model_type`; SAM 2 is published with the type of its video model."""
@@ -40,7 +40,7 @@ class Prompts:
             return self.boxes.reshape(-1, 2, 2).mean(axis=1)
         return np.zeros((0, 2)) if self.points is None else self.points
 
-    def chosen(self, rows: NDArray, offset: tuple[int, int]) -> Prompts:
+    def choose(self, rows: NDArray, offset: tuple[int, int]) -> Prompts:
         """Some of the prompts, seen from another corner of the image (x, y)."""
         points = None if self.points is None else self.points[rows] - offset
         return Prompts(points, None if self.boxes is None else self.boxes[rows] - np.tile(offset, 2))
@@ -75,12 +75,12 @@ def detect_sam(
         rows = np.flatnonzero(owners == number)
         if not len(rows):
             continue
-        masks, scores = segment(image[top:bottom, left:right], prompts.chosen(rows, (left, top)))
+        masks, scores = segment(image[top:bottom, left:right], prompts.choose(rows, (left, top)))
         for mask, score in zip(masks, scores, strict=True):
-            candidate = cropped(mask, top, left, score) if score >= confidence else None
+            candidate = crop(mask, top, left, score) if score >= confidence else None
             if candidate:
                 found.append(candidate)
-    return painted(resolved(found), height, width)
+    return paint_candidates(resolve_overlaps(found), height, width)
 
 
 def prompts_around(ids: NDArray[np.uint16]) -> Prompts:
@@ -120,14 +120,14 @@ def open_sam(folder: Path, *, trusted: bool) -> Segmenter:
         if kind == "sam":  # keeps the aspect and pads below and right; SAM 2 stretches
             inner = max(round(side * height / max(height, width)), 1), max(round(side * width / max(height, width)), 1)
         frame = np.zeros((1, 3, side, side), np.float32)
-        frame[0, :, : inner[0], : inner[1]] = normalised(image, *inner)
+        frame[0, :, : inner[0], : inner[1]] = normalise(image, *inner)
         code, factor = (
             model.get_image_embeddings(torch.from_numpy(frame)),
             np.array([inner[1] / width, inner[0] / height]),
         )
         masks, scores = [], []
         for first in range(0, len(prompts.centres), PROMPTS_AT_ONCE):
-            part = prompts.chosen(np.arange(first, min(first + PROMPTS_AT_ONCE, len(prompts.centres))), (0, 0))
+            part = prompts.choose(np.arange(first, min(first + PROMPTS_AT_ONCE, len(prompts.centres))), (0, 0))
             asked = {}
             if part.points is not None:
                 asked["input_points"] = torch.from_numpy((part.points * factor)[None, :, None]).float()

@@ -54,20 +54,20 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
         own = np.where(heaps[box] == heap, lint[box], 0)
         if worth_it[heap] and own.max() > least:
             # The margin spares every look at a neighbour the question whether there is one.
-            bolls = _divided(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
+            bolls = _divide(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
             labels[box] += np.where(bolls > 0, bolls + count, 0)
             count += int(bolls.max())
     return boll_shaped(labels, diameter)
 
 
-def _divided(lint: Float32, least: float, diameter: float) -> NDArray[np.int32]:
+def _divide(lint: Float32, least: float, diameter: float) -> NDArray[np.int32]:
     """The same of one heap of connected lint, whose bolls may still be of any size and shape."""
     from scipy import ndimage
 
     depths = sum(ndimage.distance_transform_edt(lint > level) for level in LEVELS) / len(LEVELS)
     hills = ndimage.gaussian_filter(depths, SMOOTHING * diameter, mode="constant").astype(np.float32)
     voxels = np.flatnonzero(lint > LEVELS[0])
-    summits = _joined(_summits(hills, voxels), hills, voxels, diameter)
+    summits = _join(_summits(hills, voxels), hills, voxels, diameter)
     highest = np.zeros(hills.size, np.float32)
     np.maximum.at(highest, summits, lint.ravel()[voxels])
     solid = (lint.ravel()[voxels] > SOLID * highest[summits]) & (highest[summits] > least)
@@ -102,9 +102,7 @@ def _summits(hills: Float32, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
     return summits
 
 
-def _joined(
-    summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64], diameter: float
-) -> NDArray[np.int64]:
+def _join(summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64], diameter: float) -> NDArray[np.int64]:
     """`summits` with one for all hills of one boll, highest pass first."""
     flat = hills.ravel()
     owner = np.full(hills.size, -1)

@@ -94,7 +94,7 @@ def transformers_class(name: str) -> Any:
         ) from error
 
 
-def normalised(image: NDArray[np.uint8], height: int, width: int) -> Float32:
+def normalise(image: NDArray[np.uint8], height: int, width: int) -> Float32:
     """(3, height, width) of an image (H, W, 3): resized, and its colours relative to those of ImageNet."""
     import cv2
 

@@ -60,7 +60,7 @@ class LintVolume:
     @property
     def centres(self) -> Float32:
         """(N, 3) su."""
-        return _mapped(self.voxels.astype(np.float32), self.scene_from_voxel)
+        return _map(self.voxels.astype(np.float32), self.scene_from_voxel)
 
     @property
     def pitch(self) -> float:
@@ -109,7 +109,7 @@ def refine_bolls(volume: LintVolume, masks: Sequence[NDArray], cameras: Sequence
     away, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
     near = np.argwhere(away <= GROWTH)
     bolls = labels[tuple(nearest[:, *near.T])]
-    points = _mapped((near + first).astype(np.float32), volume.scene_from_voxel)
+    points = _map((near + first).astype(np.float32), volume.scene_from_voxel)
     shares, in_view = mean_score(points, [(ids > 0).astype(np.float32) for ids in masks], cameras)
     shares *= in_view
     highest = np.zeros(volume.bolls.max() + 1, np.float32)
@@ -133,10 +133,10 @@ def vote(
     cells = np.stack(np.meshgrid(*[np.arange(-half, half + 1, dtype=np.float32)] * 3, indexing="ij"), -1)
     allowed = np.hypot(cells[..., 0], cells[..., 1]) <= half
     if table is not None:
-        height = _mapped(cells, scene_from_cell) @ table[:3].astype(np.float32) + np.float32(table[3])
+        height = _map(cells, scene_from_cell) @ table[:3].astype(np.float32) + np.float32(table[3])
         allowed &= height > CLEARANCE * orbit.radius
     arcs = _arcs(cameras, orbit)
-    shares, in_view = _mean_scores(_mapped(cells[allowed], scene_from_cell), scores, cameras, arcs)
+    shares, in_view = _mean_scores(_map(cells[allowed], scene_from_cell), scores, cameras, arcs)
     within = in_view >= IN_VIEW
     allowed[allowed] = within
     usual = np.stack([_usual_share(share, allowed) for share in shares[:, within]])
@@ -154,7 +154,7 @@ def vote(
     scene_from_voxel = np.column_stack(
         [scene_from_cell[:, :3] / REFINED, scene_from_cell[:, :3] @ first + scene_from_cell[:, 3]]
     )
-    shares, in_view = _mean_scores(_mapped(fine.astype(np.float32), scene_from_voxel), scores, cameras, arcs)
+    shares, in_view = _mean_scores(_map(fine.astype(np.float32), scene_from_voxel), scores, cameras, arcs)
     contrasts = np.zeros((coarse.max(axis=0) - corner + 1) * REFINED, np.float32)
     best = _contrast(shares, np.repeat(usual[:, hopeful[allowed]], REFINED**3, axis=1)).max(axis=0)
     # A view that does not see a voxel is no witness for it.
@@ -224,7 +224,7 @@ def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
     return ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
 
 
-def _mapped(points: Float32, affine: Float64) -> Float32:
+def _map(points: Float32, affine: Float64) -> Float32:
     """(..., 3) points through a (3, 4) affine map."""
     return points @ affine[:, :3].T.astype(np.float32) + affine[:, 3].astype(np.float32)
 

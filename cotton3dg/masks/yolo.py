@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
 from ..errors import BadInput
-from .candidates import Candidate, cropped, cut_by_tile, painted, resolved, tiles
+from .candidates import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
 from .yolo_networks import Network
 
 PADDING = 114 / 255
@@ -60,11 +60,11 @@ def detect_yolo(
     found: list[Candidate] = []
     for tile in tiles(height, width, tile_px):
         top, left, bottom, right = tile
-        pixels, fit = fitted(image[top:bottom, left:right], image_size)
-        predictions, prototypes = checked_answer(*network.forward(pixels))
-        boxes, scores, coefficients = decoded(predictions, len(prototypes), confidence, classes)
+        pixels, fit = fit_image(image[top:bottom, left:right], image_size)
+        predictions, prototypes = check_answer(*network.forward(pixels))
+        boxes, scores, coefficients = decode(predictions, len(prototypes), confidence, classes)
         boxes = (boxes - np.tile([fit.left, fit.top], 2)) / fit.scale
-        keep = suppressed(boxes, scores, nms_iou)
+        keep = suppress(boxes, scores, nms_iou)
         stride = pixels.shape[3] / prototypes.shape[2]
         for row in keep:
             box = boxes[row] + np.tile([left, top], 2)
@@ -73,13 +73,13 @@ def detect_yolo(
             corner, mask = mask_in_box(
                 coefficients[row], prototypes, boxes[row], fit, stride, (bottom - top, right - left)
             )
-            candidate = cropped(mask, top + corner[0], left + corner[1], scores[row])
+            candidate = crop(mask, top + corner[0], left + corner[1], scores[row])
             if candidate:
                 found.append(candidate)
-    return painted(resolved(found), height, width)
+    return paint_candidates(resolve_overlaps(found), height, width)
 
 
-def fitted(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
+def fit_image(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
     """(1, 3, s, s) as a network sees an image (H, W, 3): scaled so that the longer side is `size`, grey around it.
 
     s is `size` rounded up to a multiple of `STRIDE`. ultralytics itself leaves most of the grey out, which is quicker;
@@ -99,7 +99,7 @@ def fitted(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
     return np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]), Fit(scale, left, top)
 
 
-def checked_answer(predictions: NDArray, prototypes: NDArray) -> tuple[Float32, Float32]:
+def check_answer(predictions: NDArray, prototypes: NDArray) -> tuple[Float32, Float32]:
     """Predictions (C, A) and prototypes (M, h, w) of one image.
 
     Raises:
@@ -118,7 +118,7 @@ def checked_answer(predictions: NDArray, prototypes: NDArray) -> tuple[Float32, 
     return columns.astype(np.float32), masks.astype(np.float32)
 
 
-def decoded(
+def decode(
     predictions: Float32, n_masks: int, confidence: float, classes: Collection[int]
 ) -> tuple[Float64, Float32, Float32]:
     """Boxes (n, 4) left, top, right, bottom in px of the frame, scores (n,) and coefficients (n, M), surest first."""
@@ -133,7 +133,7 @@ def decoded(
     return np.hstack([middle - half, middle + half]), scores[order], predictions[4 + n_classes :, order].T
 
 
-def suppressed(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
+def suppress(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
     """Indices of boxes (n, 4), surest first, none of which overlaps a surer one by more than `iou`."""
     import cv2
 

@@ -50,7 +50,7 @@ class Atlas:
         return sampled.reshape(-1, 3)[:n].astype(np.float32)
 
 
-def packed(images: Sequence[NDArray[np.float32]], width: int = 4096) -> Atlas:
+def pack(images: Sequence[NDArray[np.float32]], width: int = 4096) -> Atlas:
     """Atlas of (H, W, 3) linear images, packed on shelves in order of height."""
     tiles: list[tuple[int, int, NDArray[np.uint16]]] = []
     last_levels = np.zeros(len(images), np.float32)

@@ -12,7 +12,7 @@ from ..core.scene import Camera
 from ..options import SimulateOptions
 from .mesh import unit
 from .plant import grow_plant
-from .render import developed, lit_scene, render
+from .render import develop, light_scene, render
 from .room import build_room
 from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, spine, terrazzo
 
@@ -40,7 +40,7 @@ def paint_backgrounds(seed: int) -> NDArray[np.uint8]:
 def _room_views(seed: int, rng: np.random.Generator) -> list[NDArray[np.uint8]]:
     """Looks from the middle of a simulated room at its walls and furniture, over the plant's head."""
     options = SimulateOptions(seed=seed, bolls=1, width=640, frames=2)
-    scene = lit_scene(grow_plant(options), build_room(options, np.zeros(3)))
+    scene = light_scene(grow_plant(options), build_room(options, np.zeros(3)))
     views = []
     for _ in range(ROOM_VIEWS):
         azimuth, slope = rng.uniform(0, 2 * np.pi), rng.normal(-0.25, 0.25)
@@ -51,7 +51,7 @@ def _room_views(seed: int, rng: np.random.Generator) -> list[NDArray[np.uint8]]:
         size = BACKGROUND_PX
         f = size * rng.uniform(0.6, 2.5)
         camera = Camera("view", size, size, f, f, size / 2, size / 2, np.column_stack([rotation, -rotation @ centre]))
-        views.append(developed(render(scene, camera, supersampling=1)))
+        views.append(develop(render(scene, camera, supersampling=1)))
     return views
 
 
@@ -60,7 +60,7 @@ def _canvas(rng: np.random.Generator) -> Canvas:
     return Canvas(rng, width, width, BACKGROUND_PX / width)
 
 
-def _fitted(image: Image) -> Image:
+def _fit(image: Image) -> Image:
     return cv2.resize(image, (BACKGROUND_PX, BACKGROUND_PX), interpolation=cv2.INTER_AREA)
 
 
@@ -82,7 +82,7 @@ def _wall(rng: np.random.Generator) -> Image:
         lambda: brushed(canvas, colour),
         lambda: plaster(canvas, colour),
     )
-    return _fitted(walls[int(rng.integers(len(walls)))]())
+    return _fit(walls[int(rng.integers(len(walls)))]())
 
 
 def _soft(rng: np.random.Generator) -> Image:
@@ -90,7 +90,7 @@ def _soft(rng: np.random.Generator) -> Image:
     canvas = _canvas(rng)
     shade = 1 + rng.uniform(0, 0.35) * canvas.noise(canvas.width, octaves=2)
     grain = 1 + rng.uniform(0, 0.08) * canvas.noise(0.02, octaves=2)
-    return _fitted(_colour(rng) * (shade * grain)[..., None])
+    return _fit(_colour(rng) * (shade * grain)[..., None])
 
 
 def _curtain(rng: np.random.Generator) -> Image:
@@ -103,7 +103,7 @@ def _curtain(rng: np.random.Generator) -> Image:
         folds = (folds > 0.5).astype(np.float32)
     low = rng.uniform(0.1, 0.8)
     image = _colour(rng) * (low + (1 - low) * folds + 0.05 * canvas.noise(0.02, octaves=2))[..., None]
-    return _fitted(np.rot90(image).copy() if rng.random() < 0.3 else image)
+    return _fit(np.rot90(image).copy() if rng.random() < 0.3 else image)
 
 
 def _board(rng: np.random.Generator) -> Image:

@@ -45,9 +45,9 @@ def compose(
     """
     power = _draw_power(rng)
     bare = rng.random() < BARE
-    layers = [] if bare else [_placed(rng, _drawn(rng, plates), power, size)]
+    layers = [] if bare else [_place(rng, _draw_plate(rng, plates), power, size)]
     while not bare and len(layers) < 3 and rng.random() < 0.3:
-        layers.append(_placed(rng, _drawn(rng, plates), power, size))
+        layers.append(_place(rng, _draw_plate(rng, plates), power, size))
     behind = _background(rng, backgrounds[int(rng.integers(len(backgrounds)))], size)
     reference = _reference(layers)
     brighter = rng.uniform(*np.log(BACKLIT if rng.random() < 0.2 else (0.04, 1.7)))
@@ -72,11 +72,11 @@ def compose(
         ids = np.where(owned, own_ids, ids).astype(np.uint16)
         centres.append(layer.centres_px)
         diameters.append(layer.diameters_px)
-    image = _developed(rng, light, reference)
+    image = _develop(rng, light, reference)
     return TrainingPicture(image, classes, ids, np.concatenate(centres), np.concatenate(diameters))
 
 
-def _drawn(rng: np.random.Generator, plates: Sequence[Plate]) -> Plate:
+def _draw_plate(rng: np.random.Generator, plates: Sequence[Plate]) -> Plate:
     """A plate at random, one without lint less often than one with."""
     plate = plates[int(rng.integers(len(plates)))]
     if rng.random() < 0.75 and (plate.ids > 0).mean() < 0.01:
@@ -96,7 +96,7 @@ def _draw_power(rng: np.random.Generator) -> Float32:
     return (power[:, None] * np.exp(warmth + rng.normal(0, 0.06) * np.array([1.0, 0.0, -1.0]))).astype(np.float32)
 
 
-def _placed(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> _Layer:
+def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> _Layer:
     """A plate lit, mirrored, turned, scaled and moved at random, so that its edge is hardly ever seen."""
     zoom = size / PLATE_PX * np.exp(rng.uniform(np.log(1.0), np.log(1.7)))
     turn = rng.normal(0, 0.2) + (rng.integers(4) * np.pi / 2 if rng.random() < 0.1 else 0.0)
@@ -157,7 +157,7 @@ def _reference(layers: Sequence[_Layer]) -> float:
     return max(float(np.quantile(lint, 0.95)), 1e-3) if len(lint) else 0.5
 
 
-def _developed(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
+def _develop(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
     """What a phone makes of the light: exposure, white balance, tone, blur, noise, sharpening, compression."""
     exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.8 else rng.uniform(np.log(0.06), np.log(2.5)))
     light: Float32 = seen * np.float32(exposed / reference)

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 from ..options import SimulateOptions
 from .camera import Orbit
-from .render import Float32, RenderScene, developed, instance_ids, render
+from .render import Float32, RenderScene, develop, instance_ids, render
 
 SUBFRAMES = 8
 BAND_ROWS = 4
 """Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
 
-def filmed(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint8]:
+def film(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of one frame."""
     if options.blur:
         # Each sub-frame sees the pixel at another place (Roberts' R2 sequence), so that one ray each suffices.
@@ -34,10 +34,10 @@ def filmed(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions
     else:
         light = _read_out(scene, path, frame, options, supersampling=options.supersampling)
     rng = np.random.default_rng([options.seed, 4, frame]) if options.noise else None
-    return developed(light, exposure_ev=exposure_ev(frame, options), noise=options.noise, rng=rng)
+    return develop(light, exposure_ev=exposure_ev(frame, options), noise=options.noise, rng=rng)
 
 
-def filmed_ids(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint16]:
+def film_ids(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint16]:
     """(H, W) true boll ids of one frame, bent by lens and rolling shutter as the frame is."""
     bands = _bands(path, frame, options)
     return np.concatenate([instance_ids(scene, camera, k1=options.distortion) for camera in bands])

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, sheet, tube
-from .plant import LEAF, weathered
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, tube
+from .plant import LEAF, weather
 
 GREEN = np.array([0.10, 0.19, 0.04])
 STRAW = np.array([0.48, 0.40, 0.22])
@@ -40,7 +40,7 @@ def palmate_leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
     colours = colours * (1 + rng.uniform(0.1, 1.2) * vein)[..., None]
     blade = sheet(flat + (0, 0, 0.3 * length), colours.clip(0, 0.85), 0.0006)
     stalk = np.linspace(0, 0.3 * length, 6)[:, None] * (0, 0, 1.0)
-    return merged([weathered(blade, noise, 0.25), tube(stalk, np.full(6, 0.001), np.tile(colour * 1.2, (6, 1)), 8)])
+    return merge([weather(blade, noise, 0.25), tube(stalk, np.full(6, 0.001), np.tile(colour * 1.2, (6, 1)), 8)])
 
 
 def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -> Mesh:
@@ -58,7 +58,7 @@ def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -
     spread, teeth = rng.uniform(0.0, 0.8), int(rng.integers(7, 13))
     turns = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
     bracts = [_bract(rng, noise, float(turn), 3.2 * size, spread, teeth, green) for turn in turns]
-    return weathered(merged([body, *bracts]), noise, 0.3)
+    return weather(merge([body, *bracts]), noise, 0.3)
 
 
 def _bract(
@@ -111,4 +111,4 @@ def flower(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
                 surface @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]), np.tile(colour, (*s.shape, 1)), 0.0006
             )
         )
-    return weathered(merged(petals), noise, 0.2)
+    return weather(merge(petals), noise, 0.2)

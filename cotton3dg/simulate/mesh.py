@@ -42,7 +42,7 @@ class Mesh:
         return replace(self, vertices=self.vertices @ rotation.T + np.asarray(offset))
 
 
-def merged(meshes: Sequence[Mesh]) -> Mesh:
+def merge(meshes: Sequence[Mesh]) -> Mesh:
     """All meshes as one, in order."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     return Mesh(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..options import SimulateOptions
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, sheet, smooth_curve, tube, unit
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 
 WOOD = (0.17, 0.095, 0.05)
 BUR = (0.15, 0.08, 0.04)
@@ -97,10 +97,10 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 
     leaves, petioles = _leaves(rng, noise, stem)
     twigs = [twig(branch.curve, 0.0034, 0.0019) for branch in branches]
-    wood = merged([twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(peduncle(site) for site in sites), *petioles])
+    wood = merge([twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(peduncle(site) for site in sites), *petioles])
     roots = wood.vertices[:, 2].clip(min=0)
-    wood = weathered(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
-    return PlantMeshes(wood, weathered(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
+    wood = weather(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
+    return PlantMeshes(wood, weather(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
 
 
 def stem_curve(rng: np.random.Generator, base: Float64, height: float) -> Float64:
@@ -219,9 +219,9 @@ def _boll(rng: np.random.Generator, noise: SolidNoise, site: Site) -> Boll:
     angles = 2 * np.pi * (np.arange(locks) + rng.normal(0, 0.06, locks)) / locks
     pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
     foot = site.centre - site.axis * LINT_CENTRE * d
-    lint = merged([_lock(rng, noise, angle, locks, d) for angle in angles]).moved(pose, foot)
-    bur = merged([cup(d), *(carpel(rng, angle, d) for angle in angles)]).moved(pose, foot)
-    return Boll(weathered(lint, noise, 0.05), weathered(bur, noise, 0.5))
+    lint = merge([_lock(rng, noise, angle, locks, d) for angle in angles]).moved(pose, foot)
+    bur = merge([cup(d), *(carpel(rng, angle, d) for angle in angles)]).moved(pose, foot)
+    return Boll(weather(lint, noise, 0.05), weather(bur, noise, 0.5))
 
 
 def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, locks: int, d: float) -> Mesh:
@@ -275,7 +275,7 @@ def _leaves(rng: np.random.Generator, noise: SolidNoise, stem: Float64) -> tuple
         curve = smooth_curve([node, 0.5 * (node + foot) + (0, 0, 0.008), foot], 0.004)
         petioles.append(tube(curve, np.full(len(curve), 0.0012), np.tile(WOOD, (len(curve), 1)), 8))
         blades.append(leaf(rng, noise).moved(rotation_to(unit(out + np.array([0, 0, rng.uniform(-1.4, -0.3)]))), foot))
-    return merged(blades), petioles
+    return merge(blades), petioles
 
 
 def leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
@@ -291,7 +291,7 @@ def leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
     return sheet(flat, np.tile(LEAF, (*s.shape, 1)), 0.0008)
 
 
-def weathered(mesh: Mesh, noise: SolidNoise, strength: float) -> Mesh:
+def weather(mesh: Mesh, noise: SolidNoise, strength: float) -> Mesh:
     """Blotches of 15 mm and specks of 3 mm and less in the colour."""
     specks = sum(noise(mesh.vertices, wavelength) for wavelength in (0.015, 0.006, 0.0025)) / 3
     return replace(mesh, colours=(mesh.colours * np.exp(strength * specks)[:, None]).clip(0, 0.9))

@@ -10,9 +10,9 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
-from .atlas import Atlas, packed
+from .atlas import Atlas, pack
 from .lighting import irradiance
-from .mesh import merged
+from .mesh import merge
 from .plant import PlantMeshes
 from .room import Panel, Room
 
@@ -41,9 +41,9 @@ class RenderScene:
     """(T,) id of the boll whose lint a triangle belongs to; 0 = none."""
 
 
-def lit_scene(plant: PlantMeshes, room: Room) -> RenderScene:
+def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     """Build the ray tracer and let the lamps shine once on everything."""
-    whole = merged(plant.parts)
+    whole = merge(plant.parts)
     triangle_counts = [len(mesh.triangles) for mesh in plant.parts]
     boll_of_part = [0, 0, *(n for boll in range(1, len(plant.bolls) + 1) for n in (boll, 0))]
     rays = o3d.t.geometry.RaycastingScene()
@@ -62,7 +62,7 @@ def lit_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     images = [linear(panel.image) * (gain * light) for panel, light in zip(room.panels, lights, strict=True)]
     return RenderScene(
         rays=rays,
-        atlas=packed(images),
+        atlas=pack(images),
         densities=np.array([p.image.shape[1] / np.linalg.norm(p.across) for p in room.panels], np.float32),
         panel_normals=np.array([_normal(panel) for panel in room.panels], np.float32),
         plant_triangles=whole.triangles,
@@ -123,7 +123,7 @@ def linear(srgb: Float32) -> Float32:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def developed(
+def develop(
     light: Float32, *, exposure_ev: float = 0.0, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> NDArray[np.uint8]:
     """(H, W, 3) 8-bit sRGB of linear light.

@@ -69,7 +69,7 @@ def _drawable(image: Image) -> NDArray[np.uint8]:
     return np.round(255 * image.clip(0, 1)).astype(np.uint8)
 
 
-def _painted(drawing: NDArray[np.uint8]) -> Image:
+def _paint(drawing: NDArray[np.uint8]) -> Image:
     return drawing.astype(np.float32) / np.float32(255)
 
 
@@ -115,7 +115,7 @@ def plaster(canvas: Canvas, colour: NDArray) -> Image:
         steps = np.cumsum(canvas.rng.normal(0, canvas.px(0.025), (12, 2)), axis=0)
         cv2.polylines(drawing, [np.int32(start + steps)], False, _ink(0.4 * colour), 1, cv2.LINE_AA)
     return speckled(
-        canvas, _painted(drawing), int(160 * area), (0.003, 0.018), [colour * 0.45, colour * 0.7, colour * 1.35]
+        canvas, _paint(drawing), int(160 * area), (0.003, 0.018), [colour * 0.45, colour * 0.7, colour * 1.35]
     )
 
 
@@ -132,7 +132,7 @@ def speckled(
     drawing = _drawable(image)
     for polygon, pick in zip(np.round(corners * 16).astype(np.int32), picks, strict=True):
         cv2.fillPoly(drawing, [polygon], _ink(colours[pick]), cv2.LINE_AA, 4)
-    return _painted(drawing)
+    return _paint(drawing)
 
 
 def planks(canvas: Canvas, colour: NDArray, plank: float, gap: float = 0.003) -> Image:
@@ -157,7 +157,7 @@ def planks(canvas: Canvas, colour: NDArray, plank: float, gap: float = 0.003) ->
         start = canvas.rng.uniform(0, 1, 2) * canvas.shape[::-1]
         end = start + canvas.rng.normal(0, canvas.px(0.06), 2)
         cv2.line(drawing, np.int32(start), np.int32(end), _ink(mean * canvas.rng.choice([0.5, 1.35])), 1, cv2.LINE_AA)
-    image = _painted(drawing)
+    image = _paint(drawing)
     return shaded(image, canvas.noise(0.004, octaves=2), 0.07)
 
 
@@ -205,7 +205,7 @@ def poster(canvas: Canvas) -> Image:
             drawing, text, (columns // 14, baseline), cv2.FONT_HERSHEY_SIMPLEX, scale, tone, thickness, cv2.LINE_AA
         )
     cv2.rectangle(drawing, (0, 0), (columns - 1, rows - 1), tone, max(1, rows // 90))
-    return shaded(_painted(drawing), canvas.noise(0.1), 0.05)
+    return shaded(_paint(drawing), canvas.noise(0.1), 0.05)
 
 
 def cardboard(canvas: Canvas) -> Image:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES
 from .foliage import bracted_boll, flower, palmate_leaf
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, sheet, smooth_curve, tube, unit
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .plant import (
     LEAF,
     WOOD,
@@ -26,7 +26,7 @@ from .plant import (
     peduncle,
     stem_curve,
     twig,
-    weathered,
+    weather,
 )
 from .varied_bolls import draw_kind, grow_boll
 
@@ -82,8 +82,8 @@ def build_scene(seed: int) -> TrainingScene:
     sites = _sites(rng, stem, branches, count + closed, contact)
     wood = np.array(WOOD) * rng.uniform(0.5, 2.2) * rng.uniform(0.85, 1.15, 3)
     twigs = [twig(branch.curve, 0.0034, 0.0019) for branch in branches]
-    grown = merged([twig(stem, 0.0075, 0.0026, sides=16), *twigs, *(peduncle(site) for site in sites)])
-    parts.add(weathered(replace(grown, colours=np.tile(wood, (len(grown.vertices), 1))), noise, 0.5), WOOD_CLASS)
+    grown = merge([twig(stem, 0.0075, 0.0026, sides=16), *twigs, *(peduncle(site) for site in sites)])
+    parts.add(weather(replace(grown, colours=np.tile(wood, (len(grown.vertices), 1))), noise, 0.5), WOOD_CLASS)
 
     open_sites = set(rng.permutation(len(sites))[:count].tolist()) if closed else set(range(len(sites)))
     kind = draw_kind(rng)
@@ -104,7 +104,7 @@ def build_scene(seed: int) -> TrainingScene:
     _add_foliage(parts, rng, noise, stem, branches)
     plant = np.concatenate([mesh.vertices for mesh in parts.meshes])
     _add_things(parts, rng, noise, plant)
-    return _assembled(parts, ids)
+    return _assemble(parts, ids)
 
 
 def _sites(rng: np.random.Generator, stem: Float64, branches: list[Branch], count: int, contact: float) -> list[Site]:
@@ -148,7 +148,7 @@ def _add_foliage(
         else:
             blade = leaf(rng, noise)
             blade = replace(blade, colours=np.tile(np.array(LEAF) * rng.uniform(0.3, 1.9), (len(blade.vertices), 1)))
-            parts.add(weathered(blade, noise, 0.4).moved(pose, foot), LEAF_CLASS)
+            parts.add(weather(blade, noise, 0.4).moved(pose, foot), LEAF_CLASS)
 
 
 def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plant: Float64) -> None:
@@ -168,7 +168,7 @@ def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plan
         )
         # A thing inside a boll would be neither.
         if np.linalg.norm(np.array(parts.targets or [np.full(3, 9.0)]) - middle, axis=1).min() > 0.07:
-            parts.add(weathered(mesh, noise, rng.uniform(0, 0.15)), OTHER, target=True)
+            parts.add(weather(mesh, noise, rng.uniform(0, 0.15)), OTHER, target=True)
 
 
 def _ball(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
@@ -186,7 +186,7 @@ def _mug(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
         [radius + 0.4 * height * np.cos(turn) * 0.6, 0 * turn, 0.5 * height * (1 + 0.7 * np.sin(turn))], axis=1
     )
     handle = tube(bow, np.full(12, 0.004), np.tile(colour, (12, 1)), 10)
-    return merged([body, handle])
+    return merge([body, handle])
 
 
 def _tag(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
@@ -237,8 +237,8 @@ def _table_top(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
     return sheet(surface, (tint * blotches[..., None]).clip(0, 0.92), 0.01)
 
 
-def _assembled(parts: _Parts, bolls: int) -> TrainingScene:
-    whole = merged(parts.meshes)
+def _assemble(parts: _Parts, bolls: int) -> TrainingScene:
+    whole = merge(parts.meshes)
     counts = [len(mesh.vertices) for mesh in parts.meshes]
     faces = [len(mesh.triangles) for mesh in parts.meshes]
     lint = {number: mesh.vertices for number, mesh in zip(parts.bolls, parts.meshes, strict=True) if number}

@@ -59,7 +59,7 @@ def plant_truth(
         bolls.append(
             {
                 "id": boll_id,
-                "centre_xyz_m": _rounded(hull_centroid(lint), 5),
+                "centre_xyz_m": _round(hull_centroid(lint), 5),
                 "convex_volume_cm3": round(lint.volume * 1e6, 3),
                 "convex_volume_with_bur_cm3": round(both.volume * 1e6, 3),
                 "diameter_cm": round(100 * mean_width(lint), 3),
@@ -85,8 +85,8 @@ def plant_truth(
         if options.table
         else None,
         "clamp_tube_height_cm": 100 * TUBE,
-        "stem_base_xyz_m": _rounded(plant.stem_base, 5),
-        "plant_bbox_m": {"min": _rounded(low, 5), "max": _rounded(high, 5)},
+        "stem_base_xyz_m": _round(plant.stem_base, 5),
+        "plant_bbox_m": {"min": _round(low, 5), "max": _round(high, 5)},
         "definitions": DEFINITIONS,
         "bolls": bolls,
         "bolls_never_visible_in_masks": [boll["id"] for boll in bolls if not boll["visible_pixel_max"]],
@@ -112,7 +112,7 @@ def camera_truth(path: Orbit, options: SimulateOptions, exposures_ev: list[float
         "frames": [
             {
                 "frame": frame,
-                "camera_to_world": _rounded(world_from_camera(camera), 8),
+                "camera_to_world": _round(world_from_camera(camera), 8),
                 **lens,
                 **size,
                 "distortion": [options.distortion, 0.0, 0.0, 0.0, 0.0],
@@ -167,5 +167,5 @@ def rectangle_sides(points: Float64) -> tuple[float, float]:
     return float(best.max()), float(best.min())
 
 
-def _rounded(array: Float64, digits: int) -> Any:
+def _round(array: Float64, digits: int) -> Any:
     return np.round(array, digits).tolist()

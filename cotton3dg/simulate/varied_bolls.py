@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merged, rotation_to, unit
-from .plant import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weathered
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, unit
+from .plant import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weather
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: Bol
     if torn_off.all():
         torn_off[0] = False
     locks = [_lock(rng, noise, angle, d, kind, down) for angle, gone in zip(angles, torn_off, strict=True) if not gone]
-    lint = merged(locks).moved(pose, foot)
-    carpels = [_raised(carpel(rng, angle, d), kind.openness, angle, d) for angle in angles]
-    bur = merged([cup(d), *carpels]).moved(pose, foot)
+    lint = merge(locks).moved(pose, foot)
+    carpels = [_raise(carpel(rng, angle, d), kind.openness, angle, d) for angle in angles]
+    bur = merge([cup(d), *carpels]).moved(pose, foot)
     bur = replace(bur, colours=(bur.colours * rng.uniform(0.5, 1.8) * rng.uniform(0.85, 1.15, 3)).clip(0, 0.7))
-    return Boll(_soiled(rng, noise, weathered(lint, noise, 0.05), kind.trash), weathered(bur, noise, 0.5))
+    return Boll(_soil(rng, noise, weather(lint, noise, 0.05), kind.trash), weather(bur, noise, 0.5))
 
 
 def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, kind: BollKind, down: Float64) -> Mesh:
@@ -125,7 +125,7 @@ def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, k
     return Mesh(shape, triangles, colours.clip(0, 0.95))
 
 
-def _raised(mesh: Mesh, openness: float, angle: float, d: float) -> Mesh:
+def _raise(mesh: Mesh, openness: float, angle: float, d: float) -> Mesh:
     """A carpel turned up towards the boll's axis about its foot: by 70 degrees where it is not open at all."""
     turn = np.deg2rad(70) * (1 - openness)
     tangent = np.array([-np.sin(angle), np.cos(angle), 0.0])
@@ -135,7 +135,7 @@ def _raised(mesh: Mesh, openness: float, angle: float, d: float) -> Mesh:
     return replace(mesh, vertices=(mesh.vertices - hinge) @ rotation.T + hinge)
 
 
-def _soiled(rng: np.random.Generator, noise: SolidNoise, lint: Mesh, share: float) -> Mesh:
+def _soil(rng: np.random.Generator, noise: SolidNoise, lint: Mesh, share: float) -> Mesh:
     """Lint with bits of leaf and dust where a fine noise is highest."""
     if not share:
         return lint

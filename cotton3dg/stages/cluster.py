@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..clustering.agglomerative import cluster_objects
-from ..clustering.boll_masks import with_masks
-from ..clustering.boll_shape import close_flagged
+from ..clustering.boll_masks import assign_masks
+from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
@@ -40,9 +40,9 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps)
     else:
         bolls = merge_views(lifted, gaussians.means, up)
-    bolls = close_flagged(bolls)
+    bolls = flag_close(bolls)
     labels = boll_labels(bolls, len(gaussians))
-    bolls = with_masks(bolls, lifted, labels)
+    bolls = assign_masks(bolls, lifted, labels)
     with workspace.writing("cluster") as folder:
         bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cotton3dg.clustering.boll_masks import with_masks
+from cotton3dg.clustering.boll_masks import assign_masks
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 
 LABELS = np.array([0, 0, 1, 1, 2, 2, 3], np.int32)
@@ -22,7 +22,7 @@ def lifted(*selections):
 
 
 def test_a_mask_belongs_to_the_boll_with_most_weight_in_it():
-    found = with_masks(
+    found = assign_masks(
         bolls(),
         lifted(
             selection("a", 3, [2, 3], [2, 2]),
@@ -37,4 +37,4 @@ def test_a_mask_belongs_to_the_boll_with_most_weight_in_it():
 
 
 def test_without_bolls_no_mask_belongs_to_any():
-    assert with_masks([], lifted(selection("a", 1, [0, 1], [1, 1])), np.zeros(7, np.int32)) == []
+    assert assign_masks([], lifted(selection("a", 1, [0, 1], [1, 1])), np.zeros(7, np.int32)) == []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.masks.bolls import Maps
-from cotton3dg.masks.group_votes import group
+from cotton3dg.masks.group_votes import group_votes
 
 SHAPE = (100, 140)
 
@@ -37,7 +37,7 @@ def iou(found: np.ndarray, true: np.ndarray) -> float:
 @pytest.mark.parametrize("noise_px", [0, 2])
 def test_touching_bolls_are_told_apart_by_their_votes(noise_px):
     maps, true = maps_of([(40, 50, 30), (62, 50, 26), (100, 40, 14)], noise_px)
-    ids, scores = group(maps)
+    ids, scores = group_votes(maps)
     assert ids.shape == (200, 280)
     assert sorted(scores) == sorted(np.unique(ids[ids > 0]).tolist())
     assert len(scores) == 3
@@ -50,7 +50,7 @@ def test_touching_bolls_are_told_apart_by_their_votes(noise_px):
 
 def test_a_boll_behind_a_branch_is_one():
     maps, true = maps_of([(60, 50, 40)], hidden=(slice(None), slice(57, 63)))
-    ids, scores = group(maps)
+    ids, scores = group_votes(maps)
     assert len(scores) == 1
     assert iou(ids[::2, ::2] > 0, true > 0) > 0.85
 
@@ -58,12 +58,12 @@ def test_a_boll_behind_a_branch_is_one():
 def test_specks_and_nothing_are_no_bolls():
     maps, _ = maps_of([(60, 50, 1.5)])
     maps.diameters[:] = 60
-    assert group(maps)[1] == {}
-    ids, scores = group(maps_of([])[0])
+    assert group_votes(maps)[1] == {}
+    ids, scores = group_votes(maps_of([])[0])
     assert not ids.any() and scores == {}
 
 
 def test_votes_outside_of_the_image_still_make_a_boll_cut_by_its_edge():
     maps, true = maps_of([(-6, 50, 40)])
-    ids, _ = group(maps)
+    ids, _ = group_votes(maps)
     assert iou(ids[::2, ::2] > 0, true > 0) > 0.8

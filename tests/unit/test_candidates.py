@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.candidates import Candidate, cropped, cut_by_tile, painted, resolved, tiles
+from cotton3dg.masks.candidates import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
 
 
 def box(top: int, left: int, bottom: int, right: int, score: float) -> Candidate:
@@ -13,41 +13,41 @@ def box(top: int, left: int, bottom: int, right: int, score: float) -> Candidate
 def test_a_mask_is_cropped_to_what_it_holds() -> None:
     mask = np.zeros((20, 30), bool)
     mask[5:8, 10:14] = True
-    candidate = cropped(mask, 100, 200, 1.5)
+    candidate = crop(mask, 100, 200, 1.5)
     assert (candidate.top, candidate.left, candidate.score) == (105, 210, 1.0)
     assert candidate.mask.shape == (3, 4) and candidate.mask.all()
-    assert cropped(np.zeros((4, 4), bool), 0, 0, 0.5) is None
-    assert cropped(np.zeros((0, 0), bool), 0, 0, 0.5) is None
+    assert crop(np.zeros((4, 4), bool), 0, 0, 0.5) is None
+    assert crop(np.zeros((0, 0), bool), 0, 0, 0.5) is None
 
 
 def test_the_surest_of_duplicates_stays() -> None:
     first, second, other = box(0, 0, 10, 10, 0.6), box(1, 1, 11, 11, 0.9), box(0, 30, 10, 40, 0.3)
-    assert resolved([first, second, other]) == [second, other]
+    assert resolve_overlaps([first, second, other]) == [second, other]
 
 
 def test_a_part_of_an_object_goes_and_a_heap_of_objects_goes() -> None:
     whole, part = box(0, 0, 20, 20, 0.5), box(2, 2, 8, 8, 0.9)
-    assert resolved([whole, part]) == [whole]
+    assert resolve_overlaps([whole, part]) == [whole]
     heap, left, right = box(0, 0, 20, 42, 0.9), box(0, 0, 20, 20, 0.5), box(0, 22, 20, 42, 0.4)
-    assert resolved([heap, left, right]) == [left, right]
+    assert resolve_overlaps([heap, left, right]) == [left, right]
 
 
 def test_a_large_object_with_two_small_specks_in_it_is_no_heap() -> None:
     whole = box(0, 0, 30, 30, 0.5)
-    assert resolved([whole, box(2, 2, 8, 8, 0.9), box(20, 20, 26, 26, 0.9)]) == [whole]
+    assert resolve_overlaps([whole, box(2, 2, 8, 8, 0.9), box(20, 20, 26, 26, 0.9)]) == [whole]
 
 
 def test_parts_of_an_object_in_a_heap_go_with_neither() -> None:
     heap, left, right = box(0, 0, 20, 42, 0.9), box(0, 0, 20, 20, 0.5), box(0, 22, 20, 42, 0.4)
     part = box(5, 5, 10, 10, 0.8)
-    assert resolved([heap, left, right, part]) == [left, right]
+    assert resolve_overlaps([heap, left, right, part]) == [left, right]
 
 
 def test_contested_pixels_belong_to_the_surest() -> None:
-    ids, scores = painted([box(0, 0, 6, 6, 0.4), box(4, 4, 10, 10, 0.8)], 12, 12)
+    ids, scores = paint_candidates([box(0, 0, 6, 6, 0.4), box(4, 4, 10, 10, 0.8)], 12, 12)
     assert ids[5, 5] == ids[9, 9] == 1 and ids[0, 0] == 2 and ids[11, 11] == 0
     assert scores == {1: 0.8, 2: 0.4} and ids.dtype == np.uint16
-    ids, scores = painted([box(2, 2, 4, 4, 0.4), box(0, 0, 9, 9, 0.8)], 12, 12)
+    ids, scores = paint_candidates([box(2, 2, 4, 4, 0.4), box(0, 0, 9, 9, 0.8)], 12, 12)
     assert scores == {1: 0.8}  # nothing of the other is left to see
 
 

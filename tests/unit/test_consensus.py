@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes.orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
 
-from cotton3dg.clustering.boll_shape import close_flagged, pieces
-from cotton3dg.clustering.consensus import contract, merge_views, moved
+from cotton3dg.clustering.boll_shape import flag_close, split_heap
+from cotton3dg.clustering.consensus import contract, merge_views, move_nodes
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.geometry.point_sets import compact_part, extent
@@ -105,10 +105,10 @@ def test_bolls_nearer_than_bolls_usually_are_are_flagged():
     def at(x: float, diameter_su: float = 1.0) -> BollInstance:
         return BollInstance(0, np.arange(3), ("a", "b"), np.array([x, 0, 0]), diameter_su, 1.0, ("few_views",))
 
-    flagged = close_flagged([at(0), at(0.8), at(1.7), at(5, 1.2), at(9, 0.8)])
+    flagged = flag_close([at(0), at(0.8), at(1.7), at(5, 1.2), at(9, 0.8)])
     assert [boll.flags for boll in flagged] == [("few_views", "close")] * 2 + [("few_views",)] * 3
-    assert close_flagged([at(0)])[0].flags == ("few_views",)
-    assert close_flagged([]) == []
+    assert flag_close([at(0)])[0].flags == ("few_views",)
+    assert flag_close([]) == []
 
 
 def test_names_of_masks_and_order_of_selections_are_of_no_consequence():
@@ -191,7 +191,7 @@ def test_contraction_equals_the_naive_loop_and_moves_never_lose(n, seed):
     def kept(labels):
         return (evidence * (labels[:, None] == labels))[np.triu_indices(n, 1)].sum()
 
-    assert kept(moved(evidence.copy(), found)) >= kept(found) - 1e-3
+    assert kept(move_nodes(evidence.copy(), found)) >= kept(found) - 1e-3
 
 
 def sphere(rng, n, radius, centre=(0, 0, 0)):
@@ -219,13 +219,13 @@ def test_stragglers_and_crumbs_are_not_part_of_the_body():
 def test_only_touching_balls_are_parted():
     rng = np.random.default_rng(2)
     one, pair = sphere(rng, 300, 1.0), np.concatenate([sphere(rng, 300, 1.0), sphere(rng, 200, 0.8, (1.7, 0, 0))])
-    assert pieces(one, 2.0) is None
-    assert pieces(one * [1.4, 1, 1], 2.0) is None
-    labels = pieces(pair, 2.0)
+    assert split_heap(one, 2.0) is None
+    assert split_heap(one * [1.4, 1, 1], 2.0) is None
+    labels = split_heap(pair, 2.0)
     assert labels is not None
     assert len(np.unique(labels[:300])) == 1 or np.bincount(labels[:300]).max() > 285
     heap = np.concatenate([sphere(rng, 200, 1.0, c) for c in ([0, 0, 0], [2, 0, 0], [1, 1.73, 0])])
-    labels = pieces(heap, 2.0)
+    labels = split_heap(heap, 2.0)
     assert labels is not None and labels.max() == 2
 
 
@@ -250,7 +250,7 @@ def test_heaps_fall_into_as_many_pieces_as_they_have_balls(centres, seed):
     inside = np.linalg.norm(points[:, None] - centres, axis=2) < 0.93 * radii
     inside[np.arange(len(owners)), owners] = False
     points, owners = points[~inside.any(axis=1)], owners[~inside.any(axis=1)]
-    labels = pieces(points, 1.9)
+    labels = split_heap(points, 1.9)
     assert labels is not None
     shares = np.zeros((len(centres), labels.max() + 1))
     np.add.at(shares, (owners, labels), 1)
@@ -262,7 +262,7 @@ def test_heaps_fall_into_as_many_pieces_as_they_have_balls(centres, seed):
 @pytest.mark.parametrize("widths", [(1.3, 1, 1), (1.6, 1.6, 1), (1.9, 1.9, 1.9)])
 def test_a_large_ball_is_no_heap(widths):
     rng = np.random.default_rng(3)
-    assert pieces(sphere(rng, 400, 1.0) * widths + rng.normal(0, 0.03, (400, 3)), 2.0) is None
+    assert split_heap(sphere(rng, 400, 1.0) * widths + rng.normal(0, 0.03, (400, 3)), 2.0) is None
 
 
 def test_a_crowd_that_every_view_merges_is_parted():

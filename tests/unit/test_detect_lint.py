@@ -8,7 +8,7 @@ from scipy import ndimage
 from cotton3dg.core.scene import Camera
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.masks.detect_lint import detect_lint, draw_overlay, lint_score
-from cotton3dg.masks.paint_bolls import divided, lint_pixels, without_specks
+from cotton3dg.masks.paint_bolls import divide, lint_pixels, without_specks
 from cotton3dg.masks.split_touching import boll_shaped, split_touching, typical_diameter
 from cotton3dg.masks.voxel_voting import find_bolls, refine_bolls
 
@@ -278,7 +278,7 @@ def test_the_crease_divides_two_bolls_not_the_first_guess() -> None:
     image = np.where(lint[..., None], 230, 40).astype(np.uint8).repeat(3, 2)
     image[:, 57:58] = np.minimum(image[:, 57:58], 150)
     owners = np.where(lint, np.where(x < 60, 1, 2), 0).astype(np.uint16)  # three pixels too far to the right
-    ids = divided(image, owners, 4.0)
+    ids = divide(image, owners, 4.0)
     assert (ids[lint] > 0).all() and not ids[~lint].any()
     wrong = lint & (ids != np.where(x < 57, 1, 2)) & (abs(x - 57) > 1)
     assert wrong.sum() < 0.2 * (lint & (x > 57) & (x < 60)).sum()

@@ -7,14 +7,14 @@ from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.masks.bolls import Maps
 from cotton3dg.masks.join_parts import join_parts
-from cotton3dg.masks.lint_in_space import LintInSpace, lint_in_space
+from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
 from cotton3dg.masks.meeting_votes import (
     Middles,
     Votes,
-    agreement,
+    cast_votes,
     find_middles,
-    votes_in_space,
-    where_rays_meet,
+    measure_agreement,
+    meet_rays,
 )
 from cotton3dg.masks.outline_bolls import outline_bolls
 
@@ -48,15 +48,15 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     rng = np.random.default_rng(0)
     images = masks_of(gaussians, bolls, cameras())
     maps = [maps_of(camera, ids, rng, noise) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = lint_in_space(maps, cameras(), gaussians, everything(gaussians))
-    votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
+    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
+    votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
     middles = find_middles(votes)
     assert len(middles.centres) == len(CENTRES)
     distances = np.linalg.norm(middles.centres[:, None] - CENTRES, axis=2)
     assert (distances.min(axis=1) < 0.1 * RADIUS).all()
     np.testing.assert_allclose(middles.diameters, 2 * RADIUS, rtol=0.15)
     assert (middles.views >= 6).all()
-    assert (agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
+    assert (measure_agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
     same = distances.argmin(axis=1)
     for camera, ids in zip(cameras(), images, strict=True):
         grey = np.where(ids > 0, 230, 60).astype(np.uint8)
@@ -81,7 +81,7 @@ def test_lint_that_most_views_see_is_lint_in_all_of_them():
         if number % 3 == 1:
             view.lint[ids == 0] = 0.7
         maps.append(view)
-    lint = lint_in_space(maps, cameras(), gaussians, everything(gaussians))
+    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
     for camera, ids in zip(cameras(), images, strict=True):
         shown = lint.seen(camera)[0] > 0.5
         assert (shown & (ids > 0)).sum() / (shown | (ids > 0)).sum() > 0.85
@@ -92,9 +92,9 @@ def test_gaussians_that_are_not_allowed_are_no_lint():
     images = masks_of(gaussians, bolls, cameras())
     rng = np.random.default_rng(0)
     maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = lint_in_space(maps, cameras(), gaussians, gaussians.means[:, 0] < CENTRES[:, 0].min() - 9)
+    lint = gather_lint(maps, cameras(), gaussians, gaussians.means[:, 0] < CENTRES[:, 0].min() - 9)
     assert not lint.shares.any()
-    votes = [votes_in_space(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
+    votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
     assert not len(find_middles(votes).centres)
 
 
@@ -106,8 +106,8 @@ def test_what_one_view_alone_sees_is_no_boll():
         if number:
             ids[ids == 3] = 0
     maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = lint_in_space(maps, cameras(), gaussians, everything(gaussians))
-    middles = find_middles([votes_in_space(v, c, lint) for v, c in zip(maps, cameras(), strict=True)])
+    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
+    middles = find_middles([cast_votes(v, c, lint) for v, c in zip(maps, cameras(), strict=True)])
     assert len(middles.centres) == len(CENTRES) - 1
     assert np.linalg.norm(middles.centres - CENTRES[2], axis=1).min() > RADIUS
 
@@ -116,8 +116,8 @@ def test_no_lint_is_no_boll():
     gaussians, _ = model()
     camera = cameras()[0]
     maps = maps_of(camera, np.zeros((camera.height, camera.width), int), np.random.default_rng(0))
-    lint = lint_in_space([maps, maps], [camera, camera], gaussians, everything(gaussians))
-    votes = votes_in_space(maps, camera, lint)
+    lint = gather_lint([maps, maps], [camera, camera], gaussians, everything(gaussians))
+    votes = cast_votes(maps, camera, lint)
     middles = find_middles([votes, votes])
     assert isinstance(middles, Middles) and not len(middles.centres)
     assert not outline_bolls(np.zeros((camera.height, camera.width, 3), np.uint8), camera, lint, middles).any()
@@ -131,9 +131,9 @@ def test_rays_meet_where_they_were_sent_whatever_single_ones_do():
     rays[:40] = rng.normal(size=(40, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     weights = np.ones(200, np.float32)
-    met = where_rays_meet(eyes, rays.astype(np.float32), weights, target + (0.05, 0.05, -0.05), size=0.4)
+    met = meet_rays(eyes, rays.astype(np.float32), weights, target + (0.05, 0.05, -0.05), size=0.4)
     assert np.linalg.norm(met - target) < 0.02
-    seen_from_one_place = where_rays_meet(np.zeros((5, 3)), rays[100:105] * 0 + (0, 0, 1), weights[:5], target, 0.4)
+    seen_from_one_place = meet_rays(np.zeros((5, 3)), rays[100:105] * 0 + (0, 0, 1), weights[:5], target, 0.4)
     assert seen_from_one_place[2] == pytest.approx(target[2], abs=1e-6), "along rays that do not cross nothing moves"
 
 

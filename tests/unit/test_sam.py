@@ -9,7 +9,7 @@ import pytest
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.masks.grounding_dino import find_boxes, open_grounding_dino
 from cotton3dg.masks.sam import Prompts, detect_sam, open_sam, prompts_around
-from cotton3dg.masks.transformer_models import normalised
+from cotton3dg.masks.transformer_models import normalise
 
 rng = np.random.default_rng(0)
 PHOTO = rng.integers(0, 256, (90, 160, 3)).astype(np.uint8)
@@ -72,7 +72,7 @@ def test_boxes_that_are_cut_huge_unsure_or_double_do_not_count() -> None:
 
 
 def test_colours_are_relative_to_those_of_imagenet() -> None:
-    grey = normalised(np.full((10, 20, 3), 128, np.uint8), 5, 10)
+    grey = normalise(np.full((10, 20, 3), 128, np.uint8), 5, 10)
     assert grey.shape == (3, 5, 10)
     np.testing.assert_allclose(
         grey[:, 0, 0], (128 / 255 - np.array([0.485, 0.456, 0.406])) / [0.229, 0.224, 0.225], 1e-5
@@ -111,7 +111,7 @@ def test_sam_sees_what_its_own_processing_would_show_it(folders, kind: str) -> N
     model = getattr(transformers, model).from_pretrained(folders[kind]).eval()
     photo = PHOTO[:64, :128] if kind == "sam" else np.resize(PHOTO, (128, 128, 3))
     frame = np.zeros((1, 3, 128, 128), np.float32)
-    frame[0, :, : len(photo)] = normalised(photo, *photo.shape[:2])
+    frame[0, :, : len(photo)] = normalise(photo, *photo.shape[:2])
     box = torch.tensor([[[10.0, 10, 60, 60]]])
     with torch.inference_mode():
         logits = model(pixel_values=torch.from_numpy(frame), input_boxes=box, multimask_output=False).pred_masks[0, 0]

@@ -15,12 +15,12 @@ from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.images import read_ids
 from cotton3dg.options import SimulateOptions
-from cotton3dg.simulate.atlas import packed
+from cotton3dg.simulate.atlas import pack
 from cotton3dg.simulate.camera import Orbit, orbit
-from cotton3dg.simulate.film import exposure_ev, filmed, filmed_ids
+from cotton3dg.simulate.film import exposure_ev, film, film_ids
 from cotton3dg.simulate.mesh import Mesh, icosphere, sheet, smooth_curve, tube
 from cotton3dg.simulate.plant import PlantMeshes, grow_plant
-from cotton3dg.simulate.render import RenderScene, developed, instance_ids, lit_scene, render
+from cotton3dg.simulate.render import RenderScene, develop, instance_ids, light_scene, render
 from cotton3dg.simulate.room import build_room
 from cotton3dg.simulate.truth import plant_truth
 
@@ -30,7 +30,7 @@ SMALL = SimulateOptions(seed=3, bolls=4, frames=16, width=192, height=108)
 @cache
 def small() -> tuple[PlantMeshes, RenderScene, Orbit]:
     plant = grow_plant(SMALL)
-    return plant, lit_scene(plant, build_room(SMALL, plant.stem_base)), orbit(SMALL, plant.vertices)
+    return plant, light_scene(plant, build_room(SMALL, plant.stem_base)), orbit(SMALL, plant.vertices)
 
 
 def signed_volume(mesh: Mesh) -> float:
@@ -134,8 +134,8 @@ def test_same_seed_same_bytes_and_another_seed_another_plant():
     plant, scene, path = small()
     again = grow_plant(SMALL)
     assert again.vertices.tobytes() == plant.vertices.tobytes()
-    repeated = lit_scene(again, build_room(SMALL, again.stem_base))
-    assert filmed(repeated, orbit(SMALL, again.vertices), 5, SMALL).tobytes() == filmed(scene, path, 5, SMALL).tobytes()
+    repeated = light_scene(again, build_room(SMALL, again.stem_base))
+    assert film(repeated, orbit(SMALL, again.vertices), 5, SMALL).tobytes() == film(scene, path, 5, SMALL).tobytes()
     assert grow_plant(replace(SMALL, seed=4)).vertices.shape != plant.vertices.shape or not np.allclose(
         grow_plant(replace(SMALL, seed=4)).vertices, plant.vertices
     )
@@ -182,7 +182,7 @@ def test_masks_lie_where_the_bolls_project():
 
 def test_lint_is_bright_and_the_room_is_textured():
     _, scene, path = small()
-    image, ids = filmed(scene, path, 2, SMALL), instance_ids(scene, path.at(2))
+    image, ids = film(scene, path, 2, SMALL), instance_ids(scene, path.at(2))
     assert np.median(image[cv2.erode(ids, np.ones((3, 3))) > 0].min(axis=1)) > 120
     assert (image == 255).all(axis=2).mean() < 0.02
     keypoints = cv2.SIFT_create().detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
@@ -202,16 +202,16 @@ def test_supersampling_converges():
 
 def test_effects_that_are_off_change_no_pixel():
     _, scene, path = small()
-    plain = developed(render(scene, path.at(3), supersampling=SMALL.supersampling))
-    assert np.array_equal(filmed(scene, path, 3, SMALL), plain)
-    assert np.array_equal(filmed_ids(scene, path, 3, SMALL), instance_ids(scene, path.at(3)))
+    plain = develop(render(scene, path.at(3), supersampling=SMALL.supersampling))
+    assert np.array_equal(film(scene, path, 3, SMALL), plain)
+    assert np.array_equal(film_ids(scene, path, 3, SMALL), instance_ids(scene, path.at(3)))
     for effect in ({"blur": 0.5}, {"exposure": 0.5}, {"distortion": -0.05}, {"noise": 3.0}, {"rolling_shutter": 0.5}):
-        assert not np.array_equal(filmed(scene, path, 3, replace(SMALL, **effect)), plain)
+        assert not np.array_equal(film(scene, path, 3, replace(SMALL, **effect)), plain)
 
 
 def test_exposure_multiplies_the_light_by_powers_of_two():
     light = np.full((2, 2, 3), 0.2, np.float32)
-    assert np.array_equal(developed(light, exposure_ev=1.0), developed(2 * light))
+    assert np.array_equal(develop(light, exposure_ev=1.0), develop(2 * light))
     drift = [exposure_ev(frame, replace(SMALL, exposure=0.4)) for frame in range(SMALL.frames)]
     assert 0.3 < max(map(abs, drift)) <= 0.4
     assert np.ptp(drift) > 0.4
@@ -220,9 +220,9 @@ def test_exposure_multiplies_the_light_by_powers_of_two():
 
 def test_noise_has_the_sigma_that_was_asked_for():
     light = np.full((200, 200, 3), 0.2, np.float32)
-    noisy = developed(light, noise=4.0, rng=np.random.default_rng(0))
+    noisy = develop(light, noise=4.0, rng=np.random.default_rng(0))
     assert noisy.std() == pytest.approx(4.0, rel=0.03)
-    assert noisy.mean() == pytest.approx(developed(light).mean(), abs=0.5)
+    assert noisy.mean() == pytest.approx(develop(light).mean(), abs=0.5)
 
 
 def test_distortion_is_that_of_opencv():
@@ -239,9 +239,9 @@ def test_distortion_is_that_of_opencv():
 
 def test_blur_is_the_mean_of_the_light_while_the_shutter_is_open():
     _, scene, path = small()
-    blurred = filmed(scene, path, 8, replace(SMALL, blur=0.1)).astype(float)
-    exact = developed(np.mean([render(scene, path.at(8 + 0.1 * t)) for t in np.linspace(-0.5, 0.5, 25)], axis=0))
-    sharp = filmed(scene, path, 8, SMALL)
+    blurred = film(scene, path, 8, replace(SMALL, blur=0.1)).astype(float)
+    exact = develop(np.mean([render(scene, path.at(8 + 0.1 * t)) for t in np.linspace(-0.5, 0.5, 25)], axis=0))
+    sharp = film(scene, path, 8, SMALL)
     errors = [np.sqrt(((blurred - image) ** 2).mean()) for image in (exact, sharp)]
     assert errors[0] < 6
     assert errors[0] < 0.5 * errors[1]
@@ -250,12 +250,12 @@ def test_blur_is_the_mean_of_the_light_while_the_shutter_is_open():
 def test_a_rolling_shutter_reads_each_row_at_its_own_time():
     _, scene, path = small()
     options = replace(SMALL, rolling_shutter=0.5)
-    rolled, ids = filmed(scene, path, 8, options).astype(float), filmed_ids(scene, path, 8, options)
-    still = filmed(scene, path, 8, SMALL)
+    rolled, ids = film(scene, path, 8, options).astype(float), film_ids(scene, path, 8, options)
+    still = film(scene, path, 8, SMALL)
     for row in (0, 52, 104):
         camera = path.at(8 + 0.5 * ((row + 2) / 108 - 0.5))
         rows = slice(row, row + 4)
-        error = np.abs(rolled[rows] - developed(render(scene, camera))[rows]).mean()
+        error = np.abs(rolled[rows] - develop(render(scene, camera))[rows]).mean()
         assert error < 0.5
         assert row == 52 or error < 0.1 * np.abs(rolled[rows] - still[rows]).mean()
         assert np.array_equal(ids[rows], instance_ids(scene, camera)[rows])
@@ -265,7 +265,7 @@ def test_a_rolling_shutter_reads_each_row_at_its_own_time():
 def test_atlas_filters_and_keeps_textures_apart():
     ramp = np.linspace(0, 1, 64, dtype=np.float32)[None, :, None] * np.ones((32, 1, 3), np.float32)
     checks = np.indices((64, 64)).sum(axis=0)[..., None] % 2 * np.ones(3, np.float32)
-    atlas = packed([ramp, checks.astype(np.float32), np.full((8, 200, 3), 0.25, np.float32)])
+    atlas = pack([ramp, checks.astype(np.float32), np.full((8, 200, 3), 0.25, np.float32)])
     s = np.random.default_rng(0).uniform(0, 1, 500).astype(np.float32)
     levels = np.linspace(0, 9, 500, dtype=np.float32)
     flat = atlas.sample(np.full(500, 2), s, s[::-1].copy(), levels)
@@ -305,9 +305,9 @@ def test_simulate_writes_video_and_truth(tmp_path):
     assert len(images) == 9
     assert images[0].shape == (108, 192, 3)
     plant = grow_plant(options)
-    scene, path = lit_scene(plant, build_room(options, plant.stem_base)), orbit(options, plant.vertices)
+    scene, path = light_scene(plant, build_room(options, plant.stem_base)), orbit(options, plant.vertices)
     for frame in (0, 5):
-        difference = images[frame].astype(float) - filmed(scene, path, frame, options)
+        difference = images[frame].astype(float) - film(scene, path, frame, options)
         assert 10 * np.log10(255**2 / (difference**2).mean()) > 28
 
     cameras = json.loads((folder / "cameras.json").read_text())

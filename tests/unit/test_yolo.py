@@ -10,7 +10,7 @@ from scenes.onnx_scene import CELL, SIDE, write_bright_cells
 
 from cotton3dg.errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
 from cotton3dg.masks.sam import open_sam
-from cotton3dg.masks.yolo import decoded, detect_yolo, fitted, suppressed
+from cotton3dg.masks.yolo import decode, detect_yolo, fit_image, suppress
 from cotton3dg.masks.yolo_networks import Network, open_network
 
 DEFAULTS = {"image_size": SIDE, "confidence": 0.3, "nms_iou": 0.7}
@@ -71,29 +71,29 @@ def test_confidence_decides_what_counts(network: Network) -> None:
 def test_a_box_that_overlaps_a_surer_one_is_suppressed() -> None:
     boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [0, 20, 10, 30], [0, 0, 10, 4]], float)
     scores = np.array([0.5, 0.9, 0.7, 0.8])
-    assert suppressed(boxes, scores, 0.5) == [1, 3, 2]
-    assert suppressed(boxes, scores, 0.9) == [1, 3, 2, 0]
-    assert suppressed(np.zeros((0, 4)), np.zeros(0), 0.5) == []
+    assert suppress(boxes, scores, 0.5) == [1, 3, 2]
+    assert suppress(boxes, scores, 0.9) == [1, 3, 2, 0]
+    assert suppress(np.zeros((0, 4)), np.zeros(0), 0.5) == []
 
 
 def test_only_chosen_classes_count() -> None:
     predictions = np.array([[8, 8, 8], [8, 24, 40], [4, 4, 4], [6, 6, 6], [0.9, 0.1, 0.2], [0.1, 0.8, 0.3], [1, 2, 3]])
-    boxes, scores, coefficients = decoded(predictions.astype(np.float32), 1, 0.25, [])
+    boxes, scores, coefficients = decode(predictions.astype(np.float32), 1, 0.25, [])
     np.testing.assert_allclose(scores, [0.9, 0.8, 0.3])
     np.testing.assert_allclose(boxes[0], [6, 5, 10, 11])
-    _, scores, coefficients = decoded(predictions.astype(np.float32), 1, 0.25, [1])
+    _, scores, coefficients = decode(predictions.astype(np.float32), 1, 0.25, [1])
     np.testing.assert_allclose(scores, [0.8, 0.3])
     np.testing.assert_allclose(coefficients, [[2], [3]])
     with pytest.raises(BadInput, match="no class 2"):
-        decoded(predictions.astype(np.float32), 1, 0.25, [2])
+        decode(predictions.astype(np.float32), 1, 0.25, [2])
 
 
 def test_an_image_is_fitted_without_distortion() -> None:
     image = bright(50, 100, (0, 0, 50, 100))
-    pixels, fit = fitted(image, 64)
+    pixels, fit = fit_image(image, 64)
     assert pixels.shape == (1, 3, 64, 64) and (fit.scale, fit.left, fit.top) == (0.64, 0, 16)
     assert (pixels[0, :, 16:48] == 1).all() and np.allclose(pixels[0, :, :16], 114 / 255)
-    assert fitted(image, 60)[0].shape == (1, 3, 64, 64)
+    assert fit_image(image, 60)[0].shape == (1, 3, 64, 64)
 
 
 def test_files_that_are_no_segmentation_network(tmp_path: Path) -> None:

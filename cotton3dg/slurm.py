@@ -8,7 +8,6 @@ and goes on with the stage that it was in.
 from __future__ import annotations
 
 import getpass
-import json
 import re
 import shutil
 import signal
@@ -19,11 +18,13 @@ from typing import Any
 
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .core.state import State
-from .errors import BadUsage, EnvironmentUnusable
-from .files.saving import explained_disk_errors, json_text, write_text_atomically
+from .documents.batch import Jobs, PlantOutcome
+from .errors import BadInput, BadUsage, EnvironmentUnusable
+from .files.saving import explained_disk_errors
 
 JOBS_FOLDER = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
+JOBS = f"{JOBS_FOLDER}/jobs.json"
 LOG, OUTCOME = "slurm.log", "records/batch.json"
 """In the plant's folder."""
 
@@ -50,7 +51,8 @@ class PlantJob:
             if attempt == self.retries or not result.worth_retrying:
                 break
         with explained_disk_errors(self.folder / name):
-            write_text_atomically(self.folder / name / OUTCOME, json_text(vars(result)))
+            outcome = PlantOutcome(result.folder, result.state, result.exit_code, result.reason)
+            outcome.save(self.folder / name / OUTCOME)
 
     def _attempt(self, name: str) -> Result:
         plant = self.folder / name
@@ -141,7 +143,7 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
         part = names[start : start + array_size]
         submitted |= {name: job.job_id for name, job in zip(part, executor.map_array(work, part), strict=True)}
         with explained_disk_errors(batch.folder):
-            write_text_atomically(batch.folder / JOBS_FOLDER / "jobs.json", json_text(jobs | submitted))
+            Jobs(jobs | submitted).save(batch.folder / JOBS)
     return submitted
 
 
@@ -164,19 +166,18 @@ def _result(folder: Path, name: str, job: str | None, waiting: dict[str, str]) -
     if job in waiting:
         return Result(name, State.WAITING, None, f"job {job} is {waiting[job].lower()}")
     try:
-        saved = json.loads((folder / name / OUTCOME).read_text(encoding="utf-8"))
-        return Result(name, State(saved["state"]), saved["exit_code"], str(saved["reason"]))
-    except (OSError, ValueError, KeyError, TypeError):
+        saved = PlantOutcome.load(folder / name / OUTCOME)
+        return Result(name, State(saved.state), saved.exit_code, saved.reason)
+    except (BadInput, ValueError):
         reason = f"job {job} ended without a word; submit again to go on, or see its {LOG}"
         return Result(name, State.FAILED, None, reason)
 
 
 def _jobs(folder: Path) -> dict[str, str]:
     try:
-        jobs = json.loads((folder / JOBS_FOLDER / "jobs.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return Jobs.load(folder / JOBS).of_plants
+    except BadInput:
         return {}
-    return {str(name): str(job) for name, job in jobs.items()} if isinstance(jobs, dict) else {}
 
 
 def _queued(jobs: Any) -> dict[str, str]:

@@ -7,18 +7,16 @@ result without a record is simply made again.
 
 from __future__ import annotations
 
-import errno
-import fcntl
-import json
-import os
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from .documents.document import Document
+from .documents.dropped import DroppedFiles
 from .documents.record import Record
-from .errors import BadInput, EnvironmentUnusable, MissingInput
+from .errors import BadInput, MissingInput
+from .files.lock import locked
 from .files.saving import (
     FULL_BELOW_BYTES,
     explained_disk_errors,
@@ -369,10 +367,8 @@ class Workspace:
     def dropped(self, *paths: Path) -> dict[str, str]:
         """Hashes of the files, below `paths` if given, that `clean` dropped and nothing has made again since."""
         try:
-            names = json.loads(self.dropped_json.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return {}
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            names = DroppedFiles.load(self.dropped_json).names
+        except BadInput:
             return {}
         # A stage that wrote anew took its old record away, and with it the word for files that it no longer makes.
         outputs: dict[str, str] = {}
@@ -390,33 +386,6 @@ class Workspace:
         return any((self.root / name).is_relative_to(path) for path in paths)
 
     # ------------------------------------------------------------------ lock
-    @contextmanager
-    def locked(self, *, wait: bool = False) -> Iterator[None]:
-        """Hold the plant's folder for this process; the lock ends with the process, however it dies.
-
-        Args:
-            wait: until whoever holds it ends, instead of failing.
-        """
-        with explained_disk_errors(self.root):
-            handle = os.open(self.root / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            except OSError as error:
-                if error.errno not in (errno.EAGAIN, errno.EACCES):
-                    raise
-                raise EnvironmentUnusable(
-                    "another cotton3dg is working in this folder; wait for it or stop it"
-                ) from error
-            yield
-        finally:
-            os.close(handle)
-
-
-def user_cache(name: str) -> Path:
-    """A file of this user for all plants, below $XDG_CACHE_HOME or ~/.cache; its folder is made if needed."""
-    root = os.environ.get("XDG_CACHE_HOME", "")
-    folder = (Path(root) if Path(root).is_absolute() else Path.home() / ".cache") / "cotton3dg"
-    with explained_disk_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder / name
+    def locked(self, *, wait: bool = False) -> AbstractContextManager[None]:
+        """Hold the plant's folder for this process, as `files.lock.locked` explains."""
+        return locked(self.root / ".lock", wait=wait)

@@ -11,7 +11,8 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
+from ..documents.dropped import DroppedFiles
+from ..files.saving import explained_disk_errors, file_sha256
 from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 
@@ -42,7 +43,7 @@ def clean(workspace: Workspace) -> Dropped:
         # The names come first: killed in between, files that still are there count as there.
         if images:
             names = {path.relative_to(workspace.root).as_posix() for path in images}
-            write_text_atomically(workspace.dropped_json, json_text(sorted(names | workspace.dropped().keys())))
+            DroppedFiles(tuple(sorted(names | workspace.dropped().keys()))).save(workspace.dropped_json)
         files = images + _leftovers(workspace)
         n_bytes = sum(path.stat().st_size for path in files)
         for path in files:

@@ -7,7 +7,6 @@ Not a stage of the pipeline: it makes the folder that a run starts from.
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -15,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.progress import Progress, silent
-from ..errors import BadUsage
+from ..documents.truth import TrueMasks, TruthOrigin
+from ..errors import BadInput, BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
 from ..files.saving import explained_disk_errors, json_text, write_text_atomically
@@ -64,7 +64,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
                     write_ids(instances / f"frame_{frame:04d}.png", masks[frame])
                 progress(frame + 1, options.frames, "filming")
         frames = {f"frame_{frame:04d}.png": frame for frame in masks}
-        write_text_atomically(instances / "frames.json", json_text({"note": MASKS_NOTE, "frames": frames}))
+        TrueMasks(MASKS_NOTE, frames).save(instances / "frames.json")
         exposures = [exposure_ev(frame, options) for frame in range(options.frames)]
         write_text_atomically(folder / "cameras.json", json_text(camera_truth(path, options, exposures)))
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
@@ -83,8 +83,8 @@ def _check(folder: Path, options: SimulateOptions) -> None:
         raise BadUsage(f"{options.width}x{options.height} cannot be encoded; choose even numbers")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         try:
-            ours = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["preset"] == "simulate"
-        except (OSError, ValueError, KeyError, TypeError):
+            ours = TruthOrigin.load(folder / "truth.json").preset == "simulate"
+        except BadInput:
             ours = False
         if not ours:
             raise BadUsage(f"{folder} is not empty and was not made by simulate; give a new folder")

@@ -57,6 +57,19 @@ class Document:
         return _typed(cls, value, "")
 
 
+class WholeDocument(Document):
+    """A JSON file that is one list, or one table of things alike: the only field of the dataclass is all of it."""
+
+    def save(self, path: Path) -> None:
+        (content,) = plain(self).values()
+        write_text_atomically(path, json_text(content))
+
+    @classmethod
+    def parsed(cls, value: Any) -> Self:
+        ((name, kind),) = _kinds(cls).items()  # type: ignore[arg-type]
+        return cls(**{name: _typed(kind, value, "it")})
+
+
 def plain(value: Any) -> Any:
     """A document as dictionaries, lists and numbers."""
     if is_dataclass(value):

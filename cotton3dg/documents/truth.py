@@ -1,8 +1,9 @@
-"""truth.json: what is known of a plant, simulated or measured by hand; no stage reads it."""
+"""truth.json and instances/frames.json: what is known of a plant; no stage reads it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, Self
 
 from .document import Document
 
@@ -28,3 +29,30 @@ class Truth(Document):
     stem_base_xyz_m: tuple[float, ...]
     """Where the stem meets the table."""
     bolls: tuple[TrueBoll, ...]
+
+
+@dataclass(frozen=True)
+class TruthOrigin(Document):
+    """Who wrote a truth.json."""
+
+    REMEDY = Truth.REMEDY
+
+    preset: str = ""
+    """`simulate` of a simulated plant."""
+
+
+@dataclass(frozen=True)
+class TrueMasks(Document):
+    """instances/frames.json: which frames of the video the true masks belong to."""
+
+    REMEDY = "`cotton3dg simulate` writes a complete one"
+
+    note: str = ""
+    """What the masks show."""
+    frames: dict[str, int] = field(default_factory=dict)
+    """File of ids -> index of the video's frame."""
+
+    @classmethod
+    def parsed(cls, value: Any) -> Self:
+        # Other sets of plants have the table of frames alone.
+        return super().parsed(value if not isinstance(value, dict) or "frames" in value else {"frames": value})

@@ -8,7 +8,6 @@ pixels are judged only where they are hits: what is that small is visible by cha
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents.frames import FramesInfo
+from ..documents.truth import TrueMasks
 from ..errors import BadInput
 from ..files.annotations import read_masks, undistorted_ids
 from ..files.colmap import read_cameras
@@ -98,8 +98,7 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> tuple[list[MaskScore],
 
 def _of_video(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
     """True masks by the stem of the frame that was taken from the same place of the video."""
-    document = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
-    file_of_index = {index: name for name, index in document.get("frames", document).items()}
+    file_of_index = {index: name for name, index in TrueMasks.load(folder / "frames.json").frames.items()}
     taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
     return {
         Path(image.name).stem: read_ids(folder / file_of_index[image.source_index])

@@ -6,14 +6,16 @@ a heap of them: `candidates.resolved` decides. SAM's masks have 256 x 256 px for
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float32, Float64
+from ..core.scene import Camera, Float32, Float64
+from ..errors import BadInput
+from ..files.prompt_table import read_prompts
 from .candidates import Candidate, crop, paint_candidates, resolve_overlaps, tiles
 from .transformer_models import load_model, model_kind, normalise
 
@@ -98,6 +100,30 @@ def prompts_around(ids: NDArray[np.uint16]) -> Prompts:
         margin = MARGIN * (high - low)
         boxes.append(np.clip([*(low - margin), *(high + margin)], 0, np.tile(ids.shape[::-1], 2)))
     return Prompts(np.array(points, np.float64).reshape(-1, 2), np.array(boxes, np.float64).reshape(-1, 4))
+
+
+def table_prompts(table: Path, cameras: Sequence[Camera]) -> dict[str, Prompts]:
+    """Prompts of the user by the name of the image, px.
+
+    Raises:
+        BadInput: prompts of unknown images, or outside of theirs.
+    """
+    by_stem = {Path(camera.name).stem: camera for camera in cameras}
+    prompts = {}
+    for stem, rows in read_prompts(table).items():
+        if stem not in by_stem:
+            raise BadInput(
+                f"{table.name} prompts {stem}, which is no image with a pose; use names such as {next(iter(by_stem))}"
+            )
+        camera = by_stem[stem]
+        limits = np.tile([camera.width, camera.height], rows.shape[1] // 2)
+        if ((rows < 0) | (rows > limits)).any():
+            raise BadInput(
+                f"{table.name} prompts {stem} outside of its {camera.width} x {camera.height} px; "
+                "take them in the images of sfm/undistorted"
+            )
+        prompts[camera.name] = Prompts(points=rows) if rows.shape[1] == 2 else Prompts(boxes=rows)
+    return prompts
 
 
 def open_sam(folder: Path, *, trusted: bool) -> Segmenter:

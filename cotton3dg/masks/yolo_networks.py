@@ -6,7 +6,7 @@ import logging
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -146,3 +146,22 @@ def load_ultralytics() -> Any:
     logging.getLogger("ultralytics").setLevel(logging.ERROR)
     settings.update({name: False for name, value in settings.items() if isinstance(value, bool)})
     return YOLO
+
+
+def class_numbers(network: Network, words: Sequence[str]) -> list[int]:
+    """The classes that the user chose, by number; all of a network that only knows one.
+
+    Raises:
+        BadUsage: an unknown class, or no choice among several.
+    """
+    names = dict(network.class_names)
+    numbers = {name: number for number, name in names.items()}
+    chosen = []
+    for word in words:
+        if word not in numbers and not word.isdecimal():
+            raise BadUsage(f"the model has no class {word!r}; it has {', '.join(list(numbers)[:8]) or 'numbers only'}")
+        chosen.append(numbers[word] if word in numbers else int(word))
+    if len(names) > 1 and not chosen:
+        listed = ", ".join(list(numbers)[:8])
+        raise BadUsage(f"the model knows {len(names)} classes ({listed}, ...); say which are bolls with --classes")
+    return chosen

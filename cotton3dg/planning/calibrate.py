@@ -9,6 +9,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,9 @@ from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
 from ..documents.document import Document
 from ..errors import BadInput
+from ..files.saving import explained_disk_errors
 from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
-from ..workspace import user_cache
 from .cost import Machine
 
 VERSION = 1
@@ -59,7 +60,7 @@ def calibrated(tell: Callable[[str], None] = print) -> Machine:
 def read_calibration() -> Machine | None:
     """What was measured on this machine, if it still holds."""
     try:
-        saved = Calibration.load(user_cache("calibration.json"))
+        saved = Calibration.load(_saved_json())
     except BadInput:
         return None
     return saved.machine if saved.of == _identity() else None
@@ -80,7 +81,7 @@ def calibrate() -> Machine:
         splatting=round(splatting_s / SPLATTING_S, 3),
         imaging=round(imaging_s / IMAGING_S, 3),
     )
-    Calibration(_identity(), machine).save(user_cache("calibration.json"))
+    Calibration(_identity(), machine).save(_saved_json())
     return machine
 
 
@@ -151,3 +152,12 @@ def _features() -> Callable[[], None]:
         finder.detectAndCompute(grey, None)
 
     return find
+
+
+def _saved_json() -> Path:
+    """Of this user, below $XDG_CACHE_HOME or ~/.cache; its folder is made if needed."""
+    root = os.environ.get("XDG_CACHE_HOME", "")
+    folder = (Path(root) if Path(root).is_absolute() else Path.home() / ".cache") / "cotton3dg"
+    with explained_disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder / "calibration.json"

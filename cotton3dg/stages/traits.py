@@ -126,4 +126,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 1.5 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=5, inputs=inputs, run=run, cost=_cost)
+STAGE = Stage("traits", version=6, inputs=inputs, run=run, cost=_cost)

@@ -7,13 +7,16 @@ from dataclasses import fields, replace
 import pytest
 from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
 
+from cotton3dg.documents.batch import Jobs, PlantOutcome
 from cotton3dg.documents.bolls import BollFacts, BollMask, BollsInfo
+from cotton3dg.documents.dropped import DroppedFiles
 from cotton3dg.documents.frames import FramesInfo
 from cotton3dg.documents.masks import MaskedImage, MasksInfo
 from cotton3dg.documents.scale import ScaleInfo, read_scale
 from cotton3dg.documents.segment import MeanIous, ReachedIous, SegmentInfo
 from cotton3dg.documents.sfm import LensDecision, SfmInfo
 from cotton3dg.documents.train import ExposureDecision, RejectedStep
+from cotton3dg.documents.truth import TrueMasks
 from cotton3dg.errors import BadInput
 
 DOCUMENTS = [
@@ -28,6 +31,8 @@ DOCUMENTS = [
     BollsInfo("0" * 64, (BollFacts(1, (0.0, 1.0, 2.0), 0.1, 400, ("a", "b"), 0.75, ("large",), (BollMask("a", 3),)),)),
     table_scale(evidence={"edge_support": [0.9]}, references=({"source": "table"},), refused={"aruco": "none"}),
     ScaleInfo("none", "no table"),
+    PlantOutcome("a", "failed", 8, "too short"),
+    TrueMasks("of lint", {"frame_0000.png": 0}),
 ]
 
 
@@ -93,3 +98,23 @@ def test_bolls_of_a_program_that_kept_no_masks_are_refused(tmp_path):
     path.write_text(json.dumps({"gaussians_sha256": "0" * 64, "bolls": [boll | {"flags": []}]}))
     with pytest.raises(BadInput, match=r"bolls\[0\] has no masks.*; run `cotton3dg cluster --force`"):
         BollsInfo.load(path)
+
+
+@pytest.mark.parametrize(
+    ("document", "content"),
+    [(Jobs({"a": "17_0"}), {"a": "17_0"}), (DroppedFiles(("frames/000000.jpg",)), ["frames/000000.jpg"])],
+)
+def test_a_document_of_one_field_is_the_whole_file(tmp_path, document, content):
+    path = tmp_path / "document.json"
+    document.save(path)
+    assert json.loads(path.read_text()) == content
+    assert type(document).load(path) == document
+    for text in ("{", "3", json.dumps([3]), json.dumps({"a": 3}), json.dumps({"a": ["b"]})):
+        path.write_text(text)
+        with pytest.raises(BadInput, match=r"document\.json .*; (submit|run) "):
+            type(document).load(path)
+
+
+def test_frames_of_true_masks_may_stand_alone(tmp_path):
+    (tmp_path / "frames.json").write_text('{"frame_0010.png": 10}')
+    assert TrueMasks.load(tmp_path / "frames.json").frames == {"frame_0010.png": 10}

@@ -1,0 +1,62 @@
+"""Images from a folder of photos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from ..core.progress import Progress
+from ..documents.frames import FramesInfo
+from ..errors import BadInput, CaptureFailed
+from ..files import images
+from ..options import FramesOptions
+from . import frame_quality
+from .taken import ORIENTATION_RULE, Keep, Picture, Taken, keep_all
+
+MIN_PHOTOS = 8
+
+
+def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Progress) -> Taken:
+    """Take photos at even steps of their order by name, all of one size.
+
+    Raises:
+        CaptureFailed: there are too few.
+        BadInput: a photo cannot be decoded, or differs from the others in size.
+    """
+    found = images.list_images(source)
+    if len(found) < MIN_PHOTOS:
+        raise CaptureFailed(
+            f"{len(found)} photos in {source.name} ({MIN_PHOTOS} needed); take some 50 all around the plant"
+        )
+    indices = frame_quality.spread_indices(len(found), options.count)
+    focal_lengths_px: list[float | None] = []
+
+    def pictures() -> Iterator[Picture]:
+        shape: tuple[int, ...] = ()
+        for index in indices:
+            picture = images.read_image(found[index])
+            if shape and picture.shape != shape:
+                raise BadInput(
+                    f"{found[index].name} is {picture.shape[1]} x {picture.shape[0]} px, those before are"
+                    f" {shape[1]} x {shape[0]}; keep photos of one camera and orientation"
+                )
+            shape = picture.shape
+            small = images.scaled_down(picture, options.max_side)
+            if not focal_lengths_px:
+                focal_px = images.exif_focal_length_px(found[index])
+                focal_lengths_px.append(focal_px and focal_px * max(small.shape) / max(shape))
+            yield small
+
+    entries, motions = keep_all(pictures(), indices, keep, progress)
+    few = len(indices) < len(found)
+    info = FramesInfo(
+        source="images",
+        ordered=False,
+        orientation=ORIENTATION_RULE,
+        focal_length_px=focal_lengths_px[0] or math.nan,
+        images=tuple(replace(entry, file=found[entry.source_index].name) for entry in entries),
+    )
+    warning = f"{len(indices)} of {len(found)} photos are used; raise frames.count to use more"
+    return Taken(info, motions, warnings=(warning,) if few else ())

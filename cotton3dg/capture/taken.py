@@ -1,0 +1,89 @@
+"""The images that were taken from a capture: measured as they pass by, for they are too many to be held together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress
+from ..documents.frames import FrameInfo, FramesInfo
+from ..errors import CaptureFailed
+from ..files.images import scaled_down
+from . import frame_quality
+
+Picture = NDArray[np.uint8]
+"""(H, W, 3) RGB, or (H, W) grey."""
+Keep = Callable[[str, Picture], None]
+"""Saves an image under a name."""
+
+SCAN_SIDE = 640
+"""Images are judged at this size, px."""
+ORIENTATION_RULE = "rotation tags and EXIF orientation are applied to the pixels; the images carry no tag"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The images of one capture, as kept, and what is to be said about them."""
+
+    info: FramesInfo
+    motions: tuple[float, ...]
+    """From each image to the next, as `frame_quality.displacement` measures it."""
+    flags: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def keep_all(
+    pictures: Iterator[Picture], indices: list[int], keep: Keep, progress: Progress
+) -> tuple[list[FrameInfo], tuple[float, ...]]:
+    """Keep RGB images one by one; what there is to know of each, and the motion from each to the next."""
+    import cv2
+
+    entries: list[FrameInfo] = []
+    motions: list[float] = []
+    before: Picture | None = None
+    for number, (index, picture) in enumerate(zip(indices, pictures, strict=True)):
+        name = f"{number:06d}.jpg"
+        keep(name, picture)
+        grey = cv2.cvtColor(scaled_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
+        luminance, black, white = frame_quality.exposure(grey)
+        entries.append(
+            FrameInfo(
+                name,
+                source_index=index,
+                sharpness=round(frame_quality.sharpness(grey), 3),
+                blur=round(frame_quality.blur(grey), 4),
+                mean_luminance=round(luminance, 4),
+                black_share=round(black, 4),
+                white_share=round(white, 4),
+            )
+        )
+        if before is not None:
+            motions.append(frame_quality.displacement(before, grey))
+        before = grey
+        progress(number + 1, len(indices), "saving frames")
+    return entries, tuple(motions)
+
+
+def outcome_of(taken: Taken) -> StageOutcome:
+    """What the images themselves say about the capture.
+
+    Raises:
+        CaptureFailed: the camera did not move.
+    """
+    if frame_quality.stands_still(taken.motions):
+        raise CaptureFailed("the camera stands still; film one slow full turn around the plant")
+    entries = taken.info.images
+    medians = {
+        key: float(np.median([getattr(entry, key) for entry in entries]))
+        for key in ("blur", "mean_luminance", "white_share")
+    }
+    concerns = frame_quality.concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
+    return StageOutcome(
+        summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
+        flags=(*taken.flags, *concerns),
+        warnings=(*taken.warnings, *concerns.values()),
+    )

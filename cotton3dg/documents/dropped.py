@@ -1,0 +1,17 @@
+"""records/dropped.json: files that `cotton3dg clean` dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .document import WholeDocument
+
+
+@dataclass(frozen=True)
+class DroppedFiles(WholeDocument):
+    """What was dropped since the plant's stages last wrote. One that cannot be read is none: the stages run again."""
+
+    REMEDY = "run `cotton3dg run`, which makes the files again"
+
+    names: tuple[str, ...]
+    """Paths from the plant's folder."""

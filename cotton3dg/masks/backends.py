@@ -1,0 +1,223 @@
+"""The back ends of the stage masks: each from a plant's photos to the masks of its bolls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.bolls import MaskSet
+from ..core.progress import Progress
+from ..core.scene import Camera, Gaussians
+from ..errors import BadInput, BadUsage
+from ..files.annotations import read_masks, undistorted_ids
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..options import MasksOptions
+from .bolls import open_bolls
+from .detect_bolls import detect_bolls
+from .detect_lint import detect_lint
+from .grounding_dino import find_boxes, open_grounding_dino
+from .sam import Prompts, detect_sam, open_sam, prompts_around, table_prompts
+from .yolo import detect_yolo
+from .yolo_networks import class_numbers, open_network
+
+VOTING_VIEWS = 36
+"""Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
+
+NO_LINT = (
+    "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
+    "should stand in the middle of the orbit with its lint lit; or draw masks and use --backend import"
+)
+NOTHING_FOUND = {
+    "bolls": NO_LINT,
+    "lint": NO_LINT,
+    "import": "none of the imported images has a mask; if the plant has open bolls, draw them",
+}
+NO_DETECTION = "the network found no boll in any image; if the plant has open bolls, try a lower --confidence or --tile"
+
+Detector = Callable[[str, NDArray[np.uint8]], tuple[NDArray[np.uint16], dict[int, float]]]
+"""From the name and the pixels of an image to ids and scores."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What there is of a plant."""
+
+    cameras: Sequence[Camera]
+    """Of all undistorted images."""
+    photo: Callable[[str], NDArray[np.uint8]]
+    """Name of an undistorted image -> (H, W, 3) RGB."""
+    points: NDArray[np.float64]
+    """(P, 3) su, triangulated."""
+    model: Gaussians | None
+    """Once there is one, for the back ends that look at it."""
+    allowed: NDArray[np.bool_] | None
+    """(N,) which Gaussians of the model may be a boll's."""
+    filmed: Path
+    """COLMAP model of the images before their lens distortion was taken out."""
+    own_masks: Path
+    """Where the user's masks are unless an option says otherwise."""
+    file: Callable[[str], Path]
+    """The file or folder that the text of an option means."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Masks and how they came about."""
+
+    masks: MaskSet
+    notes: tuple[str, ...] = ()
+    """What the user should know."""
+
+
+def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
+    """Masks of the bolls' network, on views evenly spaced around the plant; by place, too, once there is a model."""
+    network = open_bolls(plant.file(options.bolls.weights) if options.bolls.weights else None)
+    views = _spaced(plant, options)
+    images = [plant.photo(camera.name) for camera in views]
+    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress))
+
+
+def by_lint(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
+    """Masks by colour and shape, on views evenly spaced around the plant; by distance, too, once there is a model."""
+    cameras = plant.cameras
+    orbit = fit_orbit(_several(cameras))
+    angles = azimuths(cameras, orbit)
+    many = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
+    few = many[evenly_spaced(angles[many], min(options.views, VOTING_VIEWS))]
+    painted, voting = (many, few) if options.views > VOTING_VIEWS else (few, many)
+    seen = [cameras[i] for i in many]
+    images = [plant.photo(camera.name) for camera in seen]
+    names, voters = ({cameras[i].name for i in chosen} for chosen in (painted, voting))
+    return Found(detect_lint(images, seen, orbit, plant.points, names, progress, voters, plant.model))
+
+
+def by_yolo(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
+    """Masks of a YOLO segmentation model."""
+    own = options.yolo
+    network = open_network(_given(plant, own.weights, "--weights"), trusted=own.trust_weights)
+    classes = class_numbers(network, _listed(own.classes))
+
+    def detect(_: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
+        return detect_yolo(
+            image,
+            network,
+            image_size=own.image_size,
+            confidence=own.confidence,
+            nms_iou=own.nms_iou,
+            tile_px=own.tile,
+            classes=classes,
+        )
+
+    notes = (network.notice,) if network.notice else ()
+    return Found(_each(plant, _spaced(plant, options), detect, progress), notes)
+
+
+def by_sam(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
+    """Masks of SAM, prompted by the user's table or, without one, by the masks of `lint`."""
+    own = options.sam
+    segment = open_sam(_given(plant, own.weights, "--weights"), trusted=own.trust_weights)
+    if own.prompts:
+        prompts = table_prompts(plant.file(own.prompts), plant.cameras)
+        views = [camera for camera in plant.cameras if camera.name in prompts]
+    else:
+        lint = by_lint(plant, options, progress).masks
+        prompts = {name: prompts_around(ids) for name, ids in lint.ids.items()}
+        views = [camera for camera in plant.cameras if camera.name in prompts]
+
+    def detect(name: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
+        return detect_sam(image, segment, prompts[name], confidence=own.confidence, tile_px=own.tile)
+
+    return Found(_each(plant, views, detect, progress))
+
+
+def by_text(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
+    """Masks of SAM in the boxes that Grounding DINO finds for a text."""
+    own = options.grounded_sam
+    if not own.prompt.strip():
+        raise BadUsage("--prompt is empty; say what to look for, e.g. --prompt 'cotton boll'")
+    detector = _given(plant, own.detector, "--detector")
+    find = open_grounding_dino(detector, own.prompt, trusted=own.trust_weights)
+    segment = open_sam(_given(plant, own.weights, "--weights"), trusted=own.trust_weights)
+
+    def detect(_: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
+        boxes = find_boxes(image, find, confidence=own.text_confidence, tile_px=own.tile)
+        return detect_sam(image, segment, Prompts(boxes=boxes), confidence=own.confidence, tile_px=own.tile)
+
+    return Found(_each(plant, _spaced(plant, options), detect, progress))
+
+
+def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
+    """The user's masks, fitted to the undistorted images.
+
+    Raises:
+        BadInput: masks of images that do not exist, or of another shape than these.
+    """
+    own = options.imported
+    source = plant.file(own.source) if own.source else plant.own_masks
+    by_stem = {Path(camera.name).stem: camera for camera in plant.cameras}
+    sizes = {stem: (camera.height, camera.width) for stem, camera in by_stem.items()}
+    found = read_masks(source, sizes, _listed(own.classes))
+    unknown = sorted(found.ids.keys() - by_stem.keys())
+    if unknown:
+        raise BadInput(
+            f"{len(unknown)} masks, e.g. {unknown[0]}, belong to no image with a pose "
+            f"(e.g. {next(iter(by_stem))}); name masks like their images"
+        )
+    ids: dict[str, NDArray[np.uint16]] = {}
+    for stem, mask in found.ids.items():
+        camera = by_stem[stem]
+        ids[camera.name] = undistorted_ids(stem, mask, camera, plant.filmed)
+    masks = MaskSet(ids, {by_stem[stem].name: scores for stem, scores in found.scores.items()})
+    empty = sorted(name for name, drawn in ids.items() if not drawn.any())
+    if empty and len(empty) < len(ids):
+        return Found(
+            masks, (f"{len(empty)} of {len(ids)} imported images have no mask, e.g. {empty[0]}; true if no boll shows",)
+        )
+    return Found(masks)
+
+
+def _several(cameras: Sequence[Camera]) -> Sequence[Camera]:
+    if len(cameras) < 2:
+        raise BadInput("only one image has a pose; bolls are found from several sides, so film a full turn")
+    return cameras
+
+
+def _spaced(plant: Plant, options: MasksOptions) -> list[Camera]:
+    """Cameras evenly spaced around the plant."""
+    angles = azimuths(plant.cameras, fit_orbit(_several(plant.cameras)))
+    return [plant.cameras[i] for i in evenly_spaced(angles, options.views)]
+
+
+def _each(plant: Plant, views: Sequence[Camera], detect: Detector, progress: Progress) -> MaskSet:
+    """The masks of views, one image at a time."""
+    masks = MaskSet({}, {})
+    for done, camera in enumerate(views):
+        progress(done, len(views), camera.name)
+        image = plant.photo(camera.name)
+        masks.ids[camera.name], masks.scores[camera.name] = detect(camera.name, image)
+    return masks
+
+
+def _given(plant: Plant, text: str, option: str) -> Path:
+    """The file or folder of an option that this back end cannot do without."""
+    if not text:
+        raise BadUsage(f"this back end needs weights, and none are downloaded; give a local file or folder as {option}")
+    return plant.file(text)
+
+
+def _listed(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+BACK_ENDS: dict[str, Callable[[Plant, MasksOptions, Progress], Found]] = {
+    "bolls": by_bolls,
+    "lint": by_lint,
+    "import": imported,
+    "yolo": by_yolo,
+    "sam": by_sam,
+    "grounded-sam": by_text,
+}

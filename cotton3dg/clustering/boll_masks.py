@@ -1,8 +1,8 @@
-"""Which masks show which boll, once it is known which Gaussians are its."""
+"""Which masks show which boll, once it is known which Gaussians are its, and what their images think of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
 
+EVEN = 0.33
+"""Agreement of the images at which a boll is as likely none as one ..."""
+STEEPNESS = 20.0
+"""... and how fast it gets likelier beyond, 1 / agreement."""
 OTHER_WEIGHT = 0.5
 """A boll has a mask when it holds more than this many times the weight there of what is no boll."""
 
@@ -26,3 +30,22 @@ def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDA
         if held[1:].max() > OTHER_WEIGHT * held[0]:
             masks.setdefault(int(held[1:].argmax()) + 1, []).append((selection.view, selection.mask_id))
     return [replace(boll, masks=tuple(masks.get(boll.boll_id, ()))) for boll in bolls]
+
+
+def weigh_agreement(bolls: Sequence[BollInstance], agreement: Mapping[tuple[str, int], float]) -> list[BollInstance]:
+    """The same bolls with the probability that each is one, where images told them apart together.
+
+    All their masks then say the same, so that counting the views that agree tells nothing.
+
+    Args:
+        agreement: by (view, mask id).
+    """
+    return [_weigh(boll, [agreement[mask] for mask in boll.masks if mask in agreement]) for boll in bolls]
+
+
+def _weigh(boll: BollInstance, agreements: Sequence[float]) -> BollInstance:
+    if not agreements:
+        return boll
+    confidence = boll.confidence / float(1 + np.exp(STEEPNESS * (EVEN - np.mean(agreements))))
+    doubts = ("disputed",) if confidence < 0.5 and "disputed" not in boll.flags else ()
+    return replace(boll, confidence=confidence, flags=(*boll.flags, *doubts))

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class MaskSet:
-    """Boll masks of several images; ids mean nothing across images."""
+    """Boll masks of several images; ids mean nothing across images unless they are told apart `together`."""
 
     ids: dict[str, NDArray[np.uint16]]
     """Image name -> (H, W) instance ids, 0 = background, at the size of the undistorted image."""
     scores: dict[str, dict[int, float]] = field(default_factory=dict)
     """Image name -> instance id -> confidence in 0..1."""
+    together: bool = False
+    """Whether all images decided together: a boll then has one id in all, and its score is the images' agreement."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class BollInstance:
     diameter_su: float
     """Mean width of its Gaussians' centres; the surface lies outside of them."""
     confidence: float
-    """0..1, the share of the views that see the boll and agree on it."""
+    """0..1, the share of the views that see the boll and agree on it; where these decided together, the probability
+    that it is one boll."""
     flags: tuple[str, ...] = ()
     masks: tuple[tuple[str, int], ...] = ()
     """(view, mask id) of each mask that shows it; of touching bolls in one mask only the one that fills most of it."""

@@ -79,7 +79,7 @@ class BollTraits:
     diameter_cm: float = column("cm", "mean calliper width of that convex body", 2, blank_when=NO_BODY)
     n_gaussians: int = column("1", "Gaussians of the boll")
     n_views: int = column("1", "views whose masks agree on the boll")
-    confidence: float = column("1", "share of the views that see the boll and agree on it", 3)
+    confidence: float = column("1", "probability that it is one boll, by how far the views that see it agree", 3)
     flags: tuple[str, ...] = column(
         "", "quality flags of the boll, separated by semicolons", name="qc_flags", blank_when="no flag", default=()
     )

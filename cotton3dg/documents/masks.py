@@ -29,3 +29,9 @@ class MasksInfo(Document):
     weights_sha256: dict[str, str]
     seconds_per_image: float
     images: tuple[MaskedImage, ...]
+    together: bool = False
+    """Whether all images decided together, so that the scores are their agreement."""
+
+    def scores(self) -> dict[tuple[str, int], float]:
+        """By image and mask id."""
+        return {(image.name, int(mask)): score for image in self.images for mask, score in image.scores.items()}

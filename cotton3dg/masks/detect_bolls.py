@@ -68,4 +68,4 @@ def detect_bolls(
         progress(len(images) + done, 2 * len(images), camera.name)
         ids[camera.name] = outline_bolls(image, camera, lint, middles)
         scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(ids[camera.name]) if k}
-    return MaskSet(ids, scores)
+    return MaskSet(ids, scores, together=True)

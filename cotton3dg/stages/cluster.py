@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from ..clustering.agglomerative import cluster_objects
-from ..clustering.boll_masks import assign_masks
+from ..clustering.boll_masks import assign_masks, weigh_agreement
 from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, bolls_info, read_lifted
+from ..documents.masks import MasksInfo
 from ..errors import BadInput
 from ..files.colmap import read_cameras
 from ..files.ply import coloured, read_gaussians, write_gaussians
@@ -23,7 +24,7 @@ from .stage import Cost, Stage, twice_the_model
 
 
 def inputs(workspace: Workspace) -> list[Path]:
-    return [workspace.undistorted / "sparse", workspace.gaussians_ply, workspace.selections_npz]
+    return [workspace.undistorted / "sparse", workspace.gaussians_ply, workspace.selections_npz, workspace.masks_json]
 
 
 def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
@@ -43,6 +44,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     bolls = flag_close(bolls)
     labels = boll_labels(bolls, len(gaussians))
     bolls = assign_masks(bolls, lifted, labels)
+    if (masks := MasksInfo.load_if_there(workspace.masks_json)) and masks.together:
+        bolls = weigh_agreement(bolls, masks.scores())
     with workspace.writing("cluster") as folder:
         bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
@@ -64,5 +67,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE = Stage(
-    "cluster", version=4, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

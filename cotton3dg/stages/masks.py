@@ -64,6 +64,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
             MaskedImage(name, counts[name], {str(k): score for k, score in masks.scores.get(name, {}).items()})
             for name in sorted(counts)
         ),
+        together=masks.together,
     )
     with workspace.writing("masks") as folder:
         for name, ids in masks.ids.items():

@@ -1,8 +1,10 @@
 """Which masks show which boll, on a few Gaussians whose weights are added up by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from cotton3dg.clustering.boll_masks import assign_masks
+from cotton3dg.clustering.boll_masks import EVEN, assign_masks, weigh_agreement
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 
 LABELS = np.array([0, 0, 1, 1, 2, 2, 3], np.int32)
@@ -34,6 +36,17 @@ def test_a_mask_belongs_to_the_boll_with_most_weight_in_it():
     )
     assert [boll.masks for boll in found] == [(("a", 3), ("b", 8)), (("a", 4),), ()]
     assert [boll.boll_id for boll in found] == [1, 2, 3]
+
+
+def test_bolls_that_images_told_apart_together_are_as_sure_as_the_images_agree():
+    masks = [(("a", 1), ("b", 1)), (("a", 2), ("b", 2)), ()]
+    told = [replace(boll, masks=own) for boll, own in zip(bolls(), masks, strict=True)]
+    agreement = {("a", 1): 0.9, ("b", 1): 0.9, ("a", 2): EVEN - 0.1, ("b", 2): EVEN - 0.1}
+    weighed = weigh_agreement(told, agreement)
+    assert weighed[0].confidence > 0.99
+    assert weighed[1].confidence < 0.2
+    assert [boll.flags for boll in weighed] == [(), ("disputed",), ()]
+    assert weighed[2] == told[2]  # no mask says anything of it
 
 
 def test_without_bolls_no_mask_belongs_to_any():

@@ -17,8 +17,9 @@ sh_degree = 1
 max_gaussians = 15000
 [masks]
 views = 16
-[segment]
+[segment.probability]
 steps = 50
+[segment.affinity]
 feature_steps = 20
 """
 

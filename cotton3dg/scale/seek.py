@@ -1,0 +1,220 @@
+"""The scale by the chosen reference, or by every one there is, with pictures that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..core.scene import Camera
+from ..documents.scale import NO_SOURCE, ScaleInfo
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..options import ScaleOptions
+from .markers import MarkerKind, board_squares, crossed, find_markers, outlined_markers, scale_from_markers
+from .rectangle import Rectangle
+from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
+from .sections import scale_from_sections
+from .table import NoTable, TableFit, find_table, outlined, scale_from_table
+from .two_points import scale_from_distance
+
+VIEWS = 40
+"""Photos in which the rim of the table is measured."""
+PICTURES = 3
+Pictures = dict[str, NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What the references are sought in."""
+
+    cameras: list[Camera]
+    photo: Callable[[str], NDArray[np.uint8]]
+    """Name of a camera -> (H, W, 3) RGB."""
+    tracks: NDArray[np.float64]
+    """(T, 3) su, triangulated points."""
+    solid: NDArray[np.float32]
+    """(S, 3) su, means of the Gaussians that hide what is behind them."""
+    picks: Mapping[str, Mapping[str, NDArray[np.float64]]] | None = None
+    """Point that the user picked -> image -> (2,) px; None without any."""
+
+
+@dataclass(frozen=True)
+class FoundScale:
+    """The scale, or why there is none, and what shows it."""
+
+    info: ScaleInfo
+    outcome: StageOutcome
+    pictures: Pictures = field(default_factory=dict)
+    """File name -> photo with the reference drawn on it."""
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """The plant with its table."""
+
+    plant: Plant
+    points: NDArray[np.float64]
+    """(N, 3) su, of the surfaces."""
+    chosen: list[Camera]
+    photos: list[NDArray[np.uint8]]
+    """Of the chosen cameras."""
+    table: TableFit | NoTable
+    ground: Rectangle | None
+    """The table top, or else the highest large level plane."""
+
+    def shown(self) -> list[tuple[Camera, NDArray[np.uint8]]]:
+        """Photos for pictures, from around the plant."""
+        return [(self.chosen[i], self.photos[i]) for i in (n * len(self.chosen) // PICTURES for n in range(PICTURES))]
+
+
+def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent) -> FoundScale:
+    """Seek the references that the method names, and reconcile what they say."""
+    wanted = [options.method]
+    if options.method == "all":
+        wanted = ["table", "aruco", *(["distance"] if plant.picks is not None else [])]
+    scene = _scene(plant, options, progress)
+    references: list[Reference] = []
+    refused: dict[str, str] = {}
+    pictures: Pictures = {}
+    for source in wanted:
+        progress(len(scene.chosen), len(scene.chosen) + 1, source)
+        found, shown = _FIND[source](scene, options)
+        pictures |= shown
+        if isinstance(found, NoReference):
+            refused[source] = found.reason
+        else:
+            references.append(found)
+    if scene.ground is None:
+        references, refused["plane"] = [], "no level plane lies below the cameras"
+    if not references or scene.ground is None:
+        reason = "; ".join(f"{source}: {why}" for source, why in refused.items())
+        return no_scale(reason, f"no scale was found ({reason}); {_REMEDY[options.method]}")
+    progress(len(scene.chosen) + 1, len(scene.chosen) + 1)
+    together = reconcile(references)
+    scale = scale_on(scene.ground, together.cm_per_su, together.relative_error, "+".join(together.agreeing))
+    evidence = next(item.evidence for item in references if item.source == together.agreeing[0])
+    info = ScaleInfo.of_scale(scale, evidence=evidence, references=_facts(references), refused=refused)
+    summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
+    unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
+    return FoundScale(info, StageOutcome(summary, *_doubts(together, unclear)), pictures)
+
+
+def no_scale(reason: str, *warnings: str) -> FoundScale:
+    """Why there is no scale; the metric cells will stay blank."""
+    return FoundScale(ScaleInfo(NO_SOURCE, reason), StageOutcome({"source": NO_SOURCE}, ("no_scale",), warnings))
+
+
+def _scene(plant: Plant, options: ScaleOptions, progress: Progress) -> _Scene:
+    cameras = plant.cameras
+    points = np.concatenate([plant.tracks, plant.solid]).astype(np.float64)
+    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, fit_orbit(cameras)), VIEWS)]
+    photos = []
+    for number, camera in enumerate(chosen):
+        progress(number, len(chosen) + 1, "photos of the table")
+        photos.append(plant.photo(camera.name))
+    aspect = options.table_length_cm / options.table_width_cm
+    table = find_table(points, cameras, photos, chosen, tracks=plant.tracks, aspect=aspect)
+    ground = table.rectangle if isinstance(table, TableFit) else find_ground(points, cameras)
+    return _Scene(plant, points, chosen, photos, table, ground)
+
+
+def _table(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    if isinstance(scene.table, NoTable):
+        return NoReference(scene.table.reason), {}
+    scale = scale_from_table(scene.table, options.table_length_cm, options.table_width_cm)
+    reference = Reference("table", scale.cm_per_su, scale.relative_error, _evidence(scene.table))
+    return reference, _table_pictures(scene, scene.table.rectangle)
+
+
+def _sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    if scene.ground is None:
+        return NoReference("no level plane is bounded like a table"), {}
+    radius = fit_orbit(scene.plant.cameras).radius
+    sides = options.table_length_cm, options.table_width_cm
+    return scale_from_sections(scene.points, scene.ground, *sides, radius), _table_pictures(scene, scene.ground)
+
+
+def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    printed = options.aruco
+    kind = MarkerKind(printed.dictionary, printed.marker_cm, board_squares(printed.board))
+    found = [find_markers(scene.plant.photo(camera.name), kind) for camera in scene.plant.cameras]
+    fit = scale_from_markers(scene.plant.cameras, found, kind)
+    if isinstance(fit, NoReference):
+        return fit, {}
+    shown = [outlined_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
+    return fit.reference, {f"markers_{number}.jpg": picture for number, picture in enumerate(shown)}
+
+
+def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    found = scale_from_distance(scene.plant.cameras, scene.plant.picks or {}, options.distance.distance_cm)
+    if isinstance(found, NoReference):
+        return found, {}
+    reference, points = found
+    shown = [crossed(photo, camera, points) for camera, photo in scene.shown()]
+    return reference, {f"points_{number}.jpg": picture for number, picture in enumerate(shown)}
+
+
+_FIND = {"table": _table, "sections": _sections, "aruco": _aruco, "distance": _distance}
+_TABLE_REMEDY = (
+    "film so that all of the table top is seen, or give its size with --table-length-cm and --table-width-cm"
+)
+_REMEDY = {
+    "table": _TABLE_REMEDY,
+    "sections": _TABLE_REMEDY,
+    "aruco": "lay printed markers (cotton3dg markers) of at least 10 cm flat beside the plant and give --marker-cm",
+    "distance": "pick both points in more images of sfm/undistorted/images",
+    "all": "film so that all of the table top is seen, or lay printed markers (cotton3dg markers) beside the plant",
+}
+
+
+def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
+    return {
+        f"table_{number}.jpg": outlined(photo, camera, rectangle)
+        for number, (camera, photo) in enumerate(scene.shown())
+    }
+
+
+def _doubts(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Flags and warnings of a scale."""
+    flags, warnings = [], []
+    if unclear_edge:
+        flags.append("table_edge_unclear")
+        warnings.append(
+            "one edge of the table does not stand out from what is behind it; the scale rests on the other sides; "
+            "lay something of another colour below the table, or a printed marker on it"
+        )
+    if together.relative_error > 0.01:
+        flags.append("scale_uncertain")
+        warnings.append(
+            f"the scale is known to {100 * together.relative_error:.1f} % only; look at the pictures in scale/ and "
+            "check the sizes that were given"
+        )
+    for source, difference in together.differing.items():
+        flags.append("references_disagree")
+        warnings.append(
+            f"{source} gives a scale {100 * difference:+.1f} % off that of {together.agreeing[0]}, which was taken; "
+            "check their sizes"
+        )
+    return tuple(dict.fromkeys(flags)), tuple(warnings)
+
+
+def _facts(references: list[Reference]) -> tuple[dict[str, Any], ...]:
+    """Each reference for itself."""
+    return tuple(
+        {"source": item.source, "cm_per_su": item.cm_per_su, "relative_error": item.relative_error, **item.evidence}
+        for item in references
+    )
+
+
+def _evidence(fit: TableFit) -> dict[str, Any]:
+    evidence: dict[str, Any] = {"aspect": fit.aspect, "fill": fit.fill, "inliers": fit.inliers}
+    if fit.rim:
+        evidence["edge_residuals_px"] = list(fit.rim.residual_px)
+        evidence["edge_support"] = list(fit.rim.support)
+        evidence["edge_views"] = list(fit.rim.views)
+    return evidence

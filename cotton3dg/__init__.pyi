@@ -3,7 +3,7 @@
 from .capture.frame_quality import blur as blur
 from .capture.frame_quality import sharpness as sharpness
 from .capture.frame_quality import spread_frames as spread_frames
-from .capture.image_pairs import image_pairs as image_pairs
+from .capture.image_pairs import choose_pairs as choose_pairs
 from .clustering.agglomerative import cluster_objects as cluster_objects
 from .clustering.consensus import merge_views as merge_views
 from .core.bolls import BollInstance as BollInstance
@@ -28,8 +28,8 @@ from .files.images import read_ids as read_ids
 from .files.images import read_image as read_image
 from .files.images import write_ids as write_ids
 from .files.images import write_image as write_image
-from .files.ply import coloured as coloured
 from .files.ply import read_gaussians as read_gaussians
+from .files.ply import recolour as recolour
 from .files.ply import write_gaussians as write_gaussians
 from .files.reconstruction import ReconstructionSettings as ReconstructionSettings
 from .files.reconstruction import reconstruct as reconstruct
@@ -39,8 +39,8 @@ from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit
 from .lifting.lift import ViewWeights as ViewWeights
 from .lifting.lift import lift as lift
+from .lifting.lift import mark_rim as mark_rim
 from .lifting.lift import rim_width_px as rim_width_px
-from .lifting.lift import with_rim as with_rim
 from .lifting.lift import within_orbit as within_orbit
 from .masks.bolls import open_bolls as open_bolls
 from .masks.detect_bolls import detect_bolls as detect_bolls
@@ -53,7 +53,7 @@ from .pipeline import status as status
 from .scale.table import TableFit as TableFit
 from .scale.table import find_table as find_table
 from .scale.table import scale_from_table as scale_from_table
-from .splat.initialise import starting_gaussians as starting_gaussians
+from .splat.initialise import start_gaussians as start_gaussians
 from .splat.metrics import psnr_db as psnr_db
 from .splat.rasterizer import accumulate_weights as accumulate_weights
 from .splat.rasterizer import render as render

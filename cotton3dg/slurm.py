@@ -20,7 +20,7 @@ from .batch import RUN, Batch, Result, result_of, saved_results
 from .core.state import State
 from .documents.batch import Jobs, PlantOutcome
 from .errors import BadInput, BadUsage, EnvironmentUnusable
-from .files.saving import explained_disk_errors
+from .files.saving import explain_disk_errors
 
 JOBS_FOLDER = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
@@ -50,7 +50,7 @@ class PlantJob:
             result = self._attempt(name)
             if attempt == self.retries or not result.worth_retrying:
                 break
-        with explained_disk_errors(self.folder / name):
+        with explain_disk_errors(self.folder / name):
             outcome = PlantOutcome(result.folder, result.state, result.exit_code, result.reason)
             outcome.save(self.folder / name / OUTCOME)
 
@@ -142,7 +142,7 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
     for start in range(0, len(names), array_size):
         part = names[start : start + array_size]
         submitted |= {name: job.job_id for name, job in zip(part, executor.map_array(work, part), strict=True)}
-        with explained_disk_errors(batch.folder):
+        with explain_disk_errors(batch.folder):
             Jobs(jobs | submitted).save(batch.folder / JOBS)
     return submitted
 

@@ -19,7 +19,7 @@ from .errors import BadInput, MissingInput
 from .files.lock import locked
 from .files.saving import (
     FULL_BELOW_BYTES,
-    explained_disk_errors,
+    explain_disk_errors,
     file_sha256,
     fsync,
     full_disk,
@@ -244,7 +244,7 @@ class Workspace:
         """A folder like this one's for another setting; made if needed."""
         self._check_ours(self.root / "study")
         folder = self.root / "study" / sweep / value
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             folder.mkdir(parents=True, exist_ok=True)
             (self.root / "study" / OWNER_MARK).touch()
         return Workspace(folder)
@@ -280,12 +280,12 @@ class Workspace:
         final = self.folder(stage)
         self._check_ours(final)
         partial = final.with_name(f".{final.name}.partial")
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             final.parent.mkdir(exist_ok=True)
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir()
         try:
-            with explained_disk_errors(self.root):
+            with explain_disk_errors(self.root):
                 yield partial
                 (partial / OWNER_MARK).touch()
                 for path in sorted(partial.rglob("*")):
@@ -343,7 +343,7 @@ class Workspace:
 
     def keep(self, document: Document, name: str) -> None:
         """Save what is to be remembered of this plant under a name beside the records of the stages."""
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             document.save(self.record_file(name))
 
     def hashes(self, *paths: Path) -> dict[str, str]:

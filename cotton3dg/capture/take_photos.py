@@ -43,7 +43,7 @@ def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Prog
                     f" {shape[1]} x {shape[0]}; keep photos of one camera and orientation"
                 )
             shape = picture.shape
-            small = images.scaled_down(picture, options.max_side)
+            small = images.scale_down(picture, options.max_side)
             if not focal_lengths_px:
                 focal_px = images.exif_focal_length_px(found[index])
                 focal_lengths_px.append(focal_px and focal_px * max(small.shape) / max(shape))

@@ -78,7 +78,7 @@ def _scanned(path: Path, facts: video.VideoFacts, n_expected: int, progress: Pro
     scan = video.scan(path, facts, SCAN_SIDE, measure)
     flags, warnings = _checked_scan(path, facts, scan)
     scores, contrasts, changes = np.array(scan.measures).T
-    blank, repeated = frame_quality.blank_and_repeated(contrasts, changes)
+    blank, repeated = frame_quality.find_blank_and_repeated(contrasts, changes)
     for flag, which, what in (
         ("blank_frames", blank, "black, white or empty"),
         ("repeated_frames", repeated, "repeats"),

@@ -12,7 +12,7 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo
 from ..errors import CaptureFailed
-from ..files.images import scaled_down
+from ..files.images import scale_down
 from . import frame_quality
 
 Picture = NDArray[np.uint8]
@@ -48,8 +48,8 @@ def keep_all(
     for number, (index, picture) in enumerate(zip(indices, pictures, strict=True)):
         name = f"{number:06d}.jpg"
         keep(name, picture)
-        grey = cv2.cvtColor(scaled_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
-        luminance, black, white = frame_quality.exposure(grey)
+        grey = cv2.cvtColor(scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
+        luminance, black, white = frame_quality.measure_exposure(grey)
         entries.append(
             FrameInfo(
                 name,
@@ -62,7 +62,7 @@ def keep_all(
             )
         )
         if before is not None:
-            motions.append(frame_quality.displacement(before, grey))
+            motions.append(frame_quality.measure_displacement(before, grey))
         before = grey
         progress(number + 1, len(indices), "saving frames")
     return entries, tuple(motions)
@@ -81,7 +81,7 @@ def outcome_of(taken: Taken) -> StageOutcome:
         key: float(np.median([getattr(entry, key) for entry in entries]))
         for key in ("blur", "mean_luminance", "white_share")
     }
-    concerns = frame_quality.concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
+    concerns = frame_quality.raise_concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
     return StageOutcome(
         summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
         flags=(*taken.flags, *concerns),

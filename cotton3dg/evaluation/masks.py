@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..documents.frames import FramesInfo
 from ..documents.truth import TrueMasks
 from ..errors import BadInput
-from ..files.annotations import read_masks, undistorted_ids
+from ..files.annotations import read_masks, undistort_ids
 from ..files.colmap import read_cameras
 from ..files.images import read_ids
 from ..workspace import Workspace
@@ -43,7 +43,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
     counts = np.zeros((len(THRESHOLDS), 3))  # hits, found, true
     overlaps: list[float] = []
     for found, true in pairs:
-        ious, found_px, true_px = matched_ious(found, true)
+        ious, found_px, true_px = match_ious(found, true)
         for row, threshold in enumerate(THRESHOLDS):
             hit = ious >= threshold
             counts[row] += hit.sum(), (hit | (found_px >= LEAST_PX))[found_px > 0].sum(), 0
@@ -56,7 +56,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
     return scores, float(np.mean(overlaps)) if overlaps else math.nan
 
 
-def matched_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
+def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
     """One entry a pair or a mask without partner: IoU (0 without), and pixels of the found and of the true mask."""
     found_px, true_px = np.bincount(found.ravel()), np.bincount(true.ravel())
     together, both_px = np.unique(np.stack([found.ravel(), true.ravel()], 1), axis=0, return_counts=True)
@@ -85,18 +85,18 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> tuple[list[MaskScore],
     Raises:
         BadInput: no image with masks has true ones.
     """
-    truths = read_masks(folder).ids if not (folder / "frames.json").is_file() else _of_video(workspace, folder)
+    truths = read_masks(folder).ids if not (folder / "frames.json").is_file() else _read_video_masks(workspace, folder)
     pairs = []
     for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm")):
         stem, png = Path(camera.name).stem, workspace.mask_png(camera.name)
         if stem in truths and png.is_file():
-            pairs.append((read_ids(png), undistorted_ids(stem, truths[stem], camera, workspace.sfm_model)))
+            pairs.append((read_ids(png), undistort_ids(stem, truths[stem], camera, workspace.sfm_model)))
     if not pairs:
         raise BadInput(f"{folder} has true masks of no image that has masks; make more with masks --views 150")
     return *score_masks(pairs), len(pairs)
 
 
-def _of_video(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
+def _read_video_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
     """True masks by the stem of the frame that was taken from the same place of the video."""
     file_of_index = {index: name for name, index in TrueMasks.load(folder / "frames.json").frames.items()}
     taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import EnvironmentUnusable
-from .saving import explained_disk_errors
+from .saving import explain_disk_errors
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     Raises:
         EnvironmentUnusable: another process holds it.
     """
-    with explained_disk_errors(path.parent):
+    with explain_disk_errors(path.parent):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         try:

@@ -20,15 +20,15 @@ from .affinity import neighbour_means, sample_rays, train_features
 from .lift import (
     FOREGROUND_SHARE,
     ViewWeights,
-    foreground_vote,
     lift,
+    mark_rim,
     rim_width_px,
-    seen_weights,
-    with_rim,
+    sum_seen_weights,
+    vote_foreground,
     within_orbit,
 )
-from .probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
-from .prompts import PromptView, prompted
+from .probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, sample_view, train_probabilities
+from .prompts import PromptView, lift_prompts
 
 SHOWN_VIEWS = 4
 """Maps of probabilities that are kept."""
@@ -91,7 +91,7 @@ def _weights(
     views = []
     for done, (camera, ids) in enumerate(zip(cameras, id_images, strict=True)):
         progress(done, len(cameras), camera.name)
-        weights = accumulate_weights(gaussians, camera, with_rim(ids, rim_px))
+        weights = accumulate_weights(gaussians, camera, mark_rim(ids, rim_px))
         views.append(ViewWeights(camera.name, weights.total, weights.rows, weights.ids, weights.weights))
     progress(len(cameras), len(cameras))
     return views
@@ -114,18 +114,20 @@ def _probabilities(
     masks = [ids > 0 for ids in id_images]
     held_out = set(range(options.holdout - 1, len(cameras), options.holdout)) if options.holdout else set()
     training = [k for k in range(len(cameras)) if k not in held_out]
-    views = [view_of_rays(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
+    views = [sample_view(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
     rays_seconds = time.perf_counter() - begin_s
     reached: list[tuple[int, float]] = []
     kept = []
-    for step, probabilities in trained(views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed):
+    for step, probabilities in train_probabilities(
+        views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed
+    ):
         if step % 100 == 0:
             progress(step, options.steps, "probabilities")
         if step in REPORTED_STEPS or step == options.steps:
             reached.append((step, time.perf_counter() - begin_s))
             kept.append(probabilities.copy())
     voting = [weights[k] for k in training]
-    vote = foreground_vote(voting, seen_weights(voting, len(gaussians)))
+    vote = vote_foreground(voting, sum_seen_weights(voting, len(gaussians)))
     columns = np.stack([*kept, vote.astype(np.float32)], axis=1)
     shown = {cameras[k].name: np.zeros(0, np.float32) for k in range(0, len(cameras), -(-len(cameras) // SHOWN_VIEWS))}
 
@@ -178,7 +180,7 @@ def _by_features(
     weights = _weights(gaussians, [cameras[k] for k in chosen], [id_images[k] for k in chosen], 0, progress)
     prompts = [PromptView(cameras[k], id_images[k], weight) for k, weight in zip(chosen, weights, strict=True)]
     smooth = (smoothing @ features).astype(np.float32)
-    lifted, dropped = prompted(gaussians, smooth, prompts, allowed, gaussians.sha256())
+    lifted, dropped = lift_prompts(gaussians, smooth, prompts, allowed, gaussians.sha256())
     info = replace(
         info,
         rays_seconds=rays_seconds,

@@ -13,7 +13,7 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput, BadUsage
-from ..files.annotations import read_masks, undistorted_ids
+from ..files.annotations import read_masks, undistort_ids
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import MasksOptions
 from .bolls import open_bolls
@@ -170,7 +170,7 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
     ids: dict[str, NDArray[np.uint16]] = {}
     for stem, mask in found.ids.items():
         camera = by_stem[stem]
-        ids[camera.name] = undistorted_ids(stem, mask, camera, plant.filmed)
+        ids[camera.name] = undistort_ids(stem, mask, camera, plant.filmed)
     masks = MaskSet(ids, {by_stem[stem].name: scores for stem, scores in found.scores.items()})
     empty = sorted(name for name, drawn in ids.items() if not drawn.any())
     if empty and len(empty) < len(ids):

@@ -19,11 +19,11 @@ from .. import __version__
 from ..core.state import State
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
-from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
-from ..files.tables import number
+from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
+from ..files.tables import parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
-from .advice import boll_doubts, capture_advice, meaning
+from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 
@@ -52,7 +52,7 @@ class Fingerprint(Document):
     """SHA-256 of the page itself."""
 
 
-def stale(workspace: Workspace, failure: str = "") -> bool:
+def is_stale(workspace: Workspace, failure: str = "") -> bool:
     """Whether the page would be another one now."""
     if not workspace.report_html.is_file():
         return True
@@ -79,7 +79,7 @@ def write_page(path: Path, text: str) -> None:
     Raises:
         BadInput: a file of this name was not made by this tool.
     """
-    with explained_disk_errors(path.parent):
+    with explain_disk_errors(path.parent):
         if path.exists() and OWN_TITLE not in path.read_bytes()[:MARKED_BYTES]:
             raise BadInput(
                 f"{path.name} stands where cotton3dg writes its page but was not made by it; move it elsewhere"
@@ -108,8 +108,8 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
     content = {
         "facts": facts,
         "failure": failure or facts.failure,
-        "verdict": verdict(facts, failure),
-        "headline": headline(facts),
+        "verdict": give_verdict(facts, failure),
+        "headline": write_headline(facts),
         "traits": trait_cards(facts),
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
@@ -119,7 +119,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "references": part("references", pictures.references) or [],
         "walk": part("walk", pictures.walk) or {},
         "strip": part("strip", pictures.strip) or [],
-        "advice": part("advice", lambda: capture_advice(facts, pictures.widths_px())) or [],
+        "advice": part("advice", lambda: advise_on_capture(facts, pictures.widths_px())) or [],
         "stages": stage_rows(facts),
         "scene": scene,
         "trouble": trouble,
@@ -127,11 +127,11 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
     }
     scripts = [(TEMPLATES / "table.js").read_text("utf-8"), (TEMPLATES / "report.js").read_text("utf-8")]
     if scene:
-        scripts.insert(0, _plotly())
-    return page("report.html", scripts, content)
+        scripts.insert(0, _read_plotly())
+    return fill_template("report.html", scripts, content)
 
 
-def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
+def fill_template(template: str, scripts: list[str], content: dict[str, Any]) -> str:
     """A template filled in, with its style and scripts inside."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
@@ -143,7 +143,7 @@ def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure": figure, "meaning": meaning}
+    environment.filters |= {"figure": format_figure, "meaning": meaning}
     hashes = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode() for text in scripts]
     return environment.get_template(template).render(
         style=Markup((TEMPLATES / "style.css").read_text("utf-8")),
@@ -153,7 +153,7 @@ def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
     )
 
 
-def verdict(facts: Facts, failure: str) -> dict[str, str]:
+def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
         return {"kind": "failed", "text": "No result"}
@@ -171,16 +171,16 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
     return {"kind": "good", "text": "All checks passed"}
 
 
-def headline(facts: Facts) -> str:
+def write_headline(facts: Facts) -> str:
     """What was filmed and what came of it, in a line."""
     told = []
     if facts.frames:
         told.append(facts.frames.file or "photos")
         if video := facts.frames.video:
-            told.append(f"{figure(video.duration_s)} s, {video.width} × {video.height} px")
+            told.append(f"{format_figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
         told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
-        told.append(f"measured in {figure(facts.traits.get('seconds'), 0)} s")
+        told.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s")
     return "; ".join(told) or "nothing could be read from what was filmed"
 
 
@@ -192,23 +192,23 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     doubtful = sum(bool(boll_doubts(boll)) for boll in facts.bolls)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
-        value = number(row.get(column))
+        value = parse_number(row.get(column))
         if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
         trait, _, _ = column.rpartition("_")
-        error = number(row.get(column.replace(trait, f"{trait}_error")))
+        error = parse_number(row.get(column.replace(trait, f"{trait}_error")))
         told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error > 0 else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
 
-    mean = number(row.get("boll_volume_mean_cm3"))
-    solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
+    mean = parse_number(row.get("boll_volume_mean_cm3"))
+    solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
     volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
     if solid and math.isfinite(sum(solid)):
         volume_note += f"; {sum(solid):.0f} cm³ without hollows"
-    length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
+    length, width = parse_number(row.get("canopy_length_cm")), parse_number(row.get("canopy_width_cm"))
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
-    spread = number(row.get("boll_count_error"))
+    spread = parse_number(row.get("boll_count_error"))
     count_error = f"± {spread:.1f}" if spread > 0 else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
@@ -246,20 +246,20 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
             "cpu_seconds": record and record.cpu_seconds,
             "memory_mib": record and record.peak_memory_mib,
             "share": 100 * record.seconds / longest if record else 0.0,
-            "summary": _told(record.summary) if record and item.done else "",
+            "summary": _format_summary(record.summary) if record and item.done else "",
             "remarks": [item.reason] if item.state == State.FAILED else record.warnings if record else [],
         }
         for item, record in ((item, item.record) for item in facts.stages)
     ]
 
 
-def figure(value: Any, digits: int = 1) -> str:
+def format_figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
-    known = number(value)
+    known = parse_number(value)
     return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 
-def _told(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     single = {key: value for key, value in summary.items() if not isinstance(value, (list, dict))}
     return ", ".join(
         f"{key.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{key.replace('_', ' ')} {value}"
@@ -267,7 +267,7 @@ def _told(summary: dict[str, Any]) -> str:
     )
 
 
-def _plotly() -> str:
+def _read_plotly() -> str:
     """plotly.js as the package plotly ships it, fit to stand inside a script element."""
     import importlib.util
 

@@ -15,11 +15,11 @@ from ..core.scene import Camera
 from ..documents.scale import NO_SOURCE, ScaleInfo
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
-from .markers import MarkerKind, board_squares, crossed, find_markers, outlined_markers, scale_from_markers
+from .markers import MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
 from .sections import scale_from_sections
-from .table import NoTable, TableFit, find_table, outlined, scale_from_table
+from .table import NoTable, TableFit, find_table, outline_table, scale_from_table
 from .two_points import scale_from_distance
 
 VIEWS = 40
@@ -146,7 +146,7 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
     fit = scale_from_markers(scene.plant.cameras, found, kind)
     if isinstance(fit, NoReference):
         return fit, {}
-    shown = [outlined_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
+    shown = [outline_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
     return fit.reference, {f"markers_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
@@ -155,7 +155,7 @@ def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
     if isinstance(found, NoReference):
         return found, {}
     reference, points = found
-    shown = [crossed(photo, camera, points) for camera, photo in scene.shown()]
+    shown = [draw_crosses(photo, camera, points) for camera, photo in scene.shown()]
     return reference, {f"points_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
@@ -174,7 +174,7 @@ _REMEDY = {
 
 def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
     return {
-        f"table_{number}.jpg": outlined(photo, camera, rectangle)
+        f"table_{number}.jpg": outline_table(photo, camera, rectangle)
         for number, (camera, photo) in enumerate(scene.shown())
     }
 

@@ -12,11 +12,11 @@ from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..documents.bolls import boll_labels, bolls_info, read_lifted
+from ..documents.bolls import boll_labels, describe_bolls, read_lifted
 from ..documents.masks import MasksInfo
 from ..errors import BadInput
 from ..files.colmap import read_cameras
-from ..files.ply import coloured, read_gaussians, write_gaussians
+from ..files.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
@@ -47,9 +47,9 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     if (masks := MasksInfo.load_if_there(workspace.masks_json)) and masks.together:
         bolls = weigh_agreement(bolls, masks.scores())
     with workspace.writing("cluster") as folder:
-        bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
+        describe_bolls(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
-        write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
+        write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
             write_gaussians(folder / workspace.boll_ply(boll.boll_id).name, gaussians[boll.indices])
     doubtful = sum(bool(boll.flags) for boll in bolls)

@@ -14,9 +14,9 @@ from ..core.scene import Camera
 from ..documents.bolls import write_lifted
 from ..errors import BadInput
 from ..files.colmap import read_cameras
-from ..files.images import fitted_size, read_ids, write_image
+from ..files.images import fit_size, read_ids, write_image
 from ..files.ply import read_gaussians
-from ..lifting.lift import resized_ids
+from ..lifting.lift import resize_ids
 from ..lifting.segment import segmented
 from ..options import SegmentOptions
 from ..splat.metrics import to_uint8
@@ -76,9 +76,9 @@ def _masks(
             )
         if options.target:
             ids = np.where(ids == options.target, ids, np.uint16(0))
-        size = fitted_size(camera.width, camera.height, options.max_side)
+        size = fit_size(camera.width, camera.height, options.max_side)
         masked.append(camera.resized(*size))
-        id_images.append(resized_ids(ids, *size))
+        id_images.append(resize_ids(ids, *size))
     return masked, id_images
 
 

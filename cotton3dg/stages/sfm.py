@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.image_pairs import image_pairs
+from ..capture.image_pairs import choose_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.scene import Camera
@@ -21,11 +21,11 @@ from ..files.reconstruction import (
     NEEDLESS_RISE_PCT,
     ReconstructionSettings,
     reconstruct,
-    straightened,
+    straighten,
     undistort,
 )
 from ..files.saving import json_text
-from ..geometry.camera_orbit import Orbit, fit_orbit, out_of_view
+from ..geometry.camera_orbit import Orbit, find_out_of_view, fit_orbit
 from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
@@ -65,7 +65,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
     )
-    pairs = image_pairs(len(names), options.overlap, taken.ordered)
+    pairs = choose_pairs(len(names), options.overlap, taken.ordered)
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)
@@ -89,7 +89,7 @@ def _with_lens(model: Any, options: SfmOptions) -> tuple[Any, LensDecision]:
     """The model with or without lens distortion, as the evidence or the option says, and what was found."""
     if options.distortion == "on":
         return model, LensDecision("on", on=True)
-    straight, evidence = straightened(model)
+    straight, evidence = straighten(model)
     on = options.distortion == "auto" and evidence.on
     decision = LensDecision(options.distortion, on, evidence.rise_pct, NEEDLESS_RISE_PCT, evidence.corner_px)
     return model if on else straight, decision
@@ -137,7 +137,7 @@ def _info(models: list[Any], names: list[str], cameras: list[Camera], orbit: Orb
         orbit_axis=tuple(orbit.axis.tolist()),
         orbit_target=tuple(orbit.centre.tolist()),
         distortion=lens,
-        plant_out_of_view=tuple(out_of_view(orbit.centre, cameras)),
+        plant_out_of_view=tuple(find_out_of_view(orbit.centre, cameras)),
     )
 
 

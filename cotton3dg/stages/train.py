@@ -16,11 +16,11 @@ from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
-from ..files.saving import explained_disk_errors, json_text, replacing
+from ..files.saving import explain_disk_errors, json_text, replacing
 from ..option_rules import as_dict
 from ..options import TrainOptions
 from ..splat.densify import scheduled_count
-from ..splat.initialise import FILL_SHARE, START_SHARE, starting_gaussians
+from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..training.photos import Capture, SparseModel, capture_of
@@ -73,7 +73,7 @@ def load_views(workspace: Workspace, max_side: int) -> list[View]:
 def load_start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Gaussians:
     """What the training begins with."""
     points, colours, _, _ = read_points(workspace.undistorted / "sparse")
-    return starting_gaussians(points, colours, views, options)
+    return start_gaussians(points, colours, views, options)
 
 
 def save_model(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
@@ -93,11 +93,11 @@ def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], prog
     key = _training_key(workspace, options)
 
     def save(training: Training) -> None:
-        with explained_disk_errors(workspace.root), replacing(workspace.train_checkpoint) as path:
+        with explain_disk_errors(workspace.root), replacing(workspace.train_checkpoint) as path:
             write_training(path, training, key)
 
     def keep_rejected(training: Training, view: View) -> None:
-        with explained_disk_errors(workspace.root), replacing(workspace.train_rejected) as path:
+        with explain_disk_errors(workspace.root), replacing(workspace.train_rejected) as path:
             write_training(path, training, key, view)
 
     start: Gaussians | Training | None = read_training(workspace.train_checkpoint, key)

@@ -16,8 +16,8 @@ from ..documents.train import Effects, ExposureDecision, MotionBlurFound, Rollin
 from ..options import TrainOptions
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
-from ..splat.exposure import VISIBLE, corrected, exposure
-from ..splat.motion import longest_tracks
+from ..splat.exposure import VISIBLE, correct, estimate_exposure
+from ..splat.motion import find_longest_tracks
 from ..splat.views import View, hold_out
 
 MOTION_POINTS = 600
@@ -61,7 +61,7 @@ def capture_of(
     """
     decision, gains = _exposure(views, model, options.exposure)
     effects = Effects(decision, sfm.distortion if sfm else None, *_motion(views, model, _times(frames, views)))
-    usable = [corrected(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
+    usable = [correct(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
     training, _ = hold_out(usable, options.holdout)
     _, held_out = hold_out(views, options.holdout)
     _, held_out_gains = hold_out(list(gains), options.holdout)
@@ -76,7 +76,7 @@ def _exposure(views: list[View], model: SparseModel, option: str) -> tuple[Expos
     full = {camera.name: camera.width for camera in model.cameras}
     seen = [(view, *model.tracks[view.camera.name]) for view in views]
     places = [points_px * (view.camera.width / full[view.camera.name]) for view, points_px, _ in seen]
-    found = exposure(views, places, [numbers for _, _, numbers in seen])
+    found = estimate_exposure(views, places, [numbers for _, _, numbers in seen])
     on = option == "on" or found.varies
     gains = found.gains if on else none
     decision = ExposureDecision(
@@ -97,8 +97,8 @@ def _motion(
     """What the camera's motion did to the images of a video: reported, never modelled (docs/training.md says why)."""
     if times is None:
         return None, None
-    tracks = longest_tracks(model.cameras, times, model.tracks, model.positions, MOTION_POINTS)
-    blur, shutter = blurring.motion_blur(views, tracks), rolling.rolling_shutter(tracks)
+    tracks = find_longest_tracks(model.cameras, times, model.tracks, model.positions, MOTION_POINTS)
+    blur, shutter = blurring.estimate_motion_blur(views, tracks), rolling.estimate_rolling_shutter(tracks)
     return MotionBlurFound(
         on=False,
         found=blur.found,

@@ -11,8 +11,8 @@ from cotton3dg.clustering.boll_shape import flag_close, split_heap
 from cotton3dg.clustering.consensus import contract, merge_views, move_nodes
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.geometry.point_sets import compact_part, extent
-from cotton3dg.lifting.lift import ViewWeights, lift, rim_width_px, with_rim
+from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
+from cotton3dg.lifting.lift import ViewWeights, lift, mark_rim, rim_width_px
 
 UP = np.array([0, 0, 1.0])
 
@@ -33,7 +33,7 @@ def lifted(seed: int, n_views: int = 36, **degradation) -> tuple[Scene, np.ndarr
     views = []
     visible = np.zeros(len(scene.means), bool)
     for camera, drawing, ids in zip(cameras, drawings, masks, strict=True):
-        found = weights_of(len(scene.means), *drawing, with_rim(ids, rim))
+        found = weights_of(len(scene.means), *drawing, mark_rim(ids, rim))
         views.append(ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights))
         visible[drawing[0][drawing[0] >= 0]] = True
     return scene, visible, lift(views, np.ones(len(scene.means), bool), "sha")
@@ -91,7 +91,7 @@ def test_a_boll_that_every_view_parts_is_one():
     views = [
         ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights)
         for camera, drawing, ids in zip(cameras, drawings, masks, strict=True)
-        for found in [weights_of(len(scene.means), *drawing, with_rim(ids, rim_width_px(masks)))]
+        for found in [weights_of(len(scene.means), *drawing, mark_rim(ids, rim_width_px(masks)))]
     ]
     bolls = merge_views(lift(views, np.ones(len(scene.means), bool), "sha"), scene.means, UP)
     labels = labels_of(bolls, len(scene.means))
@@ -203,7 +203,7 @@ def test_extent_is_the_middle_of_a_lopsided_ball():
     rng = np.random.default_rng(0)
     points = sphere(rng, 4000, 2.0, (5, 6, 7))
     points = points[(points[:, 0] > 5) | (rng.random(4000) < 0.3)]
-    centre, widths = extent(points)
+    centre, widths = measure_extent(points)
     assert centre == pytest.approx([5, 6, 7], abs=0.15)
     assert widths == pytest.approx([4, 4, 4], rel=0.06)
 
@@ -211,7 +211,7 @@ def test_extent_is_the_middle_of_a_lopsided_ball():
 def test_stragglers_and_crumbs_are_not_part_of_the_body():
     rng = np.random.default_rng(1)
     points = np.concatenate([sphere(rng, 300, 1.0), sphere(rng, 30, 0.2, (4, 0, 0)), [[9, 9, 9], [0, 0, 1.6]]])
-    kept = compact_part(points)
+    kept = find_compact_part(points)
     assert kept[:300].mean() > 0.98
     assert not kept[300:].any()
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cotton3dg.cli_arguments import parsed_overrides
+from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.errors import BadUsage
 from cotton3dg.option_rules import as_dict, checked, flags, places
 from cotton3dg.options import (
@@ -99,7 +99,7 @@ def test_the_table_of_a_method_waits_until_it_is_chosen(tmp_path):
 
 
 def test_the_command_line_can_name_the_method_too():
-    asked = parsed_overrides(["segment.method=probability", "segment.probability.threshold=0.9"])["segment"]
+    asked = parse_overrides(["segment.method=probability", "segment.probability.threshold=0.9"])["segment"]
     assert resolve("segment", {"threshold": 0.8}, asked=asked).probability.threshold == 0.9
 
 

@@ -28,7 +28,7 @@ _HOMES = {
     "files.annotations": ("read_masks",),
     "files.colmap": ("read_cameras", "read_points"),
     "files.images": ("read_ids", "read_image", "write_ids", "write_image"),
-    "files.ply": ("coloured", "read_gaussians", "write_gaussians"),
+    "files.ply": ("recolour", "read_gaussians", "write_gaussians"),
     "files.reconstruction": ("ReconstructionSettings", "reconstruct", "undistort"),
     "geometry.camera_orbit": ("azimuths", "evenly_spaced", "fit_orbit"),
     "lifting.lift": ("ViewWeights", "lift", "rim_width_px", "with_rim", "within_orbit"),

@@ -28,8 +28,8 @@ from .files.images import read_ids as read_ids
 from .files.images import read_image as read_image
 from .files.images import write_ids as write_ids
 from .files.images import write_image as write_image
-from .files.ply import coloured as coloured
 from .files.ply import read_gaussians as read_gaussians
+from .files.ply import recolour as recolour
 from .files.ply import write_gaussians as write_gaussians
 from .files.reconstruction import ReconstructionSettings as ReconstructionSettings
 from .files.reconstruction import reconstruct as reconstruct

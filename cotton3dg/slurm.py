@@ -20,7 +20,7 @@ from typing import Any
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .core.state import State
 from .errors import BadUsage, EnvironmentUnusable
-from .files.saving import explained_disk_errors, json_text, write_text_atomically
+from .files.saving import explain_disk_errors, json_text, write_text_atomically
 
 JOBS_FOLDER = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
@@ -49,7 +49,7 @@ class PlantJob:
             result = self._attempt(name)
             if attempt == self.retries or not result.worth_retrying:
                 break
-        with explained_disk_errors(self.folder / name):
+        with explain_disk_errors(self.folder / name):
             write_text_atomically(self.folder / name / OUTCOME, json_text(vars(result)))
 
     def _attempt(self, name: str) -> Result:
@@ -140,7 +140,7 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
     for start in range(0, len(names), array_size):
         part = names[start : start + array_size]
         submitted |= {name: job.job_id for name, job in zip(part, executor.map_array(work, part), strict=True)}
-        with explained_disk_errors(batch.folder):
+        with explain_disk_errors(batch.folder):
             write_text_atomically(batch.folder / JOBS_FOLDER / "jobs.json", json_text(jobs | submitted))
     return submitted
 

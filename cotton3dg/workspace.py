@@ -21,7 +21,7 @@ from .documents.record import Record
 from .errors import BadInput, EnvironmentUnusable, MissingInput
 from .files.saving import (
     FULL_BELOW_BYTES,
-    explained_disk_errors,
+    explain_disk_errors,
     file_sha256,
     fsync,
     full_disk,
@@ -246,7 +246,7 @@ class Workspace:
         """A folder like this one's for another setting; made if needed."""
         self._check_ours(self.root / "study")
         folder = self.root / "study" / sweep / value
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             folder.mkdir(parents=True, exist_ok=True)
             (self.root / "study" / OWNER_MARK).touch()
         return Workspace(folder)
@@ -282,12 +282,12 @@ class Workspace:
         final = self.folder(stage)
         self._check_ours(final)
         partial = final.with_name(f".{final.name}.partial")
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             final.parent.mkdir(exist_ok=True)
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir()
         try:
-            with explained_disk_errors(self.root):
+            with explain_disk_errors(self.root):
                 yield partial
                 (partial / OWNER_MARK).touch()
                 for path in sorted(partial.rglob("*")):
@@ -345,7 +345,7 @@ class Workspace:
 
     def keep(self, document: Document, name: str) -> None:
         """Save what is to be remembered of this plant under a name beside the records of the stages."""
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             document.save(self.record_file(name))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
@@ -397,7 +397,7 @@ class Workspace:
         Args:
             wait: until whoever holds it ends, instead of failing.
         """
-        with explained_disk_errors(self.root):
+        with explain_disk_errors(self.root):
             handle = os.open(self.root / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             try:
@@ -417,6 +417,6 @@ def user_cache(name: str) -> Path:
     """A file of this user for all plants, below $XDG_CACHE_HOME or ~/.cache; its folder is made if needed."""
     root = os.environ.get("XDG_CACHE_HOME", "")
     folder = (Path(root) if Path(root).is_absolute() else Path.home() / ".cache") / "cotton3dg"
-    with explained_disk_errors(folder):
+    with explain_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder / name

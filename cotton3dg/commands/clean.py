@@ -11,7 +11,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
+from ..files.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
 from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 
@@ -35,7 +35,7 @@ def clean(workspace: Workspace) -> Dropped:
     Raises:
         EnvironmentUnusable: another process works in the folder.
     """
-    with workspace.locked(), explained_disk_errors(workspace.root):
+    with workspace.locked(), explain_disk_errors(workspace.root):
         records = [workspace.read_record(stage) for stage in STAGES]
         finished = all(record and record.is_ok for record in records)
         images = _unchanged_images(workspace) if finished else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import BadUsage
-from ..files.saving import explained_disk_errors, replacing
+from ..files.saving import explain_disk_errors, replacing
 from ..files.sheet import write_sheet
 from ..options import MarkersOptions, board_squares
 from ..scale.markers import MarkerKind, draw_sheet
@@ -27,7 +27,7 @@ def print_markers(file: Path, options: MarkersOptions) -> str:
         sheet = draw_sheet(kind, *PAPER_CM[options.paper], DOTS_PER_CM, options.first)
     except ValueError as error:
         raise BadUsage(f"{error}; use a larger --paper or a smaller --marker-cm") from error
-    with explained_disk_errors(file.parent):
+    with explain_disk_errors(file.parent):
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as partial:
             write_sheet(partial, sheet, DOTS_PER_CM, pdf=file.suffix.lower() == ".pdf")

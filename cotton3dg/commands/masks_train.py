@@ -19,9 +19,9 @@ from ..core.progress import Progress, silent
 from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
 from ..evaluation.masks import score_masks
-from ..files.annotations import annotated_images, read_masks
+from ..files.annotations import find_annotated_images, read_masks
 from ..files.images import read_image, write_image
-from ..files.saving import explained_disk_errors, file_sha256, json_text, write_text_atomically
+from ..files.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import BollNetwork, find_bolls, seen_size, shipped_weights
@@ -66,7 +66,7 @@ def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent)
         raise BadUsage(f"{folder} is not empty and holds no training; give a new folder")
     masks, photos = annotated(options)
     judging = _chosen_to_judge(sorted(masks.ids), options) if options.annotations else set()
-    with explained_disk_errors(folder):
+    with explain_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / "training.json").exists():
             write_text_atomically(folder / "training.json", json_text({"finished": False}))
@@ -94,7 +94,7 @@ def annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
     classes = [name.strip() for name in options.classes.split(",") if name.strip()]
     for number, source in enumerate(sources):
         found = read_masks(source, classes=classes)
-        images = annotated_images(source if source.is_dir() else source.parent)
+        images = find_annotated_images(source if source.is_dir() else source.parent)
         for stem, ids in found.ids.items():
             if stem not in images:
                 raise BadInput(

@@ -27,7 +27,7 @@ from ..errors import BadInput, BadUsage, NoBolls
 from ..files.arrays import read_array
 from ..files.colmap import read_cameras
 from ..files.encode import video_encoder
-from ..files.images import fitted_size, write_image
+from ..files.images import fit_size, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
 from ..geometry.camera_orbit import azimuths, fit_orbit
@@ -194,7 +194,7 @@ def _size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple
     """Width and height, px: those of the training images, where one is given the other by their aspect."""
     record = workspace.read_record("train")
     trained = (record.options if record else {}).get("max_side", TrainOptions().max_side)
-    width, height = fitted_size(camera.width, camera.height, trained)
+    width, height = fit_size(camera.width, camera.height, trained)
     if options.width or options.height:
         width = options.width or _even(options.height * camera.width / camera.height)
         height = options.height or _even(options.width * camera.height / camera.width)

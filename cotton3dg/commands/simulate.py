@@ -18,7 +18,7 @@ from ..core.progress import Progress, silent
 from ..errors import BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
-from ..files.saving import explained_disk_errors, json_text, write_text_atomically
+from ..files.saving import explain_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions, resolve
 from ..simulate.camera import orbit
 from ..simulate.film import exposure_ev, filmed, filmed_ids
@@ -50,7 +50,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
     path = orbit(options, plant.vertices)
     scene = lit_scene(plant, build_room(options, plant.stem_base))
 
-    with explained_disk_errors(folder):
+    with explain_disk_errors(folder):
         instances = folder / "instances"
         shutil.rmtree(instances, ignore_errors=True)
         instances.mkdir(parents=True)

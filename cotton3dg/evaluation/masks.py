@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..documents.frames import FramesInfo
 from ..errors import BadInput
-from ..files.annotations import read_masks, undistorted_ids
+from ..files.annotations import read_masks, undistort_ids
 from ..files.colmap import read_cameras
 from ..files.images import read_ids
 from ..workspace import Workspace
@@ -90,7 +90,7 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> tuple[list[MaskScore],
     for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm")):
         stem, png = Path(camera.name).stem, workspace.mask_png(camera.name)
         if stem in truths and png.is_file():
-            pairs.append((read_ids(png), undistorted_ids(stem, truths[stem], camera, workspace.sfm_model)))
+            pairs.append((read_ids(png), undistort_ids(stem, truths[stem], camera, workspace.sfm_model)))
     if not pairs:
         raise BadInput(f"{folder} has true masks of no image that has masks; make more with masks --views 150")
     return *score_masks(pairs), len(pairs)

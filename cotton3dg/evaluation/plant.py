@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..documents.truth import Truth
 from ..errors import MissingInput
 from ..files.cloud import read_cloud
-from ..files.tables import number, read_rows
+from ..files.tables import parse_number, read_rows
 from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls
@@ -78,10 +78,10 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
         raise MissingInput(f"{truth_json.name} is missing; give the plant's truth with --truth FILE")
     truth = Truth.load(truth_json)
     row = _plant_row(workspace)
-    errors = [TraitError(trait, number(row[trait]), getattr(truth, key)) for trait, key in TRUTH_OF_TRAIT.items()]
+    errors = [TraitError(trait, parse_number(row[trait]), getattr(truth, key)) for trait, key in TRUTH_OF_TRAIT.items()]
     bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
-    measured_cm = np.array([[number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
-    measured_cm3 = np.array([number(boll["volume_cm3"]) for boll in bolls])
+    measured_cm = np.array([[parse_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
+    measured_cm3 = np.array([parse_number(boll["volume_cm3"]) for boll in bolls])
     true_cm, true_cm3 = _true_bolls(truth)
     return errors, compare_bolls(measured_cm, measured_cm3, true_cm, true_cm3)
 
@@ -110,7 +110,7 @@ def evaluate_cloud(
     }
     if labels is not None:
         truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
-    return [TraitError(trait, number(row[trait]), value) for trait, value in truth.items()]
+    return [TraitError(trait, parse_number(row[trait]), value) for trait, value in truth.items()]
 
 
 def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:

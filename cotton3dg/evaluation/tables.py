@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from ..core.columns import Column
 from ..errors import BadInput, MissingInput
-from ..files.saving import explained_disk_errors
+from ..files.saving import explain_disk_errors
 from ..files.scatter import write_scatter
-from ..files.tables import csv_text, number, read_rows
+from ..files.tables import csv_text, parse_number, read_rows
 
 ID = "plant_id"
 WEIGHT = "boll_weight_g"
@@ -159,7 +159,7 @@ SCORES = (
 
 def write_evaluation(folder: Path, evaluation: TableEvaluation) -> None:
     """Save evaluation.csv and a scatter_<trait>.png for each trait with a value."""
-    with explained_disk_errors(folder):
+    with explain_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         text = csv_text(SCORES, [vars(item) for item in evaluation.scores])
         (folder / "evaluation.csv").write_bytes(text.encode("utf-8"))
@@ -213,5 +213,5 @@ def _columns(table: dict[str, dict[str, str]]) -> Sequence[str]:
 
 def _finite(cell: str) -> float:
     """A cell's number; NaN also of one that is not finite."""
-    value = number(cell)
+    value = parse_number(cell)
     return value if math.isfinite(value) else math.nan

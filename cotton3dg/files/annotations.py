@@ -14,7 +14,7 @@ from ..core.scene import Camera
 from ..errors import BadInput, MissingInput
 from .coco import is_coco, parse_coco
 from .images import IMAGE_SUFFIXES, list_images, read_ids, read_image
-from .instances import AnnotatedImage, mask_set, read_json
+from .instances import AnnotatedImage, paint_all, read_json
 from .labelme import is_labelme, parse_labelme
 from .yolo_labels import read_yolo_labels
 
@@ -40,11 +40,11 @@ def read_masks(
     if not source.exists():
         raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file as --source")
     documents = [source] if source.is_file() else sorted(source.rglob("*.json"))
-    images = _parsed(documents)
+    images = _parse(documents)
     if not images and source.is_dir():
-        images = _labelled(source, sizes or {})
+        images = _read_labels(source, sizes or {})
     if images:
-        return mask_set(images, classes, source.name)
+        return paint_all(images, classes, source.name)
     if source.is_file():
         raise BadInput(f"{source.name} is neither COCO nor Labelme; export one of these, or masks as PNG")
     pngs = [path for path in list_images(source) if path.suffix.lower() == ".png"]
@@ -53,7 +53,7 @@ def read_masks(
     return MaskSet({path.stem: read_ids(path) for path in pngs})
 
 
-def annotated_images(source: Path) -> dict[str, Path]:
+def find_annotated_images(source: Path) -> dict[str, Path]:
     """The photos in and below a folder, by stem, that annotations may belong to.
 
     Raises:
@@ -68,7 +68,7 @@ def annotated_images(source: Path) -> dict[str, Path]:
     return found
 
 
-def _parsed(documents: list[Path]) -> dict[str, AnnotatedImage]:
+def _parse(documents: list[Path]) -> dict[str, AnnotatedImage]:
     """What COCO and Labelme files say, by image; other JSON files are left alone."""
     images: dict[str, AnnotatedImage] = {}
     for path in documents:
@@ -85,7 +85,7 @@ def _parsed(documents: list[Path]) -> dict[str, AnnotatedImage]:
     return images
 
 
-def _labelled(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, AnnotatedImage]:
+def _read_labels(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, AnnotatedImage]:
     """YOLO labels below a folder, or below its `labels`, by image."""
     folder = source / "labels" if (source / "labels").is_dir() else source
     paths = [path for path in sorted(folder.rglob("*.txt")) if path.name != CLASS_NAMES]
@@ -93,7 +93,7 @@ def _labelled(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
         return {}
     names = source / CLASS_NAMES
     class_names = names.read_text(encoding="utf-8").split("\n") if names.is_file() else []
-    photos, images = annotated_images(source), {}
+    photos, images = find_annotated_images(source), {}
     for path in paths:
         if path.stem in photos:
             height, width = read_image(photos[path.stem]).shape[:2]
@@ -105,7 +105,7 @@ def _labelled(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
     return images
 
 
-def undistorted_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir: Path) -> NDArray[np.uint16]:
+def undistort_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir: Path) -> NDArray[np.uint16]:
     """Masks at the size of an undistorted image, whatever they were drawn on.
 
     Masks of that size or shape were drawn on the undistorted image; those of the size of the frame as filmed were
@@ -119,7 +119,7 @@ def undistorted_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_di
     height, width = ids.shape
     if (height, width) == (camera.height, camera.width):
         return ids
-    filmed = _filmed_camera(camera.name, model_dir)
+    filmed = _find_filmed_camera(camera.name, model_dir)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     if filmed is not None and (width, height) == (filmed.width, filmed.height):
         rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1).reshape(-1, 3)
@@ -136,7 +136,7 @@ def undistorted_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_di
     return np.where(inside, ids[lines, columns], 0).astype(np.uint16)
 
 
-def _filmed_camera(name: str, model_dir: Path) -> Any:
+def _find_filmed_camera(name: str, model_dir: Path) -> Any:
     """pycolmap's camera of an image as filmed; None when the model does not have it."""
     import pycolmap
 

@@ -29,9 +29,9 @@ def read_array(path: Path) -> NDArray[Any]:
     """
     try:
         with path.open("rb") as file:
-            return _array(file)
+            return _read(file)
     except _DAMAGED as error:
-        raise BadInput(f"{path.name} is damaged: {_told(error)}; make it again") from error
+        raise BadInput(f"{path.name} is damaged: {_explain(error)}; make it again") from error
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -47,14 +47,12 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
                 raise ValueError("it is compressed")
             if sum(member.file_size for member in members) > path.stat().st_size:
                 raise ValueError("it claims more than it holds")
-            return {
-                member.filename.removesuffix(".npy"): _array(io.BytesIO(archive.read(member))) for member in members
-            }
+            return {member.filename.removesuffix(".npy"): _read(io.BytesIO(archive.read(member))) for member in members}
     except _DAMAGED as error:
-        raise BadInput(f"{path.name} is damaged: {_told(error)}; make it again") from error
+        raise BadInput(f"{path.name} is damaged: {_explain(error)}; make it again") from error
 
 
-def _array(file: IO[bytes]) -> NDArray[Any]:
+def _read(file: IO[bytes]) -> NDArray[Any]:
     version = np.lib.format.read_magic(file)
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
     shape, fortran_order, dtype = read_header(file)
@@ -65,5 +63,5 @@ def _array(file: IO[bytes]) -> NDArray[Any]:
     return np.frombuffer(bytearray(content), dtype).reshape(shape, order="F" if fortran_order else "C")
 
 
-def _told(error: BaseException) -> str:
+def _explain(error: BaseException) -> str:
     return " ".join(str(error).split())[:80] or type(error).__name__

@@ -52,7 +52,7 @@ def read_training(path: Path, key: str) -> Training | None:
         facts = json.loads(str(arrays["facts"]))
         if facts.pop("key") != key:
             return None
-        state, first, second = (_gaussians(arrays, prefix) for prefix in ("", "first_", "second_"))
+        state, first, second = (_read_gaussians(arrays, prefix) for prefix in ("", "first_", "second_"))
         statistics = DensityStatistics(*(arrays[f"statistics_{item.name}"] for item in fields(DensityStatistics)))
         fit = facts.pop("fit")
         fit["rejected"] = [(step, name) for step, name in fit["rejected"]]
@@ -64,5 +64,5 @@ def read_training(path: Path, key: str) -> Training | None:
         return None
 
 
-def _gaussians(arrays: dict[str, NDArray[Any]], prefix: str) -> Gaussians:
+def _read_gaussians(arrays: dict[str, NDArray[Any]], prefix: str) -> Gaussians:
     return Gaussians(*(arrays[prefix + item.name] for item in fields(Gaussians)))

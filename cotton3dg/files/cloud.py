@@ -30,7 +30,7 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
     if suffix not in SUFFIXES:
         raise BadInput(f"{path.name} is no {', '.join(SUFFIXES)}; export the cloud as one of them")
     try:
-        points, labels = _scanner_file(path) if suffix in (".ply", ".pcd") else _text(path)
+        points, labels = _read_scanner_file(path) if suffix in (".ply", ".pcd") else _read_text(path)
     except (OSError, ValueError, RuntimeError, IndexError) as error:
         raise BadInput(f"{path.name} cannot be read ({error}); export the cloud again") from error
     finite = np.isfinite(points).all(axis=1)
@@ -39,7 +39,7 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
     return points[finite] * cm_per_unit, None if labels is None else labels[finite]
 
 
-def _scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+def _read_scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
     import open3d as o3d
 
     attributes = o3d.t.io.read_point_cloud(path).point
@@ -50,7 +50,7 @@ def _scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | 
     return attributes["positions"].numpy().astype(np.float64), labels
 
 
-def _text(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+def _read_text(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
     lines = path.read_text(encoding="utf-8-sig").replace(",", " ").replace(";", " ").splitlines()
     try:
         [float(cell) for cell in lines[0].split()]

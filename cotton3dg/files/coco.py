@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from .instances import AnnotatedImage, Instance, check_size, outlines, polygon_pixels, valid_score
+from .instances import AnnotatedImage, Instance, check_size, fill_polygons, parse_score, trace_outlines
 
 EXPORT_TOLERANCE_PX = 0.5
 """Half a pixel: less than people draw to, and a tenth of the corners."""
@@ -44,8 +44,8 @@ def parse_coco(document: Any, name: str) -> dict[str, AnnotatedImage]:
             instances = [
                 Instance(
                     labels.get(item.get("category_id"), str(item.get("category_id", ""))),
-                    segmentation_pixels(item["segmentation"], height, width),
-                    valid_score(item.get("score", 1.0)),
+                    fill_segmentation(item["segmentation"], height, width),
+                    parse_score(item.get("score", 1.0)),
                 )
                 for item in annotations[key]
             ]
@@ -57,20 +57,20 @@ def parse_coco(document: Any, name: str) -> dict[str, AnnotatedImage]:
         raise BadInput(f"{name} is not a whole COCO file ({error!r:.80}); export it again") from error
 
 
-def segmentation_pixels(segmentation: Any, height: int, width: int) -> NDArray[np.int64]:
+def fill_segmentation(segmentation: Any, height: int, width: int) -> NDArray[np.int64]:
     """Indices of the pixels of a COCO segmentation: polygons as flat x, y lists, or run lengths, plain or compressed.
 
     Raises:
         BadInput: it cannot be of this image.
     """
     if not isinstance(segmentation, dict):
-        return polygon_pixels(segmentation, height, width)
+        return fill_polygons(segmentation, height, width)
     if [int(side) for side in segmentation["size"]] != [height, width]:
         size = segmentation["size"]
         raise BadInput(f"a run-length mask of size {size} is in an image of {height} x {width}; export it again")
     counts = segmentation["counts"]
     if isinstance(counts, str):
-        counts = decompressed_counts(counts)
+        counts = decompress_counts(counts)
     runs = np.array(counts, np.int64)
     if (runs < 0).any() or (runs > height * width).any() or runs.sum() != height * width:
         raise BadInput(f"run lengths do not add up to {height} x {width} px; export the file again")
@@ -78,7 +78,7 @@ def segmentation_pixels(segmentation: Any, height: int, width: int) -> NDArray[n
     return np.flatnonzero(np.repeat(values, runs).reshape(width, height).T)
 
 
-def decompressed_counts(text: str) -> list[int]:
+def decompress_counts(text: str) -> list[int]:
     """Run lengths from COCO's compressed string: 5 bits a character, from the third run on relative to two before."""
     counts: list[int] = []
     value, shift = 0, 0
@@ -113,7 +113,7 @@ def coco_document(masks: Mapping[str, NDArray[np.uint16]], label: str = "boll") 
         images.append({"id": number, "file_name": name, "height": height, "width": width})
         for value in np.unique(ids[ids > 0]).tolist():
             mask = ids == value
-            polygons = [corners.round(2) for corners in outlines(mask, EXPORT_TOLERANCE_PX)]
+            polygons = [corners.round(2) for corners in trace_outlines(mask, EXPORT_TOLERANCE_PX)]
             if polygons:
                 annotations.append(
                     {

@@ -89,7 +89,7 @@ def read_cameras(model_dir: Path) -> list[Camera]:
     pinholes = _read_pinholes(model_dir / "cameras.bin")
     reader = _Reader(model_dir / "images.bin")
     cameras: dict[str, Camera] = {}
-    for name, pose, camera_id, _ in _images(reader):
+    for name, pose, camera_id, _ in _read_images(reader):
         if not (np.abs(pose) < MAX_COORDINATE).all() or not np.abs(pose[:4]).max() > 1e-6:
             log.warning("sfm: the pose of %s is not finite; the image is left out", name)
             continue
@@ -115,14 +115,14 @@ def read_tracks(model_dir: Path) -> dict[str, tuple[NDArray[np.float64], NDArray
         BadInput: it is damaged.
     """
     tracks = {}
-    for name, _, _, observed in _images(_Reader(model_dir / "images.bin")):
+    for name, _, _, observed in _read_images(_Reader(model_dir / "images.bin")):
         places = np.column_stack([observed["x"], observed["y"]])
         known = (observed["point"] >= 0) & (np.abs(places) < MAX_COORDINATE).all(axis=1)
         tracks[name] = places[known], observed["point"][known]
     return tracks
 
 
-def _images(reader: _Reader) -> Iterator[tuple[str, list[float], int, NDArray[np.void]]]:
+def _read_images(reader: _Reader) -> Iterator[tuple[str, list[float], int, NDArray[np.void]]]:
     """Name, pose, camera id and observed points of each image of images.bin."""
     for _ in range(reader.count(73)):
         _, *pose, camera_id = reader.fields("I7dI")
@@ -158,16 +158,16 @@ def read_points(
         MissingInput: the file is not there.
         BadInput: it is damaged.
     """
-    return _points(model_dir)[1:]
+    return _read_points(model_dir)[1:]
 
 
 def read_positions(model_dir: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Ids (P,), ascending, of the points that `read_points` returns, and their xyz (P, 3) su; raises as that does."""
-    ids, xyz, *_ = _points(model_dir)
+    ids, xyz, *_ = _read_points(model_dir)
     return ids.astype(np.int64), xyz
 
 
-def _points(
+def _read_points(
     model_dir: Path,
 ) -> tuple[NDArray[np.uint64], NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.int64]]:
     reader = _Reader(model_dir / "points3D.bin")

@@ -50,8 +50,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """
     import cv2
 
-    content = _checked_content(path)
-    pixels = _decoded(path, content, cv2.IMREAD_COLOR)
+    content = _read_checked(path)
+    pixels = _decode(path, content, cv2.IMREAD_COLOR)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
 
 
@@ -92,7 +92,7 @@ def read_ids(path: Path) -> NDArray[np.uint16]:
     """
     import cv2
 
-    ids = _decoded(path, _checked_content(path), cv2.IMREAD_UNCHANGED)
+    ids = _decode(path, _read_checked(path), cv2.IMREAD_UNCHANGED)
     if ids.ndim != 2 or ids.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"{path.name} is no mask; masks are grey PNG files of 8 or 16 bits, one value an object")
     return ids.astype(np.uint16)
@@ -107,16 +107,16 @@ def write_ids(path: Path, ids: NDArray[np.uint16]) -> None:
     _write(path, ids, [cv2.IMWRITE_PNG_COMPRESSION, 6])
 
 
-def scaled_down(rgb: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
+def scale_down(rgb: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
     """(H, W, 3) with its longer side at most `max_side` px, by area averaging; smaller images stay as they are."""
     import cv2
 
     height, width = rgb.shape[:2]
-    size = fitted_size(width, height, max_side)
+    size = fit_size(width, height, max_side)
     return rgb if size == (width, height) else cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
 
 
-def fitted_size(width: int, height: int, max_side: int) -> tuple[int, int]:
+def fit_size(width: int, height: int, max_side: int) -> tuple[int, int]:
     """Width and height scaled down, never up, so that the longer is at most `max_side`."""
     factor = min(1.0, max_side / max(width, height))
     return max(1, round(width * factor)), max(1, round(height * factor))
@@ -142,7 +142,7 @@ def is_whole(content: bytes) -> bool:
     return True
 
 
-def _checked_content(path: Path) -> bytes:
+def _read_checked(path: Path) -> bytes:
     """All bytes of an image file that is whole and not too large."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
@@ -160,7 +160,7 @@ def _checked_content(path: Path) -> bytes:
     return content
 
 
-def _decoded(path: Path, content: bytes, flags: int) -> NDArray:
+def _decode(path: Path, content: bytes, flags: int) -> NDArray:
     import cv2
 
     try:

@@ -68,7 +68,7 @@ def check_size(height: int, width: int) -> None:
         raise BadInput(f"an image of {width} x {height} px cannot be; export it again")
 
 
-def polygon_pixels(polygons: Sequence[Any], height: int, width: int) -> NDArray[np.int64]:
+def fill_polygons(polygons: Sequence[Any], height: int, width: int) -> NDArray[np.int64]:
     """Indices of the pixels whose centres lie in any of some polygons.
 
     Args:
@@ -97,13 +97,13 @@ def polygon_pixels(polygons: Sequence[Any], height: int, width: int) -> NDArray[
     return np.flatnonzero(mask)
 
 
-def valid_score(value: Any) -> float:
+def parse_score(value: Any) -> float:
     """A confidence as a number in 0..1; what is none counts as 0."""
     score = float(value)
     return min(max(score, 0.0), 1.0) if math.isfinite(score) else 0.0
 
 
-def mask_set(images: Mapping[str, AnnotatedImage], classes: Collection[str], source: str) -> MaskSet:
+def paint_all(images: Mapping[str, AnnotatedImage], classes: Collection[str], source: str) -> MaskSet:
     """Masks by image; where instances overlap, the smaller one is in front.
 
     Args:
@@ -123,13 +123,13 @@ def mask_set(images: Mapping[str, AnnotatedImage], classes: Collection[str], sou
     for stem, image in images.items():
         kept = [item for item in image.instances if not classes or item.label in classes]
         try:
-            masks.ids[stem], masks.scores[stem] = painted(kept, image.height, image.width)
+            masks.ids[stem], masks.scores[stem] = paint(kept, image.height, image.width)
         except BadInput as error:
             raise BadInput(f"{source}: {error}") from error
     return masks
 
 
-def painted(instances: Sequence[Instance], height: int, width: int) -> tuple[NDArray[np.uint16], dict[int, float]]:
+def paint(instances: Sequence[Instance], height: int, width: int) -> tuple[NDArray[np.uint16], dict[int, float]]:
     """One image's (H, W) ids, 1 ... in the order of the instances, and their scores."""
     if len(instances) > np.iinfo(np.uint16).max:
         raise BadInput(f"{len(instances)} instances in one image do not fit into 16 bits; leave some out")
@@ -140,7 +140,7 @@ def painted(instances: Sequence[Instance], height: int, width: int) -> tuple[NDA
     return ids.reshape(height, width), scores
 
 
-def outlines(mask: NDArray[np.bool_], tolerance_px: float) -> list[Float64]:
+def trace_outlines(mask: NDArray[np.bool_], tolerance_px: float) -> list[Float64]:
     """Outer borders of a mask's pieces, each (n, 2) x, y of corners in px from the image's corner.
 
     Holes are not outlined. The border is moved by at most `tolerance_px` to have fewer corners, as a person draws.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from .instances import AnnotatedImage, Instance, check_size, polygon_pixels
+from .instances import AnnotatedImage, Instance, check_size, fill_polygons
 
 
 def is_labelme(document: Any) -> bool:
@@ -31,7 +31,7 @@ def parse_labelme(document: Any, path: Path) -> tuple[str, AnnotatedImage]:
         for number, shape in enumerate(document["shapes"]):
             group = shape.get("group_id")
             key = ("shape", number) if group is None else (str(shape["label"]), group)
-            groups.setdefault(key, []).append((str(shape["label"]), _shape_pixels(shape, height, width)))
+            groups.setdefault(key, []).append((str(shape["label"]), _fill_shape(shape, height, width)))
         instances = [
             Instance(pieces[0][0], np.unique(np.concatenate([pixels for _, pixels in pieces])))
             for pieces in groups.values()
@@ -44,16 +44,16 @@ def parse_labelme(document: Any, path: Path) -> tuple[str, AnnotatedImage]:
         raise BadInput(f"{path.name} is not a whole Labelme file ({error!r:.80}); save it again") from error
 
 
-def _shape_pixels(shape: dict[str, Any], height: int, width: int) -> NDArray[np.int64]:
+def _fill_shape(shape: dict[str, Any], height: int, width: int) -> NDArray[np.int64]:
     kind, points = shape.get("shape_type") or "polygon", shape["points"]
     if kind == "polygon":
-        return polygon_pixels([points], height, width)
+        return fill_polygons([points], height, width)
     if kind == "mask":
-        return _pasted(shape["mask"], points, height, width)
+        return _paste(shape["mask"], points, height, width)
     raise BadInput(f"the shape {shape['label']!r} is a {kind}, not an outline; draw bolls as polygons or masks")
 
 
-def _pasted(encoded: str, points: Any, height: int, width: int) -> NDArray[np.int64]:
+def _paste(encoded: str, points: Any, height: int, width: int) -> NDArray[np.int64]:
     """Pixels of a mask, saved as a PNG in base64, whose first and last pixel lie at two points."""
     import cv2
 

@@ -59,8 +59,8 @@ def read_gaussians(path: Path) -> Gaussians:
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        lines, start = _header(path, file.read(_HEADER_LIMIT))
-        count, layout = _layout(path, lines)
+        lines, start = _read_header(path, file.read(_HEADER_LIMIT))
+        count, layout = _parse_layout(path, lines)
         # Compared as Python integers before anything is allocated, so that an absurd count costs nothing.
         if count * layout.itemsize > size - start:
             raise _bad(path, f"is shorter than the {count} Gaussians of its header")
@@ -91,7 +91,7 @@ def read_gaussians(path: Path) -> Gaussians:
     return gaussians
 
 
-def coloured(gaussians: Gaussians, colours: NDArray) -> Gaussians:
+def recolour(gaussians: Gaussians, colours: NDArray) -> Gaussians:
     """The same Gaussians in the given colours, (N, 3) RGB in 0..1, seen alike from everywhere."""
     sh = (np.asarray(colours, np.float32)[:, None] - np.float32(0.5)) / np.float32(SH_CONSTANT)
     return Gaussians(gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits, sh)
@@ -103,7 +103,7 @@ def _property_names(n_coefficients: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _header(path: Path, head: bytes) -> tuple[list[list[str]], int]:
+def _read_header(path: Path, head: bytes) -> tuple[list[list[str]], int]:
     """Words of each header line, and where the header ends, bytes."""
     end = head.find(b"end_header")
     newline = head.find(b"\n", end)
@@ -116,7 +116,7 @@ def _header(path: Path, head: bytes) -> tuple[list[list[str]], int]:
     return [words for words in lines if words and words[0] not in ("comment", "obj_info")], newline + 1
 
 
-def _layout(path: Path, lines: list[list[str]]) -> tuple[int, np.dtype]:
+def _parse_layout(path: Path, lines: list[list[str]]) -> tuple[int, np.dtype]:
     """Number of vertices and the layout of one, from the words of the header lines."""
     if [*lines, [], []][1][:2] != ["format", "binary_little_endian"]:
         raise _bad(path, "is not a binary little-endian PLY")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.scene import Float64
 from ..errors import BadInput, MissingInput
-from .tables import number, read_rows
+from .tables import parse_number, read_rows
 
 POINT, BOX = ("x", "y"), ("x1", "y1", "x2", "y2")
 
@@ -32,7 +32,7 @@ def read_prompts(path: Path) -> dict[str, Float64]:
         raise BadInput(f"{path.name} needs the columns image,x,y or image,x1,y1,x2,y2; name them in its first line")
     prompts: dict[str, list[list[float]]] = {}
     for line, row in enumerate(table, start=2):
-        values = [number(row[name]) for name in columns]
+        values = [parse_number(row[name]) for name in columns]
         if not all(map(math.isfinite, values)) or (columns == BOX and not _is_box(values)):
             wanted = "a box, x1 < x2 and y1 < y2" if columns == BOX else "a point, x and y"
             cells = ", ".join(row[name] for name in columns)

@@ -76,7 +76,7 @@ def reconstruct(
     models = pycolmap.incremental_mapping(
         database, image_folder, work_folder, _mapping_options(settings), next_image_callback=placed
     )
-    kept = [_without_lost_images(model) for model in models.values()]
+    kept = [_drop_lost_images(model) for model in models.values()]
     return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
@@ -152,7 +152,7 @@ def _mapping_options(settings: ReconstructionSettings) -> Any:
     return options
 
 
-def _without_lost_images(model: Any) -> Any:
+def _drop_lost_images(model: Any) -> Any:
     """The model after taking out images whose pose is not finite."""
     for image_id in list(model.reg_image_ids()):
         image = model.image(image_id)
@@ -175,7 +175,7 @@ class LensEvidence:
         return not self.rise_pct < NEEDLESS_RISE_PCT
 
 
-def straightened(model: Any) -> tuple[Any, LensEvidence]:
+def straighten(model: Any) -> tuple[Any, LensEvidence]:
     """The reconstruction adjusted without lens distortion, and what tells whether that is allowed.
 
     Focal length and distortion can stand in for each other on a closed orbit: a lens without distortion is given up to

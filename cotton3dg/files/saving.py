@@ -20,7 +20,7 @@ FULL_BELOW_BYTES = 2**20
 
 
 @contextmanager
-def explained_disk_errors(root: Path) -> Iterator[None]:
+def explain_disk_errors(root: Path) -> Iterator[None]:
     """Turn the operating system's errors about full or read-only disks into ours, with a remedy."""
     try:
         yield

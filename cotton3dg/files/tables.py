@@ -84,10 +84,10 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         raise BadInput(
             f"{path.name} cannot be read ({' '.join(str(error).split())}); save it as CSV in UTF-8"
         ) from error
-    return [{name: _computed(cell) for name, cell in row.items()} for row in table.to_dict("records")]
+    return [{name: _restore(cell) for name, cell in row.items()} for row in table.to_dict("records")]
 
 
-def number(cell: Any) -> float:
+def parse_number(cell: Any) -> float:
     """What a cell says as a number; NaN where there is none, it is blank or says something else."""
     try:
         return float(cell)
@@ -108,9 +108,9 @@ def _cell(value: Any, digits: int | None) -> str:
     if value is None:
         return ""
     if isinstance(value, str):
-        return _harmless(value)
+        return _defuse(value)
     if isinstance(value, (list, tuple)):
-        return _harmless(";".join(str(item) for item in value))
+        return _defuse(";".join(str(item) for item in value))
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):
@@ -121,14 +121,14 @@ def _cell(value: Any, digits: int | None) -> str:
     return str(value)
 
 
-def _harmless(text: str) -> str:
+def _defuse(text: str) -> str:
     """`text` as a spreadsheet shows it instead of computing it."""
     text = text.replace("\0", "")
     return "'" + text if _is_computed(text) else text
 
 
-def _computed(cell: str) -> str:
-    """The text that `_harmless` made a cell of."""
+def _restore(cell: str) -> str:
+    """The text that `_defuse` made a cell of."""
     return cell[1:] if cell[:1] == "'" and _is_computed(cell[1:]) else cell
 
 

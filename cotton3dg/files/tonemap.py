@@ -18,7 +18,7 @@ _BT709_FROM_BT2020 = np.array(
 )
 
 
-def tone_mapped(rgb: NDArray[np.uint16], transfer: str) -> NDArray[np.uint8]:
+def tone_map(rgb: NDArray[np.uint16], transfer: str) -> NDArray[np.uint8]:
     """Map full-range BT.2020 PQ or HLG video to sRGB.
 
     Light is scaled so that diffuse white becomes 1, its primaries are converted, and a pixel whose largest component
@@ -36,11 +36,11 @@ def tone_mapped(rgb: NDArray[np.uint16], transfer: str) -> NDArray[np.uint8]:
     light = np.take(_linear_table(transfer), rgb)
     light = np.maximum(cv2.transform(light, _BT709_FROM_BT2020), 0.0)
     peak = light.max(axis=2, keepdims=True)
-    light *= _compressed(peak) / np.maximum(peak, 1e-6)
+    light *= _compress(peak) / np.maximum(peak, 1e-6)
     return np.take(_srgb_table(), np.minimum(light * 65535.0 + 0.5, 65535.0).astype(np.uint16))
 
 
-def _compressed(peak: NDArray[np.float32]) -> NDArray[np.float32]:
+def _compress(peak: NDArray[np.float32]) -> NDArray[np.float32]:
     """Identity up to 0.8; above it a rational curve of slope 1 there that approaches 1."""
     knee = np.float32(0.8)
     over = np.maximum(peak - knee, 0.0) / (1.0 - knee)

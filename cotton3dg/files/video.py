@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput, EnvironmentUnusable, MissingInput
-from .images import MAX_PIXELS, fitted_size
-from .tonemap import HLG, PQ, tone_mapped
+from .images import MAX_PIXELS, fit_size
+from .tonemap import HLG, PQ, tone_map
 
 DEMUXERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
 DECODER_DELAY_FRAMES = 32
@@ -151,7 +151,7 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[NDArra
         max_side: longer side of the frames that are measured, px.
         measure: called with each frame, (H, W) grey.
     """
-    size = fitted_size(facts.width, facts.height, max_side)
+    size = fit_size(facts.width, facts.height, max_side)
     measures: list[T] = []
     stream = _stream(path).filter("scale", *size, flags="fast_bilinear").filter("format", "gray").filter("showinfo")
     with _decoding(_in_step(stream), "gray", size[0] * size[1]) as (frames, log):
@@ -174,7 +174,7 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
     Raises:
         BadInput: fewer frames came out than are wanted.
     """
-    width, height = fitted_size(facts.width, facts.height, max_side)
+    width, height = fit_size(facts.width, facts.height, max_side)
     pixel_format, kind, depth = ("rgb48le", "<u2", 2) if facts.is_hdr else ("rgb24", "u1", 1)
     stream = (
         _stream(path)
@@ -187,7 +187,7 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
         for frame in frames:
             rgb = np.frombuffer(frame, kind).reshape(height, width, 3)
             n_read += 1
-            yield tone_mapped(rgb, facts.transfer) if facts.is_hdr else rgb
+            yield tone_map(rgb, facts.transfer) if facts.is_hdr else rgb
     if n_read != len(indices):
         raise BadInput(f"{path.name}: {n_read} of {len(indices)} frames came out on second reading; copy it again")
 

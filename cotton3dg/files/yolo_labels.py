@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from .instances import AnnotatedImage, Instance, check_size, outlines, polygon_pixels
+from .instances import AnnotatedImage, Instance, check_size, fill_polygons, trace_outlines
 
 BOX_COLUMNS = 5
 TOLERANCE_PX = 0.5
@@ -49,7 +49,7 @@ def read_yolo_labels(path: Path, height: int, width: int, names: list[str]) -> A
                 f"{where} is not a class and x y in shares of the image's size; export the labels again"
             ) from error
         try:
-            pixels = polygon_pixels([corners * (width, height)], height, width)
+            pixels = fill_polygons([corners * (width, height)], height, width)
         except BadInput as error:
             raise BadInput(f"{where}: {error}") from error
         name = names[label] if label < len(names) else str(label)
@@ -65,7 +65,7 @@ def write_yolo_labels(path: Path, ids: NDArray[np.uint16]) -> None:
     height, width = ids.shape
     lines = []
     for value in np.unique(ids[ids > 0]).tolist():
-        polygons = outlines(ids == value, TOLERANCE_PX)
+        polygons = trace_outlines(ids == value, TOLERANCE_PX)
         if polygons:
             start = polygons[0][:1]
             chain = [np.concatenate([corners, corners[:1], start]) for corners in polygons]

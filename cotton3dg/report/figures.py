@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
-from ..files.images import scaled_down
+from ..files.images import scale_down
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..splat import rasterizer
 from ..splat.appearance import boll_colours
@@ -29,7 +29,7 @@ def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
     """An image as the `src` of an <img>, its longer side at most `max_side` px."""
     import cv2
 
-    bgr = cv2.cvtColor(scaled_down(rgb, max_side), cv2.COLOR_RGB2BGR)
+    bgr = cv2.cvtColor(scale_down(rgb, max_side), cv2.COLOR_RGB2BGR)
     _, content = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode("ascii")
 

@@ -14,7 +14,7 @@ from .. import __version__
 from ..core.state import State
 from ..errors import Cotton3dgError
 from ..files.images import read_image
-from ..files.tables import number
+from ..files.tables import parse_number
 from ..workspace import Workspace
 from .figures import jpeg_uri
 from .page import TEMPLATES, page
@@ -66,7 +66,7 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 
 
 def _value(row: Mapping[str, Any], trait: str) -> float:
-    return number(row.get(trait)) if row["state"] == State.DONE else np.nan
+    return parse_number(row.get(trait)) if row["state"] == State.DONE else np.nan
 
 
 def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:

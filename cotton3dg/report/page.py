@@ -19,8 +19,8 @@ from .. import __version__
 from ..core.state import State
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
-from ..files.saving import explained_disk_errors, file_sha256, write_text_atomically
-from ..files.tables import number
+from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
+from ..files.tables import parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 from .advice import boll_doubts, capture_advice, meaning
@@ -79,7 +79,7 @@ def write_page(path: Path, text: str) -> None:
     Raises:
         BadInput: a file of this name was not made by this tool.
     """
-    with explained_disk_errors(path.parent):
+    with explain_disk_errors(path.parent):
         if path.exists() and OWN_TITLE not in path.read_bytes()[:MARKED_BYTES]:
             raise BadInput(
                 f"{path.name} stands where cotton3dg writes its page but was not made by it; move it elsewhere"
@@ -192,23 +192,23 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     doubtful = sum(bool(boll_doubts(boll)) for boll in facts.bolls)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
-        value = number(row.get(column))
+        value = parse_number(row.get(column))
         if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
         trait, _, _ = column.rpartition("_")
-        error = number(row.get(column.replace(trait, f"{trait}_error")))
+        error = parse_number(row.get(column.replace(trait, f"{trait}_error")))
         told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error > 0 else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
 
-    mean = number(row.get("boll_volume_mean_cm3"))
-    solid = [number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
+    mean = parse_number(row.get("boll_volume_mean_cm3"))
+    solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
     volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
     if solid and math.isfinite(sum(solid)):
         volume_note += f"; {sum(solid):.0f} cm³ without hollows"
-    length, width = number(row.get("canopy_length_cm")), number(row.get("canopy_width_cm"))
+    length, width = parse_number(row.get("canopy_length_cm")), parse_number(row.get("canopy_width_cm"))
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
-    spread = number(row.get("boll_count_error"))
+    spread = parse_number(row.get("boll_count_error"))
     count_error = f"± {spread:.1f}" if spread > 0 else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
@@ -255,7 +255,7 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
 
 def figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
-    known = number(value)
+    known = parse_number(value)
     return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 

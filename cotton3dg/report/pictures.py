@@ -18,7 +18,7 @@ from ..files.arrays import read_array
 from ..files.colmap import read_cameras
 from ..files.images import read_ids, read_image
 from ..files.ply import read_gaussians
-from ..files.tables import number
+from ..files.tables import parse_number
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
@@ -215,7 +215,7 @@ class Pictures:
             return []
         drawn = sorted(self.workspace.folder("scale").glob("*.jpg"))
         pictures = []
-        height_cm = number(self.facts.traits.get("plant_height_cm"))
+        height_cm = parse_number(self.facts.traits.get("plant_height_cm"))
         if self.scale is not None and height_cm > 0:
             drawn = [path for path in drawn if not path.name.startswith("table_")]
             foot = self.frame().origin
@@ -227,7 +227,7 @@ class Pictures:
 
     def frame(self) -> Frame:
         """Coordinates of the 3D view and of the map of the walk."""
-        cells = {row["boll_id"]: [number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
+        cells = {row["boll_id"]: [parse_number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
         centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
         told_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
         plant = self.gaussians.means[self.plant_rows] if self.gaussians is not None else np.zeros((0, 3))
@@ -239,7 +239,7 @@ class Pictures:
         if self.gaussians is None:
             return {}
         frame = self.frame()
-        volumes = {int(row["boll_id"]): number(row["volume_cm3"]) for row in self.facts.bolls}
+        volumes = {int(row["boll_id"]): parse_number(row["volume_cm3"]) for row in self.facts.bolls}
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
         drawn = as_drawn(self.gaussians, self.facts.metrics.pixel_su if self.facts.metrics else 0.0)
         return {

@@ -15,7 +15,7 @@ from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, bolls_info, read_lifted
 from ..errors import BadInput
 from ..files.colmap import read_cameras
-from ..files.ply import coloured, read_gaussians, write_gaussians
+from ..files.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace
@@ -46,7 +46,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     with workspace.writing("cluster") as folder:
         bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
-        write_gaussians(folder / workspace.bolls_ply.name, coloured(gaussians, boll_colours(labels)))
+        write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
             write_gaussians(folder / workspace.boll_ply(boll.boll_id).name, gaussians[boll.indices])
     doubtful = sum(bool(boll.flags) for boll in bolls)

@@ -161,7 +161,7 @@ def _from_photos(source: Path, options: FramesOptions, folder: Path, progress: P
                     f" {shape[1]} x {shape[0]}; keep photos of one camera and orientation"
                 )
             shape = picture.shape
-            small = images.scaled_down(picture, options.max_side)
+            small = images.scale_down(picture, options.max_side)
             if not focal_lengths_px:
                 focal_px = images.exif_focal_length_px(found[index])
                 focal_lengths_px.append(focal_px and focal_px * max(small.shape) / max(shape))
@@ -192,7 +192,7 @@ def _written(
     for number, (index, picture) in enumerate(zip(indices, pictures, strict=True)):
         name = f"{number:06d}.jpg"
         images.write_image(folder / name, picture)
-        grey = cv2.cvtColor(images.scaled_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
+        grey = cv2.cvtColor(images.scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
         luminance, black, white = frame_quality.exposure(grey)
         entries.append(
             FrameInfo(

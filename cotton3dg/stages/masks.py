@@ -16,7 +16,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..documents.masks import MaskedImage, MasksInfo
 from ..errors import BadInput, BadUsage
-from ..files.annotations import read_masks, undistorted_ids
+from ..files.annotations import read_masks, undistort_ids
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_ids
 from ..files.ply import read_gaussians
@@ -214,7 +214,7 @@ def imported(workspace: Workspace, options: MasksOptions, cameras: Sequence[Came
     ids: dict[str, NDArray[np.uint16]] = {}
     for stem, mask in found.ids.items():
         camera = by_stem[stem]
-        ids[camera.name] = undistorted_ids(stem, mask, camera, workspace.sfm_model)
+        ids[camera.name] = undistort_ids(stem, mask, camera, workspace.sfm_model)
     masks = MaskSet(ids, {by_stem[stem].name: scores for stem, scores in found.scores.items()})
     empty = sorted(name for name, drawn in ids.items() if not drawn.any())
     if empty and len(empty) < len(ids):

@@ -18,7 +18,7 @@ from ..documents.bolls import write_lifted
 from ..documents.segment import MeanIous, ReachedIous, SegmentInfo
 from ..errors import BadInput
 from ..files.colmap import read_cameras
-from ..files.images import fitted_size, read_ids, write_image
+from ..files.images import fit_size, read_ids, write_image
 from ..files.ply import read_gaussians
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..lifting.affinity import neighbour_means, sample_rays, train_features
@@ -113,7 +113,7 @@ def _masks(
             )
         if options.target:
             ids = np.where(ids == options.target, ids, np.uint16(0))
-        size = fitted_size(camera.width, camera.height, options.max_side)
+        size = fit_size(camera.width, camera.height, options.max_side)
         masked.append(camera.resized(*size))
         id_images.append(resized_ids(ids, *size))
     return masked, id_images

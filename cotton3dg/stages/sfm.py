@@ -21,7 +21,7 @@ from ..files.reconstruction import (
     NEEDLESS_RISE_PCT,
     ReconstructionSettings,
     reconstruct,
-    straightened,
+    straighten,
     undistort,
 )
 from ..files.saving import json_text
@@ -89,7 +89,7 @@ def _with_lens(model: Any, options: SfmOptions) -> tuple[Any, LensDecision]:
     """The model with or without lens distortion, as the evidence or the option says, and what was found."""
     if options.distortion == "on":
         return model, LensDecision("on", on=True)
-    straight, evidence = straightened(model)
+    straight, evidence = straighten(model)
     on = options.distortion == "auto" and evidence.on
     decision = LensDecision(options.distortion, on, evidence.rise_pct, NEEDLESS_RISE_PCT, evidence.corner_px)
     return model if on else straight, decision

@@ -12,7 +12,7 @@ from .. import __version__
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.record import Record
-from ..files.images import fitted_size
+from ..files.images import fit_size
 from ..options import STAGE_OPTIONS, as_dict
 from ..workspace import Workspace
 
@@ -51,11 +51,11 @@ class Work:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the images, px."""
-        return fitted_size(self.source.width, self.source.height, self.options["frames"].max_side)
+        return fit_size(self.source.width, self.source.height, self.options["frames"].max_side)
 
     def megapixels(self, max_side: int) -> float:
         """Of an image whose longer side is at most `max_side` px."""
-        width, height = fitted_size(*self.size, max_side)
+        width, height = fit_size(*self.size, max_side)
         return width * height / 1e6
 
     @property

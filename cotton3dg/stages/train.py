@@ -33,7 +33,7 @@ from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..files.images import read_image, write_image
 from ..files.ply import write_gaussians
-from ..files.saving import explained_disk_errors, json_text, replacing
+from ..files.saving import explain_disk_errors, json_text, replacing
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
@@ -137,11 +137,11 @@ def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], prog
     key = _training_key(workspace, options)
 
     def save(training: Training) -> None:
-        with explained_disk_errors(workspace.root), replacing(workspace.train_checkpoint) as path:
+        with explain_disk_errors(workspace.root), replacing(workspace.train_checkpoint) as path:
             write_training(path, training, key)
 
     def keep_rejected(training: Training, view: View) -> None:
-        with explained_disk_errors(workspace.root), replacing(workspace.train_rejected) as path:
+        with explain_disk_errors(workspace.root), replacing(workspace.train_rejected) as path:
             write_training(path, training, key, view)
 
     start: Gaussians | Training | None = read_training(workspace.train_checkpoint, key)

@@ -17,7 +17,7 @@ from ..documents.document import Document
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
 from ..files.ply import read_gaussians
-from ..files.tables import number, read_rows
+from ..files.tables import parse_number, read_rows
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from ..splat.metrics import view_quality
@@ -60,7 +60,7 @@ def finished_row(workspace: Workspace, sweep: str, setting: str, options: TrainO
     cpu_s = sum(record.cpu_seconds for record in records)
     row = empty_row(sweep, setting, State.DONE)
     row |= {key: getattr(metrics, key) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
-    row |= {trait: number(traits[trait]) for trait in ERRORS}
+    row |= {trait: parse_number(traits[trait]) for trait in ERRORS}
     row |= {
         "n_gaussians": metrics.n_gaussians,
         "n_frames": int(traits["n_frames"]),

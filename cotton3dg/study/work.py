@@ -21,7 +21,7 @@ from ..documents.train import TrainMetrics
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..files.encode import crop_video
-from ..files.saving import explained_disk_errors, replacing, write_text_atomically
+from ..files.saving import explain_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
 from ..pipeline import Step, Watcher
 from ..planning.cost import costs, footage
@@ -227,5 +227,5 @@ class Study:
         rows = self._told_rows()
         write_text_atomically(self.plant.study_csv, csv_text(COLUMNS, rows))
         write_text_atomically(self.plant.study_md, markdown(rows))
-        with explained_disk_errors(self.plant.root):
+        with explain_disk_errors(self.plant.root):
             write_plot(self.plant.study_plot, rows)

@@ -12,7 +12,7 @@ import numpy as np
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.scene import Camera
 from cotton3dg.documents.frames import FramesInfo
-from cotton3dg.files.annotations import undistorted_ids
+from cotton3dg.files.annotations import undistort_ids
 from cotton3dg.files.colmap import read_tracks
 from cotton3dg.files.images import read_ids
 from cotton3dg.workspace import Workspace
@@ -59,7 +59,7 @@ def true_masks(plant: TruePlant, cameras: list[Camera]) -> dict[str, np.ndarray]
     folder, indices = plant.truth / "instances", source_indices(plant.run)
     files = [(camera, folder / f"frame_{indices[camera.name]:04d}.png") for camera in cameras]
     return {
-        camera.name: undistorted_ids(Path(camera.name).stem, read_ids(path), camera, plant.run.sfm_model)
+        camera.name: undistort_ids(Path(camera.name).stem, read_ids(path), camera, plant.run.sfm_model)
         for camera, path in files
         if path.is_file()
     }

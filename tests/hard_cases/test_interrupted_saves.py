@@ -14,7 +14,7 @@ import pytest
 
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import OutOfResources
-from cotton3dg.files.saving import explained_disk_errors, replacing
+from cotton3dg.files.saving import explain_disk_errors, replacing
 from cotton3dg.workspace import Workspace
 
 GROWING = [(os, "fsync"), (Path, "rename"), (Path, "replace"), (Path, "mkdir"), (Path, "touch"), (Path, "write_text")]
@@ -29,7 +29,7 @@ def save(workspace: Workspace, content: dict[str, str]) -> None:
         for name, text in content.items():
             (folder / name).write_text(text)
     workspace.write_record(Record("scale", outputs=workspace.hashes(workspace.folder("scale"))))
-    with explained_disk_errors(workspace.root), replacing(workspace.root / "single.txt") as path:
+    with explain_disk_errors(workspace.root), replacing(workspace.root / "single.txt") as path:
         path.write_text(content["a.txt"])
 
 

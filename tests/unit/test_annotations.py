@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.annotations import read_masks, undistorted_ids
-from cotton3dg.files.coco import decompressed_counts, segmentation_pixels
+from cotton3dg.files.annotations import read_masks, undistort_ids
+from cotton3dg.files.coco import decompress_counts, fill_segmentation
 from cotton3dg.files.images import write_ids
 
 H, W = 12, 20
@@ -67,7 +67,7 @@ def test_plain_and_compressed_run_lengths_go_down_the_columns() -> None:
     expected[1:3] = expected[6:10] = True
     for form in (counts, compressed(counts)):
         mask = np.zeros(H * W, bool)
-        mask[segmentation_pixels({"size": [H, W], "counts": form}, H, W)] = True
+        mask[fill_segmentation({"size": [H, W], "counts": form}, H, W)] = True
         np.testing.assert_array_equal(mask.reshape(H, W).ravel(order="F"), expected)
 
 
@@ -75,14 +75,14 @@ def test_a_compressed_string_worked_out_by_hand() -> None:
     # Rows 1-3 of columns 1-2 of a 5 x 4 mask: runs 6 3 2 3 6; the last two are written as 3 - 3 and 6 - 2.
     expected = np.zeros((5, 4), bool)
     expected[1:4, 1:3] = True
-    pixels = segmentation_pixels({"size": [5, 4], "counts": "63204"}, 5, 4)
+    pixels = fill_segmentation({"size": [5, 4], "counts": "63204"}, 5, 4)
     np.testing.assert_array_equal(pixels, np.flatnonzero(expected))
 
 
 @given(st.lists(st.integers(0, 5000), min_size=1, max_size=30))
 @settings(max_examples=200, deadline=None)
 def test_compressed_counts_come_back(counts: list[int]) -> None:
-    assert decompressed_counts(compressed(counts)) == counts
+    assert decompress_counts(compressed(counts)) == counts
 
 
 def test_a_folder_of_masks(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_distortion_is_taken_out_of_masks_drawn_on_frames(tmp_path: Path) -> Non
     filmed = camera.fx * ray * (1 - 0.2 * (ray @ ray)) + (250, 145)
     ids = np.zeros((290, 500), np.uint16)
     ids[int(filmed[1]), int(filmed[0])] = 5
-    undistorted = undistorted_ids("a", ids, camera, tmp_path / "sfm")
+    undistorted = undistort_ids("a", ids, camera, tmp_path / "sfm")
     assert undistorted.shape == (camera.height, camera.width)
     assert undistorted[y, x] == 5
     assert (undistorted > 0).sum() <= 4
@@ -184,8 +184,8 @@ def test_masks_of_the_same_shape_are_scaled_and_others_refused(tmp_path: Path) -
     write_filmed_model(tmp_path / "sfm", 0.0)
     camera = orbit_cameras(4)[0]
     ids = np.arange(camera.height // 2 * (camera.width // 2), dtype=np.uint16).reshape(camera.height // 2, -1)
-    scaled = undistorted_ids("a", ids, camera, tmp_path / "sfm")
+    scaled = undistort_ids("a", ids, camera, tmp_path / "sfm")
     np.testing.assert_array_equal(scaled, ids.repeat(2, 0).repeat(2, 1))
-    np.testing.assert_array_equal(undistorted_ids("a", scaled, camera, tmp_path / "absent"), scaled)
+    np.testing.assert_array_equal(undistort_ids("a", scaled, camera, tmp_path / "absent"), scaled)
     with pytest.raises(BadInput, match="100 x 100"):
-        undistorted_ids("a", np.zeros((100, 100), np.uint16), camera, tmp_path / "sfm")
+        undistort_ids("a", np.zeros((100, 100), np.uint16), camera, tmp_path / "sfm")

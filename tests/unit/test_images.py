@@ -139,7 +139,7 @@ def test_natural_order(tmp_path):
 
 
 def test_scaling_only_shrinks(picture):
-    assert images.scaled_down(picture, 1000) is picture
-    assert images.scaled_down(picture, 32).shape == (24, 32, 3)
-    assert images.fitted_size(1281, 719, 640) == (640, 359)
-    assert images.fitted_size(10_000, 1, 100) == (100, 1)
+    assert images.scale_down(picture, 1000) is picture
+    assert images.scale_down(picture, 32).shape == (24, 32, 3)
+    assert images.fit_size(1281, 719, 640) == (640, 359)
+    assert images.fit_size(10_000, 1, 100) == (100, 1)

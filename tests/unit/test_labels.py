@@ -12,7 +12,7 @@ from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.annotations import read_masks
 from cotton3dg.files.coco import coco_document
 from cotton3dg.files.images import write_image
-from cotton3dg.files.instances import outlines, polygon_pixels
+from cotton3dg.files.instances import fill_polygons, trace_outlines
 from cotton3dg.files.prompt_table import read_prompts
 from cotton3dg.files.yolo_labels import write_yolo_labels
 
@@ -66,11 +66,11 @@ def test_what_is_exported_as_coco_is_read_back(tmp_path: Path) -> None:
 
 def test_outlines_follow_the_edge_of_the_pixels() -> None:
     mask = drawing() == 9
-    for corners in outlines(mask, 0.0):
+    for corners in trace_outlines(mask, 0.0):
         inside = np.zeros(H * W, bool)
-        inside[polygon_pixels([corners], H, W)] = True
+        inside[fill_polygons([corners], H, W)] = True
         assert (inside.reshape(H, W) & ~mask).sum() == 0
-    left, right = sorted(outlines(mask, 0.5), key=lambda corners: corners[:, 0].min())
+    left, right = sorted(trace_outlines(mask, 0.5), key=lambda corners: corners[:, 0].min())
     np.testing.assert_allclose([left.min(axis=0), left.max(axis=0)], [[70, 5], [78, 15]], atol=0.13)
     assert len(right) == 4
 

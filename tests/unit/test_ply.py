@@ -7,7 +7,7 @@ import pytest
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import BadInput
-from cotton3dg.files.ply import coloured, read_gaussians, write_gaussians
+from cotton3dg.files.ply import read_gaussians, recolour, write_gaussians
 
 HEADER_DEGREE_0 = b"""ply
 format binary_little_endian 1.0
@@ -129,4 +129,4 @@ def test_random_damage_never_escapes_as_another_error(tmp_path: Path) -> None:
 
 def test_coloured_gaussians_have_the_colours() -> None:
     colours = np.random.default_rng(1).uniform(size=(5, 3))
-    np.testing.assert_allclose(coloured(some_gaussians(5, 4), colours).colours, colours, atol=1e-6)
+    np.testing.assert_allclose(recolour(some_gaussians(5, 4), colours).colours, colours, atol=1e-6)

@@ -8,7 +8,7 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput
-from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text, number, read_rows, value_of
+from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "
@@ -93,5 +93,5 @@ def test_tables_that_others_made_are_read_or_refused(tmp_path):
             read_rows(path)
     with pytest.raises(BadInput):
         read_rows(tmp_path / "none.csv")
-    assert number("1.5") == 1.5
-    assert all(math.isnan(number(cell)) for cell in ("", None, "high"))
+    assert parse_number("1.5") == 1.5
+    assert all(math.isnan(parse_number(cell)) for cell in ("", None, "high"))

@@ -11,7 +11,7 @@ import pytest
 
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
-from cotton3dg.files.saving import explained_disk_errors, json_text
+from cotton3dg.files.saving import explain_disk_errors, json_text
 from cotton3dg.workspace import Workspace
 
 
@@ -102,7 +102,7 @@ def test_json_has_no_nan():
     "number, error", [(errno.ENOSPC, OutOfResources), (errno.EROFS, EnvironmentUnusable), (errno.EIO, OSError)]
 )
 def test_disk_errors_are_explained(workspace, number, error):
-    with pytest.raises(error), explained_disk_errors(workspace.root):
+    with pytest.raises(error), explain_disk_errors(workspace.root):
         raise OSError(number, os.strerror(number))
 
 

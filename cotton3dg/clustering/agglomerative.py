@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
-from ..geometry.point_sets import MIN_GAUSSIANS, compact_part, extent
+from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_extent
 from .boll_shape import numbered
 
 VOLUME_CAP = 3.0
@@ -40,7 +40,7 @@ def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float
     if not objects:
         return []
     view_of = np.array([view for view, _, _ in objects])
-    shapes = [extent(points[rows]) for _, rows, _ in objects]
+    shapes = [measure_extent(points[rows]) for _, rows, _ in objects]
     centres, widths = np.array([shape[0] for shape in shapes]), np.array([shape[1] for shape in shapes])
     reach, cap = eps * float(np.median(widths[:, 0])), VOLUME_CAP * float(np.median(widths.prod(axis=1)))
     groups = _joined(centres, [rows for _, rows, _ in objects], points, view_of, reach, cap)
@@ -54,10 +54,10 @@ def cluster_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float
     bolls = []
     for group, seen_by in enumerate(views):
         rows = np.flatnonzero(owners == group)
-        rows = rows[compact_part(points[rows])]
+        rows = rows[find_compact_part(points[rows])]
         if len(seen_by) < 2 or len(rows) < MIN_GAUSSIANS:
             continue
-        centre, size = extent(points[rows])
+        centre, size = measure_extent(points[rows])
         names = tuple(lifted.views[view] for view in seen_by)
         able = (lifted.seen[:, np.searchsorted(lifted.candidates, rows)] > 0).mean(axis=1) >= 0.3
         confidence = min(len(names) / max(int(able.sum()), 1), 1.0)
@@ -75,7 +75,7 @@ def _objects(lifted: LiftedMasks, points: NDArray) -> list[tuple[int, NDArray[np
         inside = selection.weights >= 0.5 * seen
         rows, weights = selection.indices[inside], selection.weights[inside]
         if len(rows) >= MIN_GAUSSIANS:
-            body = compact_part(points[rows])
+            body = find_compact_part(points[rows])
             if body.sum() >= MIN_GAUSSIANS:
                 objects.append((view, rows[body], weights[body]))
     return objects
@@ -93,7 +93,7 @@ def _joined(
         keep, gone = sorted(int(k) for k in np.unravel_index(distances.argmin(), distances.shape))
         together = members[keep] + members[gone]
         union = np.unique(np.concatenate([rows[k] for k in together]))
-        if extent(points[union])[1].prod() > cap:
+        if measure_extent(points[union])[1].prod() > cap:
             distances[keep, gone] = distances[gone, keep] = np.inf
             continue
         members[keep], members[gone] = together, []

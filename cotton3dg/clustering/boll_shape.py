@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance
 from ..geometry.convex_measures import convex_volume
-from ..geometry.point_sets import MIN_GAUSSIANS, extent
+from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 
 SEPARATION = 0.75
 """Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
@@ -74,7 +74,7 @@ def close_flagged(bolls: list[BollInstance]) -> list[BollInstance]:
 def _most_pieces(points: NDArray, usual_width: float) -> int:
     """How many bolls may be in a set: as many as its hull has room for, and half as many again."""
     # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
-    if extent(points)[1][0] <= 1.7 * usual_width:
+    if measure_extent(points)[1][0] <= 1.7 * usual_width:
         return 2
     volume = convex_volume(points).value
     return min(MOST_PIECES, max(2, int(1.5 * volume / (np.pi / 6 * usual_width**3)))) if volume > 0 else 2
@@ -86,7 +86,7 @@ def _like_bolls(points: NDArray, labels: NDArray[np.int64], usual_width: float) 
     # A touching boll of half the width still has a fifth of the pair's surface; less is stragglers.
     if np.bincount(labels, minlength=count).min() < max(MIN_GAUSSIANS, 0.3 / count * len(points)):
         return False
-    centres, widths = zip(*(extent(points[labels == k]) for k in range(count)), strict=True)
+    centres, widths = zip(*(measure_extent(points[labels == k]) for k in range(count)), strict=True)
     longest = np.array(widths)[:, 0]
     gaps = np.linalg.norm(np.array(centres)[:, None] - centres, axis=2)
     apart = 2 * gaps / (longest + longest[:, None]) + np.eye(count)
@@ -98,7 +98,7 @@ def _roughness(points: NDArray, labels: NDArray[np.int64]) -> float:
     total = 0.0
     for k in range(labels.max() + 1):
         part = points[labels == k]
-        distances = np.linalg.norm(part - extent(part)[0], axis=1)
+        distances = np.linalg.norm(part - measure_extent(part)[0], axis=1)
         total += float(((distances / max(float(np.median(distances)), 1e-30) - 1) ** 2).sum())
     return total
 
@@ -135,7 +135,7 @@ def _lloyd(points: NDArray, labels: NDArray[np.int64], *, sized: bool) -> NDArra
         parts = [points[labels == k] for k in range(labels.max() + 1)]
         if min(map(len, parts)) < MIN_GAUSSIANS:
             break
-        distances = cdist(points, [extent(part)[0] if sized else part.mean(axis=0) for part in parts])
+        distances = cdist(points, [measure_extent(part)[0] if sized else part.mean(axis=0) for part in parts])
         radii = [max(float(np.median(distances[labels == k, k])), 1e-30) for k in range(len(parts))] if sized else 1.0
         moved = (distances / radii).argmin(axis=1)
         if np.array_equal(moved, labels):

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
-from ..geometry.point_sets import compact_part, extent
+from ..geometry.point_sets import find_compact_part, measure_extent
 from .boll_shape import SEPARATION, numbered, pieces
 
 Float32 = NDArray[np.float32]
@@ -216,7 +216,7 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) 
 
 def _width(points: NDArray) -> float:
     """Longest width of the Gaussians that a mask holds; 0 when they are too few to tell."""
-    return float(extent(points)[1][0]) if len(points) >= LEAST_GAUSSIANS else 0.0
+    return float(measure_extent(points)[1][0]) if len(points) >= LEAST_GAUSSIANS else 0.0
 
 
 def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], share: float) -> NDArray[np.int64]:
@@ -269,16 +269,16 @@ def _reconciled(
 
 def _fits(parts: list[NDArray]) -> NDArray[np.bool_]:
     """(C, C) which pairs of point sets together are no wider than an ordinary boll."""
-    widths = np.array([extent(part)[1][0] for part in parts])
+    widths = np.array([measure_extent(part)[1][0] for part in parts])
     order = np.argsort(widths)
     counts = np.cumsum([len(parts[k]) for k in order])
     # The median weighted by size, because crumbs are many and say nothing about the size of a boll.
     usual = widths[order[np.searchsorted(counts, counts[-1] / 2)]]
-    centres = np.array([extent(part)[0] for part in parts])
+    centres = np.array([measure_extent(part)[0] for part in parts])
     near = np.linalg.norm(centres[:, None] - centres, axis=2) < usual
     fits = np.zeros(near.shape, bool)
     for a, b in np.argwhere(np.triu(near, 1)):
-        both = extent(np.concatenate([parts[a], parts[b]]))[1][0]
+        both = measure_extent(np.concatenate([parts[a], parts[b]]))[1][0]
         fits[a, b] = fits[b, a] = both < FIT_WIDTH * usual
     return fits
 
@@ -289,10 +289,10 @@ def _shaped(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int6
     widths = {}
     for group in np.unique(labels[labels >= 0]):
         rows = np.flatnonzero(labels == group)
-        rows = rows[compact_part(points[rows])]
+        rows = rows[find_compact_part(points[rows])]
         if len(rows) >= LEAST_GAUSSIANS:
             shaped[rows] = group
-            widths[int(group)] = extent(points[rows])[1][0]
+            widths[int(group)] = measure_extent(points[rows])[1][0]
     flags: dict[int, str] = {}
     usual = float(np.median(list(widths.values()))) if widths else 0.0
     for group, width in widths.items():
@@ -314,7 +314,7 @@ def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArr
     No vote tells: whatever finds a boll's locks apart in space masks them apart in every view.
     """
     names = np.unique(labels[labels >= 0])
-    sizes = [extent(points[labels == name]) for name in names]
+    sizes = [measure_extent(points[labels == name]) for name in names]
     centres = np.array([centre for centre, _ in sizes]).reshape(-1, 3)
     widths = np.array([axes.mean() for _, axes in sizes])
     joinable = np.array([flags.get(int(name)) != "parted_by_shape" for name in names], bool)
@@ -326,7 +326,7 @@ def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArr
         if apart[kept, joined] >= SEPARATION:
             return
         labels[labels == names[joined]] = names[kept]
-        centres[kept], axes = extent(points[labels == names[kept]])
+        centres[kept], axes = measure_extent(points[labels == names[kept]])
         widths[kept], joinable[joined] = axes.mean(), False
         flags[int(names[kept])] = "joined_by_shape"
 
@@ -349,7 +349,7 @@ def _instances(
     bolls = []
     for k, name in enumerate(names):
         rows = labels == name
-        centre, widths = extent(points[rows])
+        centre, widths = measure_extent(points[rows])
         views = tuple(lifted.views[view] for view in np.flatnonzero(found[k]))
         if len(views) < 2:
             continue

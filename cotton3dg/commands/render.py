@@ -31,7 +31,7 @@ from ..files.images import fit_size, write_image
 from ..files.ply import read_gaussians
 from ..files.saving import json_text
 from ..geometry.camera_orbit import azimuths, fit_orbit
-from ..geometry.camera_paths import framed, turntable, walk
+from ..geometry.camera_paths import reframe, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
 from ..splat import rasterizer
 from ..splat.appearance import depth_colours, with_bolls
@@ -70,7 +70,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
         else:
             path = walk(cameras, options.frames)
         size = _size(workspace, path[0], options)
-        path = [framed(camera, *size) for camera in path]
+        path = [reframe(camera, *size) for camera in path]
         distance_su = float(np.median([np.linalg.norm(camera.centre - target) for camera in path]))
         return _film(workspace, shown, path, distance_su, options, progress)
 

@@ -37,7 +37,7 @@ def min_area_rectangle(points: NDArray) -> Box:
     One of its sides lies on a side of the convex hull, so those directions are tried, all at once. The first of equally
     small ones wins.
     """
-    points = _checked(points, 2)
+    points = _check(points, 2)
     middle = points.mean(axis=0)
     corners = _hull_corners(points - middle)
     sides = np.roll(corners, -1, axis=0) - corners
@@ -55,7 +55,7 @@ def oriented_box(points: NDArray) -> Box:
     The hull's corners instead of all points keep dense parts from turning the box, as in Open3D's oriented bounding
     box; unlike there a set without volume gets a box too.
     """
-    points = _checked(points, 3)
+    points = _check(points, 3)
     corners = _hull_corners(points - points.mean(axis=0))
     axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=True)[2]
     return _box_along(points, axes)
@@ -98,7 +98,7 @@ def _hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return points
 
 
-def _checked(points: NDArray, dimensions: int) -> NDArray[np.float64]:
+def _check(points: NDArray, dimensions: int) -> NDArray[np.float64]:
     points = np.asarray(points, np.float64)
     if points.ndim != 2 or points.shape[1] != dimensions or not len(points) or not np.isfinite(points).all():
         raise ValueError(f"a box needs finite points (N > 0, {dimensions}), got {points.shape}")

@@ -104,7 +104,7 @@ def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
     return np.sort(np.array(chosen, np.int64))
 
 
-def out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
+def find_out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
     """Names of the images that do not show the (3,) `target`, su: the plant has left the frame."""
     lost = []
     for camera in cameras:

@@ -33,7 +33,7 @@ def turntable(cameras: Sequence[Camera], target: NDArray, up: NDArray, count: in
     y = np.cross(up, x)
     angles = 2 * np.pi * np.arange(count) / count
     centres = target + distance * (np.outer(np.cos(angles), x) + np.outer(np.sin(angles), y)) + height * up
-    return [_posed(cameras[0], i, count, _looking(centre, target, up), centre) for i, centre in enumerate(centres)]
+    return [_pose(cameras[0], i, count, _look(centre, target, up), centre) for i, centre in enumerate(centres)]
 
 
 def walk(cameras: Sequence[Camera], count: int) -> list[Camera]:
@@ -59,10 +59,10 @@ def walk(cameras: Sequence[Camera], count: int) -> list[Camera]:
     # A mean of rotations is none itself; the nearest one is its orthogonal part.
     u, _, v = np.linalg.svd(sampled[:, :9].reshape(-1, 3, 3))
     u[:, :, 2] *= np.linalg.det(u @ v)[:, None]
-    return [_posed(cameras[0], i, count, r, c) for i, (r, c) in enumerate(zip(u @ v, sampled[:, 9:], strict=True))]
+    return [_pose(cameras[0], i, count, r, c) for i, (r, c) in enumerate(zip(u @ v, sampled[:, 9:], strict=True))]
 
 
-def framed(camera: Camera, width: int, height: int) -> Camera:
+def reframe(camera: Camera, width: int, height: int) -> Camera:
     """The camera with an image of width x height px that shows the same from top to bottom: plants are tall."""
     factor = height / camera.height
     return replace(
@@ -76,7 +76,7 @@ def framed(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _looking(centre: Float64, target: NDArray, up: NDArray) -> Float64:
+def _look(centre: Float64, target: NDArray, up: NDArray) -> Float64:
     """(3, 3) rotation of a camera at `centre` that sees `target` in the middle of an upright image."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, up)
@@ -84,6 +84,6 @@ def _looking(centre: Float64, target: NDArray, up: NDArray) -> Float64:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def _posed(lens: Camera, i: int, count: int, rotation: Float64, centre: Float64) -> Camera:
+def _pose(lens: Camera, i: int, count: int, rotation: Float64, centre: Float64) -> Camera:
     name = f"{i:0{max(3, len(str(count - 1)))}d}"
     return replace(lens, name=name, cam_from_scene=np.column_stack([rotation, -rotation @ centre]))

@@ -34,7 +34,7 @@ def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:
     height = (points - orbit.centre) @ orbit.axis
     outward = points - orbit.centre - height[:, None] * orbit.axis
     near = (np.linalg.norm(outward, axis=1) < REACH * radius) & (np.abs(height) < 1.5 * radius)
-    points = _thinned(points[near], CELL / 2 * radius)
+    points = _thin(points[near], CELL / 2 * radius)
     planes: list[tuple[int, float, Float64]] = []
     rng = np.random.default_rng(seed)
     for _ in range(6):
@@ -82,11 +82,11 @@ def _largest_plane(points: Float64, orbit: Orbit, rng: np.random.Generator) -> t
         on_plane = np.abs(points @ plane[:3] + plane[3]) < tolerance
         if on_plane.sum() < 30:
             return None
-        plane = _fitted_plane(points[on_plane], plane[:3])
+        plane = _fit_plane(points[on_plane], plane[:3])
     return plane, on_plane
 
 
-def _fitted_plane(points: Float64, up: Float64) -> Float64:
+def _fit_plane(points: Float64, up: Float64) -> Float64:
     """Least-squares plane (4,) of points, its normal on the side of `up`."""
     middle = points.mean(axis=0)
     normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
@@ -94,7 +94,7 @@ def _fitted_plane(points: Float64, up: Float64) -> Float64:
     return np.append(normal, -normal @ middle)
 
 
-def _thinned(points: Float64, cell: float) -> Float64:
+def _thin(points: Float64, cell: float) -> Float64:
     """One point, the first, of each cube of size `cell`."""
     keys = np.floor(points / cell).astype(np.int64)
     return points[np.sort(np.unique(keys, axis=0, return_index=True)[1])]

@@ -9,7 +9,7 @@ MIN_GAUSSIANS = 10
 """Least number of Gaussians in an object (the seed paper's min_samples)."""
 
 
-def extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def measure_extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Middle and size of a point set along its principal axes.
 
     Returns:
@@ -23,7 +23,7 @@ def extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return mean + (low + high) / 2 @ axes, np.sort(high - low)[::-1]
 
 
-def compact_part(points: NDArray) -> NDArray[np.bool_]:
+def find_compact_part(points: NDArray) -> NDArray[np.bool_]:
     """Which points form the body: the largest connected part without far-off stragglers.
 
     Points are connected within the larger of 2.5 times the median distance to the third neighbour and a tenth of the
@@ -46,7 +46,7 @@ def compact_part(points: NDArray) -> NDArray[np.bool_]:
     parts = connected_components(graph, directed=False)[1]
     kept = parts == np.bincount(parts).argmax()
     body = points[kept]
-    distances = np.linalg.norm(points - extent(body)[0], axis=1)
+    distances = np.linalg.norm(points - measure_extent(body)[0], axis=1)
     middle = np.median(distances[kept])
     spread = 1.4826 * np.median(np.abs(distances[kept] - middle))
     return kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))

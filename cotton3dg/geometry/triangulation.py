@@ -59,7 +59,7 @@ def triangulate(
     for pair in _pairs(len(cameras), seed):
         if rays[pair[0]] @ rays[pair[1]] > np.cos(LEAST_ANGLE):
             continue
-        point = _linear(poses[pair], flat[pair])
+        point = _solve_linear(poses[pair], flat[pair])
         agreeing = _distances(point, poses, flat, focal) < reach
         if best is None or agreeing.sum() > best.sum():
             best = agreeing
@@ -85,7 +85,7 @@ def _pairs(count: int, seed: int) -> list[NDArray[np.int64]]:
     return list(pairs)
 
 
-def _linear(poses: Float64, flat: Float64) -> Float64:
+def _solve_linear(poses: Float64, flat: Float64) -> Float64:
     """(3,) su: the point whose projections miss least, not weighed by distance."""
     matrix = (flat[:, :, None] * poses[:, 2:3] - poses[:, :2]).reshape(-1, 4)
     return np.asarray(np.linalg.lstsq(matrix[:, :3], -matrix[:, 3], rcond=None)[0], np.float64)
@@ -93,7 +93,7 @@ def _linear(poses: Float64, flat: Float64) -> Float64:
 
 def _least_squares(poses: Float64, flat: Float64, focal: Float64) -> Float64:
     """(3,) su: linear estimate, then Gauss-Newton on the distances in the photos."""
-    point = _linear(poses, flat)
+    point = _solve_linear(poses, flat)
     for _ in range(4):
         residuals, slopes = _residuals(point, poses, flat, focal)
         if not np.isfinite(residuals).all():

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from ..core.bolls import BollSelection, LiftedMasks
 from ..core.scene import Camera, Gaussians
 from ..geometry.convex_measures import convex_volume
-from ..geometry.point_sets import MIN_GAUSSIANS, extent
+from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 from .affinity import heaviest_weights
 from .lift import LEAST_WEIGHT_PX, RIM_ID, ViewWeights
 
@@ -108,7 +108,7 @@ def grown(means: NDArray, seeds: NDArray[np.int64], alike: NDArray[np.bool_]) ->
         seeds: at least two rows, all alike.
         alike: (N,)
     """
-    centre, widths = extent(means[seeds])
+    centre, widths = measure_extent(means[seeds])
     near = np.flatnonzero(alike & (np.linalg.norm(means - centre, axis=1) <= 0.5 * BALL * widths[0]))
     rows = np.union1d(near, seeds)
     points = np.asarray(means, np.float64)[rows]

@@ -25,7 +25,7 @@ from ..files.reconstruction import (
     undistort,
 )
 from ..files.saving import json_text
-from ..geometry.camera_orbit import Orbit, fit_orbit, out_of_view
+from ..geometry.camera_orbit import Orbit, find_out_of_view, fit_orbit
 from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
@@ -137,7 +137,7 @@ def _info(models: list[Any], names: list[str], cameras: list[Camera], orbit: Orb
         orbit_axis=tuple(orbit.axis.tolist()),
         orbit_target=tuple(orbit.centre.tolist()),
         distortion=lens,
-        plant_out_of_view=tuple(out_of_view(orbit.centre, cameras)),
+        plant_out_of_view=tuple(find_out_of_view(orbit.centre, cameras)),
     )
 
 

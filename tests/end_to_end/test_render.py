@@ -22,7 +22,7 @@ from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.images import list_images, read_image
 from cotton3dg.files.ply import read_gaussians, write_gaussians
 from cotton3dg.files.video import probe, read_frames
-from cotton3dg.geometry.camera_paths import framed, walk
+from cotton3dg.geometry.camera_paths import reframe, walk
 from cotton3dg.options import RenderOptions, TraitsOptions
 from cotton3dg.splat import rasterizer
 from cotton3dg.splat.appearance import boll_colours
@@ -108,7 +108,7 @@ def test_a_video_shows_what_the_camera_of_the_walk_saw(workspace):
     assert (facts.width, facts.height, facts.fps) == (160, 120, 24.0)
     frames = list(read_frames(path, facts, list(range(9)), 160))
     gaussians = read_gaussians(workspace.gaussians_ply)
-    path_cameras = [framed(camera, 160, 120) for camera in walk(read_cameras(workspace.undistorted / "sparse"), 9)]
+    path_cameras = [reframe(camera, 160, 120) for camera in walk(read_cameras(workspace.undistorted / "sparse"), 9)]
     direct = [to_uint8(rasterizer.render(gaussians, camera).image) for camera in path_cameras]
     for i, frame in enumerate(frames):
         assert distance(frame, direct[i]) < 4
@@ -214,7 +214,7 @@ def test_photos_without_an_order_are_passed_in_a_circle(workspace):
     images, _ = images_of(workspace, replace(SMALL, view="orbit", frames=40))
     # Once around from the first photo, one way or the other.
     circle = views[shuffled[0] :] + views[: shuffled[0]]
-    expected = [to_uint8(rasterizer.render(gaussians, framed(view, 160, 120)).image).astype(float) for view in circle]
+    expected = [to_uint8(rasterizer.render(gaussians, reframe(view, 160, 120)).image).astype(float) for view in circle]
     nearest = np.array([np.argmin([np.abs(image - other).mean() for other in expected]) for image in images])
     steps = np.diff(np.unwrap(nearest, period=N_VIEWS))
     assert set(steps) <= {0, 1, 2} or set(steps) <= {0, -1, -2}

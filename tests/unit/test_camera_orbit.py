@@ -5,7 +5,7 @@ import pytest
 from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.geometry.camera_orbit import GAP_BIN_DEG, azimuths, evenly_spaced, fit_orbit, out_of_view
+from cotton3dg.geometry.camera_orbit import GAP_BIN_DEG, azimuths, evenly_spaced, find_out_of_view, fit_orbit
 
 
 def test_orbit_of_a_full_turn() -> None:
@@ -79,8 +79,8 @@ def test_images_without_the_plant_are_named() -> None:
         centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0])
         forward = (1 if number == 4 else -1) * centre / np.linalg.norm(centre)  # one looks away
         cameras.append(camera_at(centre, forward, up, f"{number}.jpg"))
-    assert out_of_view(np.zeros(3), cameras) == ["4.jpg"]
-    assert out_of_view(np.array([0, 0, 50.0]), cameras) == [camera.name for camera in cameras]
+    assert find_out_of_view(np.zeros(3), cameras) == ["4.jpg"]
+    assert find_out_of_view(np.array([0, 0, 50.0]), cameras) == [camera.name for camera in cameras]
 
 
 def test_azimuths_go_once_around() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scenes.table_scene import POSE, orbit
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.geometry.camera_paths import framed, turntable, walk
+from cotton3dg.geometry.camera_paths import reframe, turntable, walk
 
 UP = POSE.rotation[:, 2]
 TARGET = POSE.scene(np.array([[3.0, -2.0, 35.0]]))[0]
@@ -98,7 +98,7 @@ def test_frames_are_named_in_order(count: int) -> None:
 @pytest.mark.parametrize("size", [(200, 300), (480, 270), (1920, 540)])
 def test_another_shape_shows_the_same_from_top_to_bottom(size: tuple[int, int]) -> None:
     camera = replace(orbit(5)[0], cx=250.0, cy=130.0)
-    other = framed(camera, *size)
+    other = reframe(camera, *size)
     assert (other.width, other.height) == size and other.fx == pytest.approx(other.fy)
     points = POSE.scene(np.array([[0, 0, 0], [3, 4, 60], [-10, 5, 30.0]]))
     scale = size[1] / camera.height

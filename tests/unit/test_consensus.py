@@ -11,7 +11,7 @@ from cotton3dg.clustering.boll_shape import close_flagged, pieces
 from cotton3dg.clustering.consensus import contract, merge_views, moved
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.geometry.point_sets import compact_part, extent
+from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
 from cotton3dg.lifting.lift import ViewWeights, lift, rim_width_px, with_rim
 
 UP = np.array([0, 0, 1.0])
@@ -203,7 +203,7 @@ def test_extent_is_the_middle_of_a_lopsided_ball():
     rng = np.random.default_rng(0)
     points = sphere(rng, 4000, 2.0, (5, 6, 7))
     points = points[(points[:, 0] > 5) | (rng.random(4000) < 0.3)]
-    centre, widths = extent(points)
+    centre, widths = measure_extent(points)
     assert centre == pytest.approx([5, 6, 7], abs=0.15)
     assert widths == pytest.approx([4, 4, 4], rel=0.06)
 
@@ -211,7 +211,7 @@ def test_extent_is_the_middle_of_a_lopsided_ball():
 def test_stragglers_and_crumbs_are_not_part_of_the_body():
     rng = np.random.default_rng(1)
     points = np.concatenate([sphere(rng, 300, 1.0), sphere(rng, 30, 0.2, (4, 0, 0)), [[9, 9, 9], [0, 0, 1.6]]])
-    kept = compact_part(points)
+    kept = find_compact_part(points)
     assert kept[:300].mean() > 0.98
     assert not kept[300:].any()
 

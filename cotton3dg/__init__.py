@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "capture.frame_quality": ("blur", "sharpness", "spread_frames"),
-    "capture.image_pairs": ("image_pairs",),
+    "capture.image_pairs": ("choose_pairs",),
     "clustering.agglomerative": ("cluster_objects",),
     "clustering.consensus": ("merge_views",),
     "core.bolls": ("BollInstance", "LiftedMasks", "MaskSet"),

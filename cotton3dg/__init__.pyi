@@ -3,7 +3,7 @@
 from .capture.frame_quality import blur as blur
 from .capture.frame_quality import sharpness as sharpness
 from .capture.frame_quality import spread_frames as spread_frames
-from .capture.image_pairs import image_pairs as image_pairs
+from .capture.image_pairs import choose_pairs as choose_pairs
 from .clustering.agglomerative import cluster_objects as cluster_objects
 from .clustering.consensus import merge_views as merge_views
 from .core.bolls import BollInstance as BollInstance

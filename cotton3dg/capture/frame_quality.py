@@ -50,12 +50,12 @@ def blur(grey: Grey) -> float:
     return worst
 
 
-def exposure(grey: Grey) -> tuple[float, float, float]:
+def measure_exposure(grey: Grey) -> tuple[float, float, float]:
     """Mean luminance 0..1, and the shares of pixels that are black (<= 5) and white (>= 250)."""
     return float(grey.mean()) / 255, float((grey <= 5).mean()), float((grey >= 250).mean())
 
 
-def displacement(grey_a: Grey, grey_b: Grey) -> float:
+def measure_displacement(grey_a: Grey, grey_b: Grey) -> float:
     """Motion of the picture between two images of equal size, as a share of their width; NaN when nothing is tracked.
 
     The 90th percentile of the displacement of tracked corners: near 0 only where nearly everything stands still.
@@ -75,12 +75,12 @@ def displacement(grey_a: Grey, grey_b: Grey) -> float:
 
 
 def stands_still(displacements: tuple[float, ...]) -> bool:
-    """Whether a camera never moves, from the `displacement` between each image and the next."""
+    """Whether a camera never moves, from the `measure_displacement` between each image and the next."""
     known = np.array([value for value in displacements if np.isfinite(value)])
     return 2 * len(known) > len(displacements) and float(np.percentile(known, 95)) < STILL_DISPLACEMENT
 
 
-def concerns(blur: float, luminance: float, white_share: float) -> dict[str, str]:
+def raise_concerns(blur: float, luminance: float, white_share: float) -> dict[str, str]:
     """Quality flags and their warnings from the medians of a capture's images."""
     found = {}
     if blur > BLURRED:
@@ -106,7 +106,7 @@ def change(before: Grey | None, grey: Grey) -> float:
     return float("inf") if before is None else float(cv2.mean(cv2.absdiff(before, grey))[0])
 
 
-def blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def find_blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which of n frames show nothing, and which of the others only the frame before once more.
 
     What most frames are is no defect of single ones: then it is dark or the camera stands still, and that has to be

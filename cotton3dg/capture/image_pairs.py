@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def image_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
+def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
     """Pairs of images to match.
 
     Images in order of time are matched with the next `overlap` / 2 and then with ever farther ones, each distance about

@@ -73,7 +73,7 @@ def _from_video(path: Path, options: FramesOptions, folder: Path, progress: Prog
     scan = video.scan(path, facts, SCAN_SIDE, measure)
     flags, warnings = _checked_scan(path, facts, scan)
     scores, contrasts, changes = np.array(scan.measures).T
-    blank, repeated = frame_quality.blank_and_repeated(contrasts, changes)
+    blank, repeated = frame_quality.find_blank_and_repeated(contrasts, changes)
     for flag, found, what in (
         ("blank_frames", blank, "black, white or empty"),
         ("repeated_frames", repeated, "repeats"),
@@ -193,7 +193,7 @@ def _written(
         name = f"{number:06d}.jpg"
         images.write_image(folder / name, picture)
         grey = cv2.cvtColor(images.scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
-        luminance, black, white = frame_quality.exposure(grey)
+        luminance, black, white = frame_quality.measure_exposure(grey)
         entries.append(
             FrameInfo(
                 name,
@@ -206,7 +206,7 @@ def _written(
             )
         )
         if before is not None:
-            motions.append(frame_quality.displacement(before, grey))
+            motions.append(frame_quality.measure_displacement(before, grey))
         before = grey
         progress(number + 1, len(indices), "saving frames")
     return entries, tuple(motions)
@@ -225,7 +225,7 @@ def _judged(taken: _Taken) -> StageOutcome:
         key: float(np.median([getattr(entry, key) for entry in entries]))
         for key in ("blur", "mean_luminance", "white_share")
     }
-    concerns = frame_quality.concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
+    concerns = frame_quality.raise_concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
     return StageOutcome(
         summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
         flags=(*taken.flags, *concerns),

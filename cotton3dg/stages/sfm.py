@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.image_pairs import image_pairs
+from ..capture.image_pairs import choose_pairs
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.scene import Camera
@@ -65,7 +65,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
     )
-    pairs = image_pairs(len(names), options.overlap, taken.ordered)
+    pairs = choose_pairs(len(names), options.overlap, taken.ordered)
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
             models = reconstruct(frames, names, pairs, Path(work), settings, progress)

@@ -36,13 +36,13 @@ def test_flat_image_is_blurred_and_not_a_division_by_zero():
 
 def test_displacement_is_the_shift(textured):
     moved = np.roll(textured, 8, axis=1)
-    assert frame_quality.displacement(textured, moved) == pytest.approx(8 / 320, rel=0.05)
-    assert frame_quality.displacement(textured, textured) < 1e-4
+    assert frame_quality.measure_displacement(textured, moved) == pytest.approx(8 / 320, rel=0.05)
+    assert frame_quality.measure_displacement(textured, textured) < 1e-4
 
 
 def test_displacement_of_unrelated_or_flat_pictures_is_unknown(textured):
     flat = np.zeros_like(textured)
-    assert np.isnan(frame_quality.displacement(flat, textured))
+    assert np.isnan(frame_quality.measure_displacement(flat, textured))
 
 
 def test_still_camera_needs_evidence():
@@ -53,13 +53,13 @@ def test_still_camera_needs_evidence():
 
 
 def test_concerns():
-    assert frame_quality.concerns(0.2, 0.5, 0.01) == {}
-    assert set(frame_quality.concerns(0.9, 0.02, 0.6)) == {"blurred", "underexposed", "overexposed"}
+    assert frame_quality.raise_concerns(0.2, 0.5, 0.01) == {}
+    assert set(frame_quality.raise_concerns(0.9, 0.02, 0.6)) == {"blurred", "underexposed", "overexposed"}
 
 
 def test_exposure_counts_black_and_white():
     grey = np.repeat(np.array([0, 128, 255, 255], np.uint8), 25).reshape(10, 10)
-    luminance, black, white = frame_quality.exposure(grey)
+    luminance, black, white = frame_quality.measure_exposure(grey)
     assert (luminance, black, white) == (pytest.approx(0.6255, abs=1e-3), 0.25, 0.5)
 
 
@@ -96,7 +96,7 @@ def test_blank_and_repeated_frames_are_told_apart(textured):
     changes = np.array(
         [frame_quality.change(before, frame) for before, frame in zip([None, *frames], frames, strict=False)]
     )
-    blank, repeated = frame_quality.blank_and_repeated(contrasts, changes)
+    blank, repeated = frame_quality.find_blank_and_repeated(contrasts, changes)
     assert np.flatnonzero(blank).tolist() == [3, 4, 5]
     assert np.flatnonzero(repeated).tolist() == [1]
 
@@ -106,4 +106,4 @@ def test_noise_is_no_repetition_and_a_still_camera_repeats_nothing(textured):
     noisy = [(textured + rng.integers(-2, 3, textured.shape)).clip(0, 255).astype(np.uint8) for _ in range(9)]
     changes = np.array([frame_quality.change(a, b) for a, b in zip([None, *noisy], noisy, strict=False)])
     for changed in (changes, np.where(np.isinf(changes), changes, 0.0)):
-        assert not frame_quality.blank_and_repeated(np.full(9, 40.0), changed)[1].any()
+        assert not frame_quality.find_blank_and_repeated(np.full(9, 40.0), changed)[1].any()

@@ -39,8 +39,8 @@ from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit
 from .lifting.lift import ViewWeights as ViewWeights
 from .lifting.lift import lift as lift
+from .lifting.lift import mark_rim as mark_rim
 from .lifting.lift import rim_width_px as rim_width_px
-from .lifting.lift import with_rim as with_rim
 from .lifting.lift import within_orbit as within_orbit
 from .masks.bolls import open_bolls as open_bolls
 from .masks.detect_bolls import detect_bolls as detect_bolls
@@ -53,7 +53,7 @@ from .pipeline import status as status
 from .scale.table import TableFit as TableFit
 from .scale.table import find_table as find_table
 from .scale.table import scale_from_table as scale_from_table
-from .splat.initialise import starting_gaussians as starting_gaussians
+from .splat.initialise import start_gaussians as start_gaussians
 from .splat.metrics import psnr_db as psnr_db
 from .splat.rasterizer import accumulate_weights as accumulate_weights
 from .splat.rasterizer import render as render

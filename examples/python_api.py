@@ -25,7 +25,7 @@ print(f"{len(cameras)} cameras, {len(points)} points, {len(gaussians)} Gaussians
 # train: 50 steps on small images, and how like a photo the render is.
 options = c3d.resolve("train", {"steps": 50, "max_gaussians": 5000})
 views = [c3d.View(camera, photo).limited(160) for camera, photo in zip(cameras, photos, strict=True)]
-quick = c3d.fit(c3d.starting_gaussians(points, colours, views, options), views, options).gaussians
+quick = c3d.fit(c3d.start_gaussians(points, colours, views, options), views, options).gaussians
 for name, model in ("50 steps", quick), ("saved model", gaussians):
     image = np.rint(255 * np.clip(c3d.render(model, views[0].camera).image, 0, 1)).astype(np.uint8)
     print(f"{name}: {c3d.psnr_db(image, views[0].image):.1f} dB")
@@ -42,7 +42,7 @@ ids = [masks.ids[camera.name] for camera in seen]
 rim_px = c3d.rim_width_px(ids)
 weights = []
 for camera, mask in zip(seen, ids, strict=True):
-    found = c3d.accumulate_weights(gaussians, camera, c3d.with_rim(mask, rim_px))
+    found = c3d.accumulate_weights(gaussians, camera, c3d.mark_rim(mask, rim_px))
     weights.append(c3d.ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights))
 lifted = c3d.lift(weights, inside, gaussians.sha256())
 

@@ -34,7 +34,7 @@ from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import reframe, turntable, walk
 from ..options import RenderOptions, TrainOptions, as_dict
 from ..splat import rasterizer
-from ..splat.appearance import depth_colours, with_bolls
+from ..splat.appearance import depth_colours, recolour_bolls
 from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 
@@ -61,7 +61,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
         plant = _plant_rows(workspace, len(gaussians), required=options.plant_only)
         shown = gaussians
         if options.show == "bolls":
-            shown = with_bolls(gaussians, _labels(workspace, gaussians), BACKGROUNDS[options.background])
+            shown = recolour_bolls(gaussians, _labels(workspace, gaussians), BACKGROUNDS[options.background])
         if options.plant_only:
             shown = shown[plant]
         target, up = _target_and_up(workspace, cameras, gaussians.means[plant])

@@ -72,16 +72,16 @@ def sample_rays(
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * RING_PX + 1, 2 * RING_PX + 1))
     ring = (cv2.dilate(inside.astype(np.uint8), disc) > 0) & ~inside
     chosen = [
-        _drawn(rng, share, RAYS_PER_VIEW // 2),
-        _drawn(rng, ring.astype(float), RAYS_PER_VIEW // 4),
-        _drawn(rng, (~inside & ~ring).astype(float), RAYS_PER_VIEW // 4),
+        _draw(rng, share, RAYS_PER_VIEW // 2),
+        _draw(rng, ring.astype(float), RAYS_PER_VIEW // 4),
+        _draw(rng, (~inside & ~ring).astype(float), RAYS_PER_VIEW // 4),
     ]
     y, x = np.unravel_index(np.concatenate(chosen), mask_ids.shape)
-    weights = heaviest_weights(gaussians, camera, np.column_stack([x, y]))
+    weights = find_heaviest_weights(gaussians, camera, np.column_stack([x, y]))
     return FeatureRays((weights @ smoothing).tocsr(), mask_ids[y, x].astype(np.int64))
 
 
-def _drawn(rng: np.random.Generator, shares: NDArray, count: int) -> NDArray[np.int64]:
+def _draw(rng: np.random.Generator, shares: NDArray, count: int) -> NDArray[np.int64]:
     """At most `count` different flat indices, likely in proportion to their shares."""
     able = np.flatnonzero(shares)
     # The smallest of exponential times, see Efraimidis and Spirakis 2006.
@@ -89,7 +89,7 @@ def _drawn(rng: np.random.Generator, shares: NDArray, count: int) -> NDArray[np.
     return able[np.argpartition(times, count)[:count]] if count < len(able) else able
 
 
-def heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray) -> sparse.csr_matrix:
+def find_heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray) -> sparse.csr_matrix:
     """(R, N) blending weights at (R, 2) pixels, of each ray the 16 largest."""
     rays = ray_weights(gaussians, camera, pixels)
     ray = np.repeat(np.arange(len(pixels)), np.diff(rays.starts))
@@ -123,7 +123,7 @@ def train_features(
     """
     import torch
 
-    from ..splat.losses import unit_features
+    from ..splat.losses import normalise
 
     views = [view for view in views if view.ids.any()]
     if not views:
@@ -144,7 +144,7 @@ def train_features(
             rows = np.sort(rng.permutation(len(view.ids))[:RAYS_PER_STEP])
             block, used = _used_columns(view.weights[rows])
             features = raw[used].requires_grad_()
-            unit = unit_features(features)
+            unit = normalise(features)
             rendered = torch.from_numpy(block @ unit.detach().numpy()).requires_grad_()
             loss = affinity_loss(rendered, torch.from_numpy(view.ids[rows]))
             loss.backward()
@@ -156,7 +156,7 @@ def train_features(
             if step % 50 == 0:
                 progress(step, steps, "features")
         raw[~shown] = 0
-        return unit_features(raw).numpy(), losses
+        return normalise(raw).numpy(), losses
 
 
 def _used_columns(matrix: sparse.csr_matrix) -> tuple[sparse.csr_matrix, NDArray[np.int64]]:
@@ -174,15 +174,15 @@ def affinity_loss(rendered: torch.Tensor, ids: torch.Tensor) -> torch.Tensor:
     import torch
     from torch.nn.functional import softplus
 
-    from ..splat.losses import unit_features
+    from ..splat.losses import normalise
 
-    unit = unit_features(rendered)
+    unit = normalise(rendered)
     stray = (1 - rendered.norm(dim=1)).square().mean()
     names = torch.unique(ids[ids > 0])
     if not len(names):
         return 0 * stray
     member = (ids == names[:, None]).float()
-    queries = unit_features(member @ rendered.detach())
+    queries = normalise(member @ rendered.detach())
     logits = 10 * (queries @ unit.T - 0.5)
     by_mask = _mean(softplus(-logits), member, 1) + _mean(softplus(logits), 1 - member, 1)
     masked = unit[ids > 0]

@@ -43,7 +43,7 @@ class ViewWeights(NamedTuple):
     """(P,) px."""
 
 
-def resized_ids(ids: NDArray[np.uint16], width: int, height: int) -> NDArray[np.uint16]:
+def resize_ids(ids: NDArray[np.uint16], width: int, height: int) -> NDArray[np.uint16]:
     """Instance ids at width x height by the nearest pixel centre."""
     rows = ((np.arange(height) + 0.5) * ids.shape[0] / height).astype(np.int64)
     columns = ((np.arange(width) + 0.5) * ids.shape[1] / width).astype(np.int64)
@@ -60,7 +60,7 @@ def rim_width_px(id_images: Iterable[NDArray[np.uint16]]) -> int:
     return int(np.clip(round(0.05 * 2 * np.sqrt(float(np.median(sizes)) / np.pi)), 1, 3))
 
 
-def with_rim(ids: NDArray[np.uint16], width_px: int) -> NDArray[np.uint16]:
+def mark_rim(ids: NDArray[np.uint16], width_px: int) -> NDArray[np.uint16]:
     """The ids with `RIM_ID` wherever another id lies within `width_px`, on either side of an edge."""
     rim = np.zeros(ids.shape, bool)
     for shift in range(1, width_px + 1):
@@ -87,7 +87,7 @@ def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: O
     return np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
 
 
-def seen_weights(views: Sequence[ViewWeights], n: int) -> Float32:
+def sum_seen_weights(views: Sequence[ViewWeights], n: int) -> Float32:
     """(V, N) blending weight of each of n Gaussians over the pixels of a view that are clearly in or out of a mask."""
     seen = np.zeros((len(views), n), np.float32)
     for row, view in enumerate(views):
@@ -98,8 +98,8 @@ def seen_weights(views: Sequence[ViewWeights], n: int) -> Float32:
     return np.maximum(seen, 0, out=seen)
 
 
-def foreground_vote(views: Sequence[ViewWeights], seen: Float32) -> NDArray[np.float64]:
-    """(N,) share, 0..1, of each Gaussian's weight that lies inside masks; `seen` as `seen_weights` gives it."""
+def vote_foreground(views: Sequence[ViewWeights], seen: Float32) -> NDArray[np.float64]:
+    """(N,) share, 0..1, of each Gaussian's weight that lies inside masks; `seen` as `sum_seen_weights` gives it."""
     held = np.zeros(seen.shape[1])
     for view in views:
         inside = view.ids != RIM_ID
@@ -120,16 +120,16 @@ def lift(
         views: one entry a view, in any order.
         allowed: (N,) Gaussians that may belong to a boll at all.
         gaussians_sha256: of the model that was rendered.
-        foreground: (N,) 0..1, how likely each Gaussian is lint; None = `foreground_vote`.
+        foreground: (N,) 0..1, how likely each Gaussian is lint; None = `vote_foreground`.
         least_foreground: what a candidate needs of it.
     Returns:
         candidates, what each view sees of them and a selection for every mask that holds one; without any mask all
         are empty.
     """
     ordered = sorted(views, key=lambda view: view.view)
-    seen = seen_weights(ordered, len(allowed))
+    seen = sum_seen_weights(ordered, len(allowed))
     if foreground is None:
-        foreground = foreground_vote(ordered, seen)
+        foreground = vote_foreground(ordered, seen)
     chosen = allowed & (foreground >= least_foreground) & (seen.max(axis=0, initial=0) >= LEAST_WEIGHT_PX)
     selections = []
     for view in ordered:

@@ -49,7 +49,7 @@ class TrainingView(NamedTuple):
     """(R,) 1 inside a mask, 0 outside."""
 
 
-def sampled_pixels(width: int, height: int, spacing_px: int, seed: int) -> NDArray[np.int64]:
+def sample_pixels(width: int, height: int, spacing_px: int, seed: int) -> NDArray[np.int64]:
     """(R, 2) pixels (x, y): one at random in each square of `spacing_px` px; 1 = all."""
     corners = np.stack(np.meshgrid(np.arange(0, width, spacing_px), np.arange(0, height, spacing_px)), axis=-1)
     drawn = corners + np.random.default_rng(seed).integers(0, spacing_px, corners.shape)
@@ -57,7 +57,7 @@ def sampled_pixels(width: int, height: int, spacing_px: int, seed: int) -> NDArr
     return pixels[(pixels < (width, height)).all(axis=1)]
 
 
-def view_of_rays(
+def sample_view(
     gaussians: Gaussians, camera: Camera, inside: NDArray[np.bool_], spacing_px: int, seed: int
 ) -> TrainingView:
     """Sampled rays of one view.
@@ -66,13 +66,13 @@ def view_of_rays(
         camera: of the size of `inside`.
         inside: (H, W) union of the masks.
     """
-    pixels = sampled_pixels(camera.width, camera.height, spacing_px, seed)
+    pixels = sample_pixels(camera.width, camera.height, spacing_px, seed)
     rays = ray_weights(gaussians, camera, pixels)
     weights = sparse.csr_matrix((rays.weights, rays.rows, rays.starts), shape=(len(pixels), len(gaussians)))
     return TrainingView(weights.dot, weights.T.dot, inside[pixels[:, 1], pixels[:, 0]].astype(np.float32))
 
 
-def trained(
+def train_probabilities(
     views: Sequence[TrainingView], start: Float32, steps: int, seed: int = 0, learning_rate: float = LEARNING_RATE
 ) -> Iterator[tuple[int, Float32]]:
     """Minimise the cross-entropy; yields the number of steps done and the (N,) probabilities after each step.

@@ -24,7 +24,7 @@ from ..core.bolls import BollSelection, LiftedMasks
 from ..core.scene import Camera, Gaussians
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
-from .affinity import heaviest_weights
+from .affinity import find_heaviest_weights
 from .lift import LEAST_WEIGHT_PX, RIM_ID, ViewWeights
 
 Float32 = NDArray[np.float32]
@@ -50,7 +50,7 @@ class PromptView(NamedTuple):
     """Accumulated over `ids` without a rim."""
 
 
-def prompted(
+def lift_prompts(
     gaussians: Gaussians, smooth_features: Float32, views: Sequence[PromptView], allowed: NDArray[np.bool_], sha256: str
 ) -> tuple[LiftedMasks, dict[str, int]]:
     """The Gaussians of every mask of the given views.
@@ -70,16 +70,16 @@ def prompted(
     sets: list[tuple[int, int, NDArray[np.int64], float]] = []
     best = np.zeros(len(gaussians), np.float32)
     for v, view in enumerate(ordered):
-        rendered = _inner_features(gaussians, unit, view)
+        rendered = _render_inner_features(gaussians, unit, view)
         for mask_id, inside in rendered.items():
-            similarity = unit @ _unit(inside.mean(axis=0))
+            similarity = unit @ _normalise(inside.mean(axis=0))
             held = view.weights.rows[view.weights.ids == mask_id]
             share = view.weights.weights[view.weights.ids == mask_id] / np.maximum(view.weights.total[held], 1e-12)
             held = held[(share >= 0.5) & (view.weights.total[held] >= LEAST_WEIGHT_PX) & usable[held]]
             lowest = float(np.percentile(similarity[held], 10)) if len(held) else 1.0
             alike = usable & (similarity >= max(LEAST_SIMILARITY, lowest))
             seeds = held[alike[held]]
-            rows = grown(gaussians.means, seeds, alike) if len(seeds) >= MIN_GAUSSIANS else seeds
+            rows = grow(gaussians.means, seeds, alike) if len(seeds) >= MIN_GAUSSIANS else seeds
             volume = convex_volume(gaussians.means[rows]).value if len(rows) >= MIN_GAUSSIANS else np.nan
             if np.isnan(volume):
                 continue
@@ -100,7 +100,7 @@ def prompted(
     return LiftedMasks(sha256, names, candidates, np.clip(best[candidates], 0, 1), seen, selections), dropped
 
 
-def grown(means: NDArray, seeds: NDArray[np.int64], alike: NDArray[np.bool_]) -> NDArray[np.int64]:
+def grow(means: NDArray, seeds: NDArray[np.int64], alike: NDArray[np.bool_]) -> NDArray[np.int64]:
     """The seeds and all that is alike and connected to one of them by short steps within a ball; ascending rows.
 
     Args:
@@ -119,7 +119,7 @@ def grown(means: NDArray, seeds: NDArray[np.int64], alike: NDArray[np.bool_]) ->
     return rows[np.isin(parts, parts[np.isin(rows, seeds)])]
 
 
-def _inner_features(gaussians: Gaussians, unit: Float32, view: PromptView) -> dict[int, Float32]:
+def _render_inner_features(gaussians: Gaussians, unit: Float32, view: PromptView) -> dict[int, Float32]:
     """(P, C) rendered features of the pixels of each mask, without its outermost pixels."""
     import cv2
 
@@ -128,11 +128,11 @@ def _inner_features(gaussians: Gaussians, unit: Float32, view: PromptView) -> di
     for name in names:
         inner |= cv2.erode((view.ids == name).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     y, x = np.nonzero(inner)
-    rendered = heaviest_weights(gaussians, view.camera, np.column_stack([x, y])) @ unit
+    rendered = find_heaviest_weights(gaussians, view.camera, np.column_stack([x, y])) @ unit
     found = {name: rendered[view.ids[y, x] == name] for name in names}
     return {name: features for name, features in found.items() if len(features)}
 
 
-def _unit(features: NDArray) -> NDArray:
+def _normalise(features: NDArray) -> NDArray:
     """At unit length along the last axis; zero stays zero."""
     return features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-6)

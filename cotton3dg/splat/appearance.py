@@ -19,7 +19,7 @@ def boll_colours(labels: NDArray[np.int32]) -> Float32:
     return np.where(labels[:, None] > 0, np.clip(ramps, 0.1, 0.95), 0.35).astype(np.float32)
 
 
-def with_bolls(gaussians: Gaussians, labels: NDArray[np.int32], background: float) -> Gaussians:
+def recolour_bolls(gaussians: Gaussians, labels: NDArray[np.int32], background: float) -> Gaussians:
     """Each boll in a colour of its own and everything else faded towards the grey level of the background, 0..1.
 
     Args:

@@ -62,10 +62,10 @@ def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
     rows = np.concatenate([whole, parents, parents])
     first, second = split(gaussians[parents])
     parts = [gaussians[whole], first, second]
-    return Densified(concatenated(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
+    return Densified(concatenate(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
 
 
-def worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:
+def find_worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:
     """(N,) whether a Gaussian is opaque enough to be seen and not right in front of one of the camera `centres`."""
     from scipy.spatial import cKDTree
 
@@ -76,7 +76,7 @@ def worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> 
     return keep
 
 
-def contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
+def find_contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
     """(N,) whether a Gaussian adds to the images: its mean blending weight is at least LEAST_WEIGHT of the median one.
 
     The others hide behind or inside surfaces. They cost memory, never get a gradient that could move them out, and
@@ -110,7 +110,7 @@ def split(parents: Gaussians) -> tuple[Gaussians, Gaussians]:
     return child(parents.means + offsets), child(parents.means - offsets)
 
 
-def concatenated(parts: list[Gaussians]) -> Gaussians:
+def concatenate(parts: list[Gaussians]) -> Gaussians:
     """All Gaussians of `parts` in order, in arrays of their own."""
     return Gaussians(
         np.concatenate([part.means for part in parts]),

@@ -56,7 +56,9 @@ class Exposure:
         return self.spread > VISIBLE and self.spread > CERTAIN * self.error
 
 
-def exposure(views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]) -> Exposure:
+def estimate_exposure(
+    views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]
+) -> Exposure:
     """Gains of all images.
 
     Args:
@@ -66,7 +68,7 @@ def exposure(views: Sequence[View], places_px: Sequence[Float64], points: Sequen
     Returns:
         Gains of 1 and an infinite error where the points tell nothing.
     """
-    colours, rows, ids = _observations(views, places_px, points)
+    colours, rows, ids = _observe(views, places_px, points)
     known = np.bincount(rows, minlength=len(views)) >= FEWEST_OBSERVATIONS
     if known.sum() < 2:
         return Exposure(np.ones((len(views), 3)), 0.0, np.inf, len(ids))
@@ -79,7 +81,7 @@ def exposure(views: Sequence[View], places_px: Sequence[Float64], points: Sequen
     return Exposure(np.exp(logs), float(np.sqrt(np.mean(logs[known] ** 2))), error, len(ids))
 
 
-def _observations(
+def _observe(
     views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64]]:
     """Log colours (K, 3) of what is neither dark nor saturated, view (K,) and number of the point (K,) from 0 on."""
@@ -128,7 +130,7 @@ def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], 
     return offsets - offsets.mean()
 
 
-def corrected(view: View, gains: Float64) -> View:
+def correct(view: View, gains: Float64) -> View:
     """The view as the mean image's exposure would have taken it; saturated pixels stay as dark as they became."""
     levels = np.clip(np.rint(np.arange(256)[:, None] / gains), 0, 255).astype(np.uint8)
     image = np.stack([levels[view.image[..., channel], channel] for channel in range(3)], axis=-1)

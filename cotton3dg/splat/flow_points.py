@@ -39,7 +39,7 @@ GRID_PX = 4
 """Distance of the sampled pixels in the flow image."""
 
 
-def dense_points(
+def find_dense_points(
     views: Sequence[View], points: NDArray, count: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Points on the surfaces that two or more pairs of images agree upon.
@@ -58,7 +58,7 @@ def dense_points(
     grey = [cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY) for view in small]
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     depths: list[list[NDArray[np.float64]]] = [[np.full(len(_grid(view.camera)), np.nan)] for view in small]
-    for i, j in neighbouring_pairs([view.camera for view in views], points):
+    for i, j in find_neighbouring_pairs([view.camera for view in views], points):
         if grey[i].shape != grey[j].shape or min(grey[i].shape) < SMALLEST_SIDE_PX:
             continue
         forward, backward = flow.calc(grey[i], grey[j], None), flow.calc(grey[j], grey[i], None)
@@ -66,7 +66,7 @@ def dense_points(
         depths[j].append(_depths(small[j].camera, small[i].camera, backward, forward))
     found, colours = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for view, estimates in zip(small, depths, strict=True):
-        depth, pixels = _agreed(estimates), _grid(view.camera)
+        depth, pixels = _agree(estimates), _grid(view.camera)
         pixels, depth = pixels[np.isfinite(depth)], depth[np.isfinite(depth)]
         found.append(
             (_rays(view.camera, pixels) * depth[:, None] - view.camera.cam_from_scene[:, 3]) @ view.camera.rotation
@@ -79,7 +79,7 @@ def dense_points(
     return xyz, rgb
 
 
-def neighbouring_pairs(cameras: Sequence[Camera], points: NDArray) -> list[tuple[int, int]]:
+def find_neighbouring_pairs(cameras: Sequence[Camera], points: NDArray) -> list[tuple[int, int]]:
     """Pairs (i, j), i < j, of cameras with nearly BEST_PARALLAX_DEG between them and a common view."""
     centres = np.array([camera.centre for camera in cameras])
     forwards = np.array([camera.forward for camera in cameras])
@@ -139,7 +139,7 @@ def _depths(first: Camera, second: Camera, forward: NDArray, backward: NDArray) 
     return np.where(good, depth, np.nan)
 
 
-def _agreed(estimates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _agree(estimates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """(P,) median of the depths that at least two estimates agree upon, else NaN."""
     stacked = np.stack(estimates)
     counted = np.isfinite(stacked).sum(axis=0)

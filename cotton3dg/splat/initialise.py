@@ -11,8 +11,8 @@ from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
-from .densify import concatenated
-from .flow_points import dense_points
+from .densify import concatenate
+from .flow_points import find_dense_points
 from .views import View
 
 SH_CONSTANT = 0.28209479177387814
@@ -41,7 +41,7 @@ FILL_OPACITY = 0.1
 """As in Kerbl et al. 2023: most of the filling stands in thin air and has to vanish."""
 
 
-def starting_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:
+def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:
     """Gaussians at the points of structure from motion, at dense points from the training views, and a thin filling.
 
     Neither features nor flow find a lone white boll in front of a textured wall, and splitting cannot reach it from
@@ -50,18 +50,18 @@ def starting_gaussians(points: NDArray, colours: NDArray, views: Sequence[View],
     """
     n_filling = round(FILL_SHARE * options.max_gaussians)
     n_dense = max(0, round(START_SHARE * options.max_gaussians) - len(points))
-    dense, dense_colours = dense_points(views, points, n_dense, options.seed)
-    found = initial_gaussians(
+    dense, dense_colours = find_dense_points(views, points, n_dense, options.seed)
+    found = place_gaussians(
         np.concatenate([points, dense]),
         np.concatenate([colours, dense_colours]),
         options.sh_degree,
         options.max_gaussians - n_filling,
         options.seed,
     )
-    return concatenated([found, filling([view.camera for view in views], n_filling, options.sh_degree, options.seed)])
+    return concatenate([found, fill([view.camera for view in views], n_filling, options.sh_degree, options.seed)])
 
 
-def filling(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Gaussians:
+def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Gaussians:
     """`count` faint grey Gaussians, evenly spread over the ball that the cameras look at; they hardly overlap."""
     orbit = fit_orbit(cameras)
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def filling(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) ->
     )
 
 
-def initial_gaussians(points: NDArray, colours: NDArray, sh_degree: int, max_gaussians: int, seed: int) -> Gaussians:
+def place_gaussians(points: NDArray, colours: NDArray, sh_degree: int, max_gaussians: int, seed: int) -> Gaussians:
     """One isotropic Gaussian a point (Kerbl et al. 2023, section 5.1).
 
     The standard deviation is the root of the mean squared distance to the three nearest neighbours. Departures from the

@@ -8,7 +8,7 @@ LEAST_LENGTH = 1e-6
 """Features shorter than this have no direction. torch's own 1e-12 would turn rounding errors into unit vectors."""
 
 
-def unit_features(features: torch.Tensor) -> torch.Tensor:
+def normalise(features: torch.Tensor) -> torch.Tensor:
     """(N, D) rows at unit length; rows without direction become zero and get no gradient."""
     lengths = features.norm(dim=1, keepdim=True)
     known = lengths > LEAST_LENGTH

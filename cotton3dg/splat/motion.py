@@ -38,7 +38,7 @@ class Tracks:
         return Tracks(self.cameras, self.times, self.views[rows], self.points[rows], self.places_px[rows], self.xyz)
 
 
-def longest_tracks(
+def find_longest_tracks(
     cameras: Sequence[Camera],
     times: Float64,
     seen: Mapping[str, tuple[Float64, Int64]],
@@ -67,7 +67,7 @@ def longest_tracks(
     return Tracks(cameras, times, views[keep], (np.cumsum(chosen) - 1)[rows[keep]], places[keep], xyz[chosen])
 
 
-def velocities(tracks: Tracks) -> Float64:
+def measure_velocities(tracks: Tracks) -> Float64:
     """(K, 2) px a frame of the video: how the camera's way from the image before to the one after moves each point.
 
     NaN where those are too far apart in time. Shaking in between is not seen.
@@ -77,7 +77,7 @@ def velocities(tracks: Tracks) -> Float64:
     apart = tracks.times[after] - tracks.times[before]
     usual = np.median(np.diff(tracks.times))
     apart = np.where((apart > 0) & (apart <= FARTHEST * usual * (after - before)), apart, np.nan)
-    return (_projected(tracks, after) - _projected(tracks, before)) / apart[:, None]
+    return (_project(tracks, after) - _project(tracks, before)) / apart[:, None]
 
 
 def in_cameras(tracks: Tracks, views: Int64) -> Float64:
@@ -86,7 +86,7 @@ def in_cameras(tracks: Tracks, views: Int64) -> Float64:
     return np.einsum("kij,kj->ki", poses[:, :, :3], tracks.xyz[tracks.points]) + poses[:, :, 3]
 
 
-def _projected(tracks: Tracks, views: Int64) -> Float64:
+def _project(tracks: Tracks, views: Int64) -> Float64:
     x, y, depth = in_cameras(tracks, views).T
     camera = tracks.cameras[0]
     depth = np.where(depth > 0, depth, np.nan)

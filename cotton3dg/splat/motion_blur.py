@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
-from .motion import Tracks, velocities
+from .motion import Tracks, measure_velocities
 from .views import View
 
 VISIBLE_PX = 2.0
@@ -73,7 +73,7 @@ class MotionBlur:
         return VISIBLE_PX <= median <= self.flow_px and median > CERTAIN * self.error_px
 
 
-def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
+def estimate_motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
     """Blur of all images.
 
     Args:
@@ -82,7 +82,7 @@ def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
     """
     import cv2
 
-    speeds = velocities(tracks)
+    speeds = measure_velocities(tracks)
     scales = np.array([view.camera.width / camera.width for view, camera in zip(views, tracks.cameras, strict=True)])
     speeds = speeds * scales[tracks.views, None]
     flows = np.linalg.norm(speeds, axis=1)
@@ -103,17 +103,17 @@ def motion_blur(views: Sequence[View], tracks: Tracks) -> MotionBlur:
         mine, places = mine[spread], places[spread]
         directions = speeds[mine] / flows[mine, None]
         grey = cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-        along[number] = _correlation(grey, places, directions)
-        across[number] = _correlation(grey, places, directions[:, ::-1] * (-1, 1))
+        along[number] = _correlate(grey, places, directions)
+        across[number] = _correlate(grey, places, directions[:, ::-1] * (-1, 1))
     known = np.isfinite(along[:, 0])
     lengths = np.full(len(views), np.nan)
     if known.any():
-        smears = np.array([smeared(across[known].mean(axis=0), length) for length in LENGTHS_PX])
+        smears = np.array([smear(across[known].mean(axis=0), length) for length in LENGTHS_PX])
         lengths[known] = [blur_length(correlation, smears) for correlation in along[known]]
     return MotionBlur(lengths, middle)
 
 
-def smeared(correlation: Float64, length_px: float) -> Float64:
+def smear(correlation: Float64, length_px: float) -> Float64:
     """(REACH,) correlation at 0, 1, 2 ... px of gradients after a blur along a line."""
     lags, places = np.arange(len(correlation)), np.linspace(-1, 1, 65)
     triangle = 1 - np.abs(places)
@@ -131,7 +131,7 @@ def blur_length(correlation: Float64, smears: Float64) -> float:
     return float(LENGTHS_PX[np.argmin(((seen - factors[:, None] * smears) ** 2).sum(axis=1))])
 
 
-def _correlation(grey: NDArray[np.float32], places: Float64, directions: Float64) -> Float64:
+def _correlate(grey: NDArray[np.float32], places: Float64, directions: Float64) -> Float64:
     """(REACH,) mean correlation of the gradient along `directions` (K, 2) with itself, around `places` (K, 2) px."""
     import cv2
 

@@ -144,7 +144,7 @@ def render_values(
     view = _view(gaussians, camera, near_su)
     parts = []
     for begin, end, width in _channel_groups(channels):
-        rows, behind = _padded(values[:, begin:end], width), _padded(backdrop[begin:end], width)
+        rows, behind = _pad(values[:, begin:end], width), _pad(backdrop[begin:end], width)
         parts.append(
             _within_memory(partial(_native.render_values, _contiguous(gaussians), rows, view, behind, threads))
         )
@@ -256,7 +256,7 @@ def _channel_groups(channels: int) -> list[tuple[int, int, int]]:
     ]
 
 
-def _padded(array: NDArray[Any], width: int) -> NDArray[Any]:
+def _pad(array: NDArray[Any], width: int) -> NDArray[Any]:
     """The array, contiguous, with zeros up to `width` in the last axis."""
     missing = width - array.shape[-1]
     if missing:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..core.scene import Float64
-from .motion import Tracks, in_cameras, velocities
+from .motion import Tracks, in_cameras, measure_velocities
 
 VISIBLE_PX = 0.5
 """Shift of the pixels, root mean square, below which a rolling shutter drowns in what structure from motion is wrong by
@@ -50,7 +50,7 @@ class RollingShutter:
         return self.shift_px > VISIBLE_PX and abs(self.read_out) > CERTAIN * self.error
 
 
-def rolling_shutter(tracks: Tracks) -> RollingShutter:
+def estimate_rolling_shutter(tracks: Tracks) -> RollingShutter:
     """Read-out time of the sensor, from rows; from columns where images are upright.
 
     Args:
@@ -58,7 +58,7 @@ def rolling_shutter(tracks: Tracks) -> RollingShutter:
     Returns:
         Zero with an infinite error where too little is known.
     """
-    speeds = velocities(tracks)
+    speeds = measure_velocities(tracks)
     known = np.isfinite(speeds).all(axis=1) & (in_cameras(tracks, tracks.views)[:, 2] > 0)
     tracks, speeds = tracks[known], speeds[known]
     if len(speeds) < FEWEST_PLACES:
@@ -68,7 +68,7 @@ def rolling_shutter(tracks: Tracks) -> RollingShutter:
     lateness = tracks.places_px[:, axis] / (camera.width, camera.height)[axis] - 0.5
     shifts = speeds * lateness[:, None]
 
-    residuals, by_camera, by_point = _linearised(tracks)
+    residuals, by_camera, by_point = _linearise(tracks)
     lengths = np.linalg.norm(residuals, axis=1)
     weights = np.sqrt(1 / np.maximum(1, lengths / max(HUBER * float(np.median(lengths)), 1e-9)))
     rows = np.repeat(weights, 2)
@@ -87,7 +87,7 @@ def rolling_shutter(tracks: Tracks) -> RollingShutter:
     return RollingShutter(read_out, error, float(abs(read_out) * moved), float(abs(read_out) * left))
 
 
-def _linearised(tracks: Tracks) -> tuple[Float64, Any, Any]:
+def _linearise(tracks: Tracks) -> tuple[Float64, Any, Any]:
     """Residuals (K, 2) px of the projection, and their sparse derivatives (2K, ·) by cameras with lens, and by points.
 
     A camera has 6 unknowns (small turn and shift), the lens common to all 2 (focal length, radial distortion).

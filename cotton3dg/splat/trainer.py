@@ -125,7 +125,7 @@ class Training:
     @staticmethod
     def of(start: Gaussians) -> Training:
         """The beginning, with arrays of its own."""
-        own = Fit(densify.concatenated([start]))
+        own = Fit(densify.concatenate([start]))
         return Training(own, AdamState.zeros(start), DensityStatistics.zeros(len(start)), len(start))
 
 
@@ -220,7 +220,7 @@ def fit(
             training.seconds, training.cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
             save(training)
             saved = time.perf_counter()
-    keep = _worth_keeping(result.gaussians, training.statistics, cameras, orbit)
+    keep = _find_worth_keeping(result.gaussians, training.statistics, cameras, orbit)
     # Whoever has not been looked for in every view cannot be called hidden.
     if keep.any() and options.steps - (densifications[-1] if densifications else 0) >= len(views):
         result.n_pruned += int((~keep).sum())
@@ -315,13 +315,13 @@ def _densify(
     oversized = np.exp(gaussians.log_scales.max(axis=1)) / largest
     # Anything oversized comes before anything else, the worst first; 1e6 only has to exceed every gradient.
     need = np.where(oversized > 1, 1e6 * oversized, need)
-    keep = _worth_keeping(gaussians, statistics, cameras, orbit)
+    keep = _find_worth_keeping(gaussians, statistics, cameras, orbit)
     return densify.densify(gaussians, keep, need, count)
 
 
-def _worth_keeping(
+def _find_worth_keeping(
     gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], orbit: Orbit
 ) -> NDArray[np.bool_]:
     centres = np.array([camera.centre for camera in cameras])
-    keep = densify.worth_keeping(gaussians, centres, CLOSEST * orbit.distance)
-    return keep & densify.contributing(statistics.weight, statistics.count)
+    keep = densify.find_worth_keeping(gaussians, centres, CLOSEST * orbit.distance)
+    return keep & densify.find_contributing(statistics.weight, statistics.count)

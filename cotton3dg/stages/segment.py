@@ -25,16 +25,16 @@ from ..lifting.affinity import neighbour_means, sample_rays, train_features
 from ..lifting.lift import (
     FOREGROUND_SHARE,
     ViewWeights,
-    foreground_vote,
     lift,
-    resized_ids,
+    mark_rim,
+    resize_ids,
     rim_width_px,
-    seen_weights,
-    with_rim,
+    sum_seen_weights,
+    vote_foreground,
     within_orbit,
 )
-from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, trained, view_of_rays
-from ..lifting.prompts import PromptView, prompted
+from ..lifting.probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, sample_view, train_probabilities
+from ..lifting.prompts import PromptView, lift_prompts
 from ..options import SegmentOptions
 from ..splat.metrics import to_uint8
 from ..splat.rasterizer import accumulate_weights, render_values
@@ -115,7 +115,7 @@ def _masks(
             ids = np.where(ids == options.target, ids, np.uint16(0))
         size = fit_size(camera.width, camera.height, options.max_side)
         masked.append(camera.resized(*size))
-        id_images.append(resized_ids(ids, *size))
+        id_images.append(resize_ids(ids, *size))
     return masked, id_images
 
 
@@ -130,7 +130,7 @@ def _weights(
     views = []
     for done, (camera, ids) in enumerate(zip(cameras, id_images, strict=True)):
         progress(done, len(cameras), camera.name)
-        weights = accumulate_weights(gaussians, camera, with_rim(ids, rim_px))
+        weights = accumulate_weights(gaussians, camera, mark_rim(ids, rim_px))
         views.append(ViewWeights(camera.name, weights.total, weights.rows, weights.ids, weights.weights))
     progress(len(cameras), len(cameras))
     return views
@@ -153,18 +153,20 @@ def _probabilities(
     masks = [ids > 0 for ids in id_images]
     held_out = set(range(options.holdout - 1, len(cameras), options.holdout)) if options.holdout else set()
     training = [k for k in range(len(cameras)) if k not in held_out]
-    views = [view_of_rays(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
+    views = [sample_view(gaussians, cameras[k], masks[k], options.spacing, options.seed + k) for k in training]
     rays_seconds = time.perf_counter() - begin_s
     reached: list[tuple[int, float]] = []
     kept = []
-    for step, probabilities in trained(views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed):
+    for step, probabilities in train_probabilities(
+        views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed
+    ):
         if step % 100 == 0:
             progress(step, options.steps, "probabilities")
         if step in REPORTED_STEPS or step == options.steps:
             reached.append((step, time.perf_counter() - begin_s))
             kept.append(probabilities.copy())
     voting = [weights[k] for k in training]
-    vote = foreground_vote(voting, seen_weights(voting, len(gaussians)))
+    vote = vote_foreground(voting, sum_seen_weights(voting, len(gaussians)))
     columns = np.stack([*kept, vote.astype(np.float32)], axis=1)
     shown = {cameras[k].name: np.zeros(0, np.float32) for k in range(0, len(cameras), -(-len(cameras) // SHOWN_VIEWS))}
 
@@ -220,7 +222,7 @@ def _by_features(
     weights = _weights(gaussians, [cameras[k] for k in chosen], [id_images[k] for k in chosen], 0, progress)
     prompts = [PromptView(cameras[k], id_images[k], weight) for k, weight in zip(chosen, weights, strict=True)]
     smooth = (smoothing @ features).astype(np.float32)
-    lifted, dropped = prompted(gaussians, smooth, prompts, allowed, gaussians.sha256())
+    lifted, dropped = lift_prompts(gaussians, smooth, prompts, allowed, gaussians.sha256())
     return (
         lifted,
         smooth,

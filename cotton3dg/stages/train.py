@@ -39,10 +39,10 @@ from ..options import TrainOptions, as_dict
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.densify import scheduled_count
-from ..splat.exposure import VISIBLE, corrected, exposure
-from ..splat.initialise import FILL_SHARE, START_SHARE, starting_gaussians
+from ..splat.exposure import VISIBLE, correct, estimate_exposure
+from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
 from ..splat.metrics import PLANT_REGION, ViewQuality, view_quality
-from ..splat.motion import longest_tracks
+from ..splat.motion import find_longest_tracks
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..workspace import Workspace
@@ -153,7 +153,7 @@ def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], prog
 
 def _start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Gaussians:
     points, colours, _, _ = read_points(workspace.undistorted / "sparse")
-    return starting_gaussians(points, colours, views, options)
+    return start_gaussians(points, colours, views, options)
 
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:
@@ -192,7 +192,7 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
         tracks = read_tracks(workspace.undistorted / "sparse")
         full = {camera.name: camera.width for camera in read_cameras(workspace.undistorted / "sparse")}
         places = [tracks[view.camera.name][0] * (view.camera.width / full[view.camera.name]) for view in views]
-        found = exposure(views, places, [tracks[view.camera.name][1] for view in views])
+        found = estimate_exposure(views, places, [tracks[view.camera.name][1] for view in views])
         on = options.exposure == "on" or found.varies
         gains = found.gains if on else gains
         decision = ExposureDecision(
@@ -206,7 +206,7 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
         )
     sfm = SfmInfo.load_if_there(workspace.sfm_json)  # not there where the cameras come from elsewhere
     effects = Effects(decision, sfm.distortion if sfm else None, *_motion(workspace, views))
-    usable = [corrected(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
+    usable = [correct(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
     training, _ = hold_out(usable, options.holdout)
     _, held_out = hold_out(views, options.holdout)
     _, held_out_gains = hold_out(list(gains), options.holdout)
@@ -219,8 +219,10 @@ def _motion(workspace: Workspace, views: list[View]) -> tuple[MotionBlurFound | 
     if times is None:
         return None, None
     sparse = workspace.undistorted / "sparse"
-    tracks = longest_tracks(read_cameras(sparse), times, read_tracks(sparse), read_positions(sparse), MOTION_POINTS)
-    blur, shutter = blurring.motion_blur(views, tracks), rolling.rolling_shutter(tracks)
+    tracks = find_longest_tracks(
+        read_cameras(sparse), times, read_tracks(sparse), read_positions(sparse), MOTION_POINTS
+    )
+    blur, shutter = blurring.estimate_motion_blur(views, tracks), rolling.estimate_rolling_shutter(tracks)
     return MotionBlurFound(
         on=False,
         found=blur.found,

@@ -76,7 +76,7 @@ def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, f
     training = capture.training
     points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
     began = time.process_time()
-    result = trainer.fit(initialise.starting_gaussians(points, colours, training, options), training, options)
+    result = trainer.fit(initialise.start_gaussians(points, colours, training, options), training, options)
     cpu_s = time.process_time() - began
     orbit = fit_orbit([view.camera for view in capture.views])
     qualities = [

@@ -16,7 +16,7 @@ import numpy as np
 from bench_kernels import ball
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.lifting.probability import trained, view_of_rays
+from cotton3dg.lifting.probability import sample_view, train_probabilities
 from cotton3dg.splat.rasterizer import render_values
 
 
@@ -36,13 +36,13 @@ def measure(count: int, width: int, height: int, steps: int) -> dict[str, object
     pairs = list(zip(cameras, masks, strict=True))
     result: dict[str, object] = {"gaussians": count, "width": width, "height": height, "steps": steps}
     for name, prepare in (
-        ("rays_1", lambda: [view_of_rays(gaussians, *pair, 1, 0) for pair in pairs]),
-        ("rays_4", lambda: [view_of_rays(gaussians, *pair, 4, 0) for pair in pairs]),
+        ("rays_1", lambda: [sample_view(gaussians, *pair, 1, 0) for pair in pairs]),
+        ("rays_4", lambda: [sample_view(gaussians, *pair, 4, 0) for pair in pairs]),
     ):
         begin, begin_cpu = time.perf_counter(), time.process_time()
         views = prepare()
         prepared, prepared_cpu = time.perf_counter(), time.process_time()
-        training = trained(views, np.full(count, 0.5, np.float32), steps)
+        training = train_probabilities(views, np.full(count, 0.5, np.float32), steps)
         next(islice(training, steps - 1, None))
         result[name] = {
             "ms_per_view_once": 1e3 * (prepared - begin) / len(views),

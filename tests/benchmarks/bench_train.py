@@ -20,7 +20,7 @@ from cotton3dg.core.scene import Gaussians
 from cotton3dg.files.colmap import read_points
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import PRESET_VALUES, PRESETS, as_dict, resolve
-from cotton3dg.splat.initialise import starting_gaussians
+from cotton3dg.splat.initialise import start_gaussians
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.trainer import fit
 from cotton3dg.stages.train import load_capture
@@ -43,7 +43,7 @@ def main() -> None:
     training, held_out = capture.training, capture.held_out
     points, colours, _, _ = read_points(workspace.undistorted / "sparse")
     loaded, cpu_loaded = time.perf_counter(), time.process_time()
-    start = starting_gaussians(points, colours, training, options)
+    start = start_gaussians(points, colours, training, options)
     started, cpu_started = time.perf_counter(), time.process_time()
     orbit = fit_orbit([view.camera for view in capture.views])
     curve: list[dict[str, float]] = []

@@ -14,7 +14,7 @@ from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.images import read_image, write_image
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.initialise import initial_gaussians
+from cotton3dg.splat.initialise import place_gaussians
 from cotton3dg.splat.metrics import to_uint8
 from cotton3dg.splat.rasterizer import render
 from cotton3dg.stages import train
@@ -27,7 +27,7 @@ N_VIEWS = 17
 def model() -> Gaussians:
     rng = np.random.default_rng(1)
     points = rng.uniform(-1, 1, (250, 3))
-    gaussians = initial_gaussians(points, rng.integers(0, 256, (250, 3)).astype(np.uint8), 0, 250, 0)
+    gaussians = place_gaussians(points, rng.integers(0, 256, (250, 3)).astype(np.uint8), 0, 250, 0)
     gaussians.opacity_logits[:] = 2.0
     gaussians.log_scales[:] = np.log(0.1)
     return gaussians

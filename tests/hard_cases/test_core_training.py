@@ -20,8 +20,8 @@ from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
 from cotton3dg.splat import densify, rasterizer, trainer
-from cotton3dg.splat.initialise import initial_gaussians
-from cotton3dg.splat.losses import unit_features
+from cotton3dg.splat.initialise import place_gaussians
+from cotton3dg.splat.losses import normalise
 from cotton3dg.splat.state import Surroundings
 from cotton3dg.splat.trainer import fit
 from cotton3dg.stages import train
@@ -33,7 +33,7 @@ MOST_ADAM_STEP = 0.1 / np.sqrt(0.001)
 
 def test_case_01_a_hundred_identical_points_can_be_trained_from() -> None:
     _, views, _ = training_scene()
-    start = initial_gaussians(np.tile([0.1, 0.2, 0.3], (100, 1)), np.full((100, 3), 128, np.uint8), 0, 400, 0)
+    start = place_gaussians(np.tile([0.1, 0.2, 0.3], (100, 1)), np.full((100, 3), 128, np.uint8), 0, 400, 0)
     assert np.isfinite(start.log_scales).all()
     result = fit(start, views, dataclasses.replace(OPTIONS, steps=60))
     assert result.gaussians.finite_rows.all()
@@ -63,7 +63,7 @@ def test_case_18_faded_or_reset_opacities_recover() -> None:
         gaussians.opacity_logits[:] = np.log(opacities / (1 - opacities))
 
     for reset in (fade, lambda g: g.opacity_logits.fill(np.log(0.01 / 0.99))):
-        spoilt = densify.concatenated([trained])
+        spoilt = densify.concatenate([trained])
         reset(spoilt)
         assert quality_db(spoilt, held_out) < before_db - 5
         result = fit(spoilt, views, OPTIONS)
@@ -100,7 +100,7 @@ def test_case_22_masks_that_are_empty_full_or_of_another_size() -> None:
 
 def test_case_24_features_without_direction_stay_zero_without_gradient() -> None:
     rows = torch.tensor([[3.0, 4.0], [0.0, 0.0], [1e-20, 0.0], [1e-3, 0.0], [1e18, 1e18]], requires_grad=True)
-    unit = unit_features(rows)
+    unit = normalise(rows)
     (unit * torch.tensor([1.0, -2.0])).sum().backward()
     torch.testing.assert_close(unit[0], torch.tensor([0.6, 0.8]))
     assert not unit[1:3].any()
@@ -193,7 +193,7 @@ def test_case_27_poisoned_statistics_choose_nothing() -> None:
     counts = np.resize(np.array([0, 1, 2, 0, -1], np.int32), n)
     need = densify.growth_score(sums, counts)
     assert (np.isfinite(need) & (need >= 0)).all()
-    keep = densify.contributing(sums, counts)
+    keep = densify.find_contributing(sums, counts)
     assert keep.dtype == bool
     densified = densify.densify(gaussians, np.ones(n, bool), need, 70)
     assert densified.gaussians.finite_rows.all()

@@ -4,7 +4,7 @@ import numpy as np
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.initialise import initial_gaussians
+from cotton3dg.splat.initialise import place_gaussians
 from cotton3dg.splat.metrics import psnr_db, to_uint8
 from cotton3dg.splat.rasterizer import render
 from cotton3dg.splat.views import View
@@ -27,7 +27,7 @@ def truth() -> Gaussians:
     rng = np.random.default_rng(7)
     points = rng.normal(size=(300, 3))
     points *= rng.uniform(0.2, 1.0, (300, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
-    gaussians = initial_gaussians(points, rng.integers(0, 256, (300, 3)).astype(np.uint8), 0, 300, 0)
+    gaussians = place_gaussians(points, rng.integers(0, 256, (300, 3)).astype(np.uint8), 0, 300, 0)
     gaussians.opacity_logits[:] = 2.0
     gaussians.log_scales[:] = np.log(rng.uniform(0.05, 0.12, (300, 3)))
     return gaussians
@@ -41,7 +41,7 @@ def training_scene(n_views: int = 12) -> tuple[Gaussians, list[View], View]:
         camera = orbit_camera(angle)
         views.append(View(camera, to_uint8(render(model, camera).image)))
     points = model.means[::2] + rng.normal(0, 0.03, (150, 3))
-    return initial_gaussians(points, np.full((150, 3), 128, np.uint8), 0, 400, 0), views[:-1], views[-1]
+    return place_gaussians(points, np.full((150, 3), 128, np.uint8), 0, 400, 0), views[:-1], views[-1]
 
 
 def quality_db(gaussians: Gaussians, view: View) -> float:

@@ -9,13 +9,13 @@ from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 from cotton3dg.lifting.affinity import (
     RAYS_PER_VIEW,
     affinity_loss,
-    heaviest_weights,
+    find_heaviest_weights,
     neighbour_means,
     sample_rays,
     train_features,
 )
 from cotton3dg.lifting.lift import ViewWeights
-from cotton3dg.lifting.prompts import PromptView, grown, prompted
+from cotton3dg.lifting.prompts import PromptView, grow, lift_prompts
 from cotton3dg.splat.rasterizer import accumulate_weights, render_values
 
 
@@ -92,7 +92,7 @@ def test_rays_are_half_in_masks(scene):
 def test_the_heaviest_weights_of_a_ray(scene):
     gaussians, _, views, _ = scene
     pixels = np.stack(np.meshgrid(np.arange(100, 140), np.arange(80, 120)), axis=-1).reshape(-1, 2)
-    weights = heaviest_weights(gaussians, views[0], pixels)
+    weights = find_heaviest_weights(gaussians, views[0], pixels)
     assert np.diff(weights.indptr).max() == 16
     values = np.random.default_rng(0).uniform(0, 1, (len(gaussians), 1)).astype(np.float32)
     image = render_values(gaussians, views[0], values).image[pixels[:, 1], pixels[:, 0]]
@@ -129,14 +129,14 @@ def prompts(scene):
 def test_masks_prompt_their_bolls(scene, trained, prompts):
     gaussians, bolls, views, id_images = scene
     allowed = np.ones(len(gaussians), bool)
-    lifted, dropped = prompted(gaussians, trained[0], prompts[::-1], allowed, "sha")
+    lifted, dropped = lift_prompts(gaussians, trained[0], prompts[::-1], allowed, "sha")
     n_masks = sum(len(np.unique(ids)) - 1 for ids in id_images)
     assert lifted.views == tuple(view.name for view in views) and lifted.gaussians_sha256 == "sha"
     assert len(lifted.selections) + sum(dropped.values()) == n_masks and len(lifted.selections) > 0.7 * n_masks
     for selection in lifted.selections:
         assert (bolls[selection.indices] == selection.mask_id).mean() > 0.9
         assert np.isin(selection.indices, lifted.candidates).all() and (selection.weights > 0).all()
-    nothing, dropped = prompted(gaussians, np.zeros_like(trained[0]), prompts, allowed, "")
+    nothing, dropped = lift_prompts(gaussians, np.zeros_like(trained[0]), prompts, allowed, "")
     assert not nothing.selections and nothing.seen.shape == (4, 0) and dropped["too_small"] == n_masks
 
 
@@ -145,7 +145,7 @@ def test_gaussians_are_judged_among_gaussians(scene, prompts):
     gaussians, bolls, _, _ = scene
     noise = np.random.default_rng(0).normal(size=(len(gaussians), 16))
     features = (np.eye(6, 16)[bolls] + 0.15 * noise).astype(np.float32)
-    lifted, _ = prompted(gaussians, features, prompts, np.ones(len(gaussians), bool), "")
+    lifted, _ = lift_prompts(gaussians, features, prompts, np.ones(len(gaussians), bool), "")
     for selection in lifted.selections:
         weights = prompts[lifted.views.index(selection.view)].weights
         inside = weights.rows[
@@ -169,7 +169,7 @@ def test_sets_grow_by_short_steps_within_a_ball():
     # Two bolls alike, the second a gap away.
     points = (sphere + np.array([CENTRES[0], CENTRES[0] + [3 * RADIUS, 0, 0]])[:, None]).reshape(-1, 3)
     facing = np.flatnonzero((points[:, 1] < -0.2 * RADIUS) & (np.arange(800) < 400))
-    rows = grown(points, facing, np.ones(800, bool))
+    rows = grow(points, facing, np.ones(800, bool))
     assert np.array_equal(rows, np.sort(rows)) and rows.max() < 400
     assert len(rows) > 270 and np.isin(facing, rows).all()
-    assert np.array_equal(grown(points, facing, np.isin(np.arange(800), facing)), facing)
+    assert np.array_equal(grow(points, facing, np.isin(np.arange(800), facing)), facing)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes.table_scene import orbit, plant_scene
 
-from cotton3dg.splat.appearance import boll_colours, depth_colours, with_bolls
+from cotton3dg.splat.appearance import boll_colours, depth_colours, recolour_bolls
 from cotton3dg.splat.rasterizer import render, render_values
 
 
@@ -22,7 +22,7 @@ def test_bolls_stand_out_and_the_rest_fades_towards_the_background(background: f
     gaussians.sh[:] = np.random.default_rng(0).normal(0, 0.5, gaussians.sh.shape)
     camera = orbit(36, width=480, height=270)[3]
     before = render(gaussians, camera, background=(background,) * 3)
-    shown = render(with_bolls(gaussians, labels, background), camera, background=(background,) * 3)
+    shown = render(recolour_bolls(gaussians, labels, background), camera, background=(background,) * 3)
     np.testing.assert_array_equal(shown.transmittance, before.transmittance)
     shares = render_values(gaussians, camera, (labels[:, None] == np.arange(5)).astype(np.float32)).image
     expected = boll_colours(np.arange(5, dtype=np.int32))

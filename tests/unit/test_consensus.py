@@ -12,7 +12,7 @@ from cotton3dg.clustering.consensus import contract, merge_views, moved
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
-from cotton3dg.lifting.lift import ViewWeights, lift, rim_width_px, with_rim
+from cotton3dg.lifting.lift import ViewWeights, lift, mark_rim, rim_width_px
 
 UP = np.array([0, 0, 1.0])
 
@@ -33,7 +33,7 @@ def lifted(seed: int, n_views: int = 36, **degradation) -> tuple[Scene, np.ndarr
     views = []
     visible = np.zeros(len(scene.means), bool)
     for camera, drawing, ids in zip(cameras, drawings, masks, strict=True):
-        found = weights_of(len(scene.means), *drawing, with_rim(ids, rim))
+        found = weights_of(len(scene.means), *drawing, mark_rim(ids, rim))
         views.append(ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights))
         visible[drawing[0][drawing[0] >= 0]] = True
     return scene, visible, lift(views, np.ones(len(scene.means), bool), "sha")
@@ -91,7 +91,7 @@ def test_a_boll_that_every_view_parts_is_one():
     views = [
         ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights)
         for camera, drawing, ids in zip(cameras, drawings, masks, strict=True)
-        for found in [weights_of(len(scene.means), *drawing, with_rim(ids, rim_width_px(masks)))]
+        for found in [weights_of(len(scene.means), *drawing, mark_rim(ids, rim_width_px(masks)))]
     ]
     bolls = merge_views(lift(views, np.ones(len(scene.means), bool), "sha"), scene.means, UP)
     labels = labels_of(bolls, len(scene.means))

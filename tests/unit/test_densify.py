@@ -6,12 +6,12 @@ import pytest
 from cotton3dg.core.scene import Gaussians, rotations
 from cotton3dg.splat.densify import (
     SPLIT_SHRINKAGE,
-    contributing,
     densify,
+    find_contributing,
+    find_worth_keeping,
     growth_score,
     scheduled_count,
     split,
-    worth_keeping,
 )
 
 
@@ -90,10 +90,10 @@ def test_faint_gaussians_and_those_in_front_of_a_camera_go() -> None:
     gaussians = some_gaussians(4)
     gaussians.opacity_logits[:] = [0.0, -10.0, 0.0, np.nan]
     gaussians.means[:] = [[0, 0, 5], [0, 0, 5], [0, 0, 0.1], [0, 0, 5]]
-    assert worth_keeping(gaussians, np.zeros((1, 3)), 0.5).tolist() == [True, False, False, False]
+    assert find_worth_keeping(gaussians, np.zeros((1, 3)), 0.5).tolist() == [True, False, False, False]
 
 
 def test_hidden_gaussians_go_and_nothing_goes_unseen() -> None:
     weight = np.array([10.0, 12.0, 8.0, 0.1, 0.0, np.nan], np.float32)
-    assert contributing(weight, np.array([1, 1, 1, 1, 0, 1])).tolist() == [True, True, True, False, False, False]
-    assert contributing(np.zeros(3), np.zeros(3)).all()
+    assert find_contributing(weight, np.array([1, 1, 1, 1, 0, 1])).tolist() == [True, True, True, False, False, False]
+    assert find_contributing(np.zeros(3), np.zeros(3)).all()

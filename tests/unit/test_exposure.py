@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.splat.exposure import Exposure, corrected, exposure, log_gains
+from cotton3dg.splat.exposure import Exposure, correct, estimate_exposure, log_gains
 from cotton3dg.splat.views import View
 
 N_VIEWS, CELL_PX, COLUMNS, ROWS = 12, 6, 30, 20
@@ -40,7 +40,7 @@ def drift(size: float) -> np.ndarray:
 
 def test_gains_are_found_in_spite_of_noise_and_wrong_matches():
     gains = drift(0.25)
-    found = exposure(*capture(gains))
+    found = estimate_exposure(*capture(gains))
     assert np.abs(np.log(found.gains / gains)).max() < 0.006
     assert found.varies
     assert found.spread == pytest.approx(np.sqrt(np.mean(np.log(gains) ** 2)), rel=0.02)
@@ -48,20 +48,20 @@ def test_gains_are_found_in_spite_of_noise_and_wrong_matches():
 
 
 def test_a_steady_camera_gives_no_evidence():
-    found = exposure(*capture(np.ones((N_VIEWS, 3)), noise=4.0))
+    found = estimate_exposure(*capture(np.ones((N_VIEWS, 3)), noise=4.0))
     assert not found.varies
     assert found.spread < 0.005
 
 
 @pytest.mark.parametrize(("size", "varies"), [(0.004, False), (0.03, True)])
 def test_only_what_can_be_seen_is_corrected(size, varies):
-    assert exposure(*capture(drift(size))).varies is varies
+    assert estimate_exposure(*capture(drift(size))).varies is varies
 
 
 def test_saturated_points_do_not_pull_the_gains():
     gains = np.ones((N_VIEWS, 3))
     gains[::2] = 1.9  # a third of the points saturates in every other view
-    found = exposure(*capture(gains))
+    found = estimate_exposure(*capture(gains))
     assert np.allclose(found.gains[0] / found.gains[1], 1.9, rtol=0.01)
 
 
@@ -69,17 +69,17 @@ def test_the_error_tells_how_sure_the_gains_are():
     gains = drift(0.02)
     misses = []
     for seed in range(8):
-        found = exposure(*capture(gains, noise=6.0, seed=seed))
+        found = estimate_exposure(*capture(gains, noise=6.0, seed=seed))
         misses.append(np.sqrt(np.mean(np.log(found.gains / gains) ** 2)) / found.error)
     assert 0.6 < np.mean(misses) < 1.6
 
 
 def test_too_few_points_are_no_evidence():
     views, places, points = capture(drift(0.25))
-    few = exposure(views, [p[:19] for p in places], [p[:19] for p in points])
+    few = estimate_exposure(views, [p[:19] for p in places], [p[:19] for p in points])
     assert not few.varies
     assert (few.gains == 1).all()
-    none = exposure(views, [np.zeros((0, 2))] * N_VIEWS, [np.zeros(0, np.int64)] * N_VIEWS)
+    none = estimate_exposure(views, [np.zeros((0, 2))] * N_VIEWS, [np.zeros(0, np.int64)] * N_VIEWS)
     assert not none.varies
     assert np.isinf(none.error)
 
@@ -88,7 +88,7 @@ def test_an_image_without_points_stays_as_it_is():
     gains = drift(0.25)
     views, places, points = capture(gains)
     places[3], points[3] = places[3][:5], points[3][:5]
-    found = exposure(views, places, points)
+    found = estimate_exposure(views, places, points)
     others = np.arange(N_VIEWS) != 3
     assert (found.gains[3] == 1).all()
     ratio = np.log(found.gains / gains)[others]
@@ -100,7 +100,7 @@ def test_places_beyond_the_image_are_left_out():
     views, places, points = capture(drift(0.1))
     outside = [np.vstack([p, [[-3.0, 5.0], [1e9, 5.0], [5.0, 120.5]]]) for p in places]
     more = [np.append(p, [1, 2, 3]) for p in points]
-    assert np.array_equal(exposure(views, outside, more).gains, exposure(views, places, points).gains)
+    assert np.array_equal(estimate_exposure(views, outside, more).gains, estimate_exposure(views, places, points).gains)
 
 
 def test_log_gains_are_the_least_squares_solution_where_nothing_is_wrong():
@@ -123,7 +123,7 @@ def test_corrected_views_look_as_if_nothing_had_changed():
     bright, *_ = capture(drift(0.2), noise=0.0, seed=4)
     gains = drift(0.2)
     for plain, changed, gain in zip(views, bright, gains, strict=True):
-        assert np.abs(corrected(changed, gain).image.astype(int) - plain.image).max() <= 1
+        assert np.abs(correct(changed, gain).image.astype(int) - plain.image).max() <= 1
 
 
 def test_a_doubtful_spread_is_not_corrected():

@@ -6,14 +6,14 @@ import pytest
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
-from cotton3dg.splat.flow_points import dense_points, neighbouring_pairs
+from cotton3dg.splat.flow_points import find_dense_points, find_neighbouring_pairs
 from cotton3dg.splat.initialise import (
     FILL_OPACITY,
     FILL_REACH,
     LARGEST_SCALE,
     START_OPACITY,
-    filling,
-    initial_gaussians,
+    fill,
+    place_gaussians,
     starting_scales,
 )
 from cotton3dg.splat.views import View
@@ -30,7 +30,7 @@ def test_scale_is_the_root_mean_square_distance_to_three_neighbours() -> None:
 
 def test_colour_opacity_and_rotation_of_the_start() -> None:
     colours = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
-    gaussians = initial_gaussians(np.random.default_rng(1).normal(size=(20, 3)), colours, 2, 100, 0)
+    gaussians = place_gaussians(np.random.default_rng(1).normal(size=(20, 3)), colours, 2, 100, 0)
     np.testing.assert_allclose(gaussians.colours * 255, colours, atol=1e-3)
     np.testing.assert_allclose(gaussians.opacities, START_OPACITY, rtol=1e-6)
     np.testing.assert_array_equal(gaussians.quats, np.tile([1, 0, 0, 0], (20, 1)))
@@ -40,7 +40,7 @@ def test_colour_opacity_and_rotation_of_the_start() -> None:
 
 @pytest.mark.parametrize("where", [0.0, 1.0, -1e6])
 def test_identical_points_have_finite_scales(where: float) -> None:
-    gaussians = initial_gaussians(np.full((100, 3), where), grey(100), 0, 1000, 0)
+    gaussians = place_gaussians(np.full((100, 3), where), grey(100), 0, 1000, 0)
     assert gaussians.finite_rows.all()
     assert (gaussians.scales > 0).all()
 
@@ -62,15 +62,15 @@ def test_scales_follow_the_scene_size() -> None:
 def test_points_that_are_not_finite_are_left_out_and_too_few_are_refused() -> None:
     points = np.random.default_rng(3).normal(size=(6, 3))
     points[0, 1], points[1, 2] = np.nan, np.inf
-    assert len(initial_gaussians(points, grey(6), 0, 100, 0)) == 4
+    assert len(place_gaussians(points, grey(6), 0, 100, 0)) == 4
     points[2, 0] = np.nan
     with pytest.raises(BadInput, match="3 usable points"):
-        initial_gaussians(points, grey(6), 0, 100, 0)
+        place_gaussians(points, grey(6), 0, 100, 0)
 
 
 def test_budget_holds_and_the_choice_is_seeded() -> None:
     points = np.random.default_rng(4).normal(size=(500, 3))
-    first, again, other = (initial_gaussians(points, grey(500), 0, 60, seed) for seed in (1, 1, 2))
+    first, again, other = (place_gaussians(points, grey(500), 0, 60, seed) for seed in (1, 1, 2))
     assert len(first) == 60
     assert first.sha256() == again.sha256() != other.sha256()
 
@@ -90,7 +90,7 @@ def views_of_a_plane(n_views: int) -> list[View]:
 
 def test_dense_points_lie_on_the_surface_and_have_its_colour() -> None:
     views = views_of_a_plane(5)
-    points, colours = dense_points(views, np.zeros((4, 3)), 2000, 0)
+    points, colours = find_dense_points(views, np.zeros((4, 3)), 2000, 0)
     assert 1000 < len(points) <= 2000
     assert np.quantile(np.abs(points[:, 2]), 0.95) < 0.3
     pixels, _ = views[2].camera.project(points)
@@ -101,15 +101,15 @@ def test_dense_points_lie_on_the_surface_and_have_its_colour() -> None:
 
 def test_flat_or_single_images_give_no_dense_points() -> None:
     views = views_of_a_plane(3)
-    assert len(dense_points(views[:1], np.zeros((4, 3)), 100, 0)[0]) == 0
-    assert len(dense_points(views, np.zeros((0, 3)), 100, 0)[0]) == 0
+    assert len(find_dense_points(views[:1], np.zeros((4, 3)), 100, 0)[0]) == 0
+    assert len(find_dense_points(views, np.zeros((0, 3)), 100, 0)[0]) == 0
     tiny = [View(view.camera.resized(12, 8), np.zeros((8, 12, 3), np.uint8)) for view in views]
-    assert len(dense_points(tiny, np.zeros((4, 3)), 100, 0)[0]) == 0
+    assert len(find_dense_points(tiny, np.zeros((4, 3)), 100, 0)[0]) == 0
 
 
 def test_cameras_are_paired_by_parallax() -> None:
     cameras = [view.camera for view in views_of_a_plane(30)]
-    pairs = neighbouring_pairs(cameras, np.zeros((4, 3)))
+    pairs = find_neighbouring_pairs(cameras, np.zeros((4, 3)))
     distances = [j - i for i, j in pairs]
     # 6 degrees at 10 su are 1.05 su, two cameras on.
     assert min(distances) >= 1
@@ -125,11 +125,11 @@ def test_the_filling_is_even_faint_and_where_the_cameras_look() -> None:
         centre = np.array([5.0, 0, 0]) - 2 * forward
         pose = np.column_stack([rotation, -rotation @ centre])
         cameras.append(Camera(f"{angle:.1f}", 64, 48, 60, 60, 32, 24, pose))
-    gaussians = filling(cameras, 4000, 1, seed=3)
+    gaussians = fill(cameras, 4000, 1, seed=3)
     distances = np.linalg.norm(gaussians.means - (5, 0, 0), axis=1)
     assert distances.max() <= FILL_REACH * 2 * 1.001
     # Evenly: half of the radius holds an eighth of the volume.
     assert np.mean(distances < FILL_REACH) == pytest.approx(1 / 8, abs=0.02)
     np.testing.assert_allclose(gaussians.opacities, FILL_OPACITY, rtol=1e-5)
-    np.testing.assert_array_equal(gaussians.means, filling(cameras, 4000, 1, seed=3).means)
-    assert len(filling(cameras, 0, 1, seed=3)) == 0
+    np.testing.assert_array_equal(gaussians.means, fill(cameras, 4000, 1, seed=3).means)
+    assert len(fill(cameras, 0, 1, seed=3)) == 0

@@ -5,7 +5,7 @@ import pytest
 from scenes.orbit_scene import orbit
 
 from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, resized_ids, rim_width_px, with_rim, within_orbit
+from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, mark_rim, resize_ids, rim_width_px, within_orbit
 
 
 def view(name, total, entries):
@@ -52,9 +52,9 @@ def test_no_masks_are_a_valid_answer(views):
 def test_the_rim_lies_on_both_sides_of_every_edge():
     ids = np.zeros((7, 9), np.uint16)
     ids[:, 3:6], ids[:, 6:] = 1, 2
-    assert with_rim(ids, 1)[0].tolist() == [0, 0, RIM_ID, RIM_ID, 1, RIM_ID, RIM_ID, 2, 2]
-    assert with_rim(ids, 2)[0].tolist() == [0, *[RIM_ID] * 7, 2]
-    assert (with_rim(np.full((4, 5), 3, np.uint16), 2) == 3).all()
+    assert mark_rim(ids, 1)[0].tolist() == [0, 0, RIM_ID, RIM_ID, 1, RIM_ID, RIM_ID, 2, 2]
+    assert mark_rim(ids, 2)[0].tolist() == [0, *[RIM_ID] * 7, 2]
+    assert (mark_rim(np.full((4, 5), 3, np.uint16), 2) == 3).all()
 
 
 @pytest.mark.parametrize(("side", "expected"), [(None, 1), (10, 1), (36, 2), (200, 3)])
@@ -68,8 +68,8 @@ def test_the_rim_grows_with_the_masks(side, expected):
 
 def test_ids_are_resized_without_new_values():
     ids = np.arange(1, 13, dtype=np.uint16).reshape(3, 4)
-    assert resized_ids(ids, 8, 6).tolist() == np.kron(ids, np.ones((2, 2), int)).tolist()
-    assert np.array_equal(resized_ids(resized_ids(ids, 8, 6), 4, 3), ids)
+    assert resize_ids(ids, 8, 6).tolist() == np.kron(ids, np.ones((2, 2), int)).tolist()
+    assert np.array_equal(resize_ids(resize_ids(ids, 8, 6), 4, 3), ids)
 
 
 def test_only_what_stands_inside_the_orbit_can_be_a_boll():

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.splat.motion import Tracks, longest_tracks, velocities
-from cotton3dg.splat.motion_blur import LENGTHS_PX, MotionBlur, blur_length, motion_blur, smeared
-from cotton3dg.splat.rolling_shutter import RollingShutter, rolling_shutter
+from cotton3dg.splat.motion import Tracks, find_longest_tracks, measure_velocities
+from cotton3dg.splat.motion_blur import LENGTHS_PX, MotionBlur, blur_length, estimate_motion_blur, smear
+from cotton3dg.splat.rolling_shutter import RollingShutter, estimate_rolling_shutter
 from cotton3dg.splat.views import View
 
 N_VIEWS, N_POINTS = 30, 400
@@ -54,14 +54,14 @@ def walk(read_out: float, size: tuple[int, int] = (640, 360), noise_px: float = 
 
 @pytest.mark.parametrize(("read_out", "size"), [(0.5, (640, 360)), (-0.4, (640, 360)), (0.5, (360, 640))])
 def test_the_read_out_time_is_found(read_out, size):
-    found = rolling_shutter(walk(read_out, size))
+    found = estimate_rolling_shutter(walk(read_out, size))
     assert found.read_out == pytest.approx(read_out, abs=max(3 * found.error, 0.02))
     assert found.error < 0.05
     assert found.found
 
 
 def test_a_global_shutter_gives_no_evidence():
-    found = rolling_shutter(walk(0.0))
+    found = estimate_rolling_shutter(walk(0.0))
     assert abs(found.read_out) < 4 * found.error
     assert found.shift_px < 0.2
     assert not found.found
@@ -79,17 +79,19 @@ def test_the_read_out_time_survives_what_an_adjustment_does():
             for camera in tracks.cameras
         ],
     )
-    assert rolling_shutter(moved).read_out == pytest.approx(rolling_shutter(tracks).read_out, abs=0.02)
+    assert estimate_rolling_shutter(moved).read_out == pytest.approx(
+        estimate_rolling_shutter(tracks).read_out, abs=0.02
+    )
 
 
 def test_cameras_and_points_take_up_most_of_it():
-    found = rolling_shutter(walk(0.5))
+    found = estimate_rolling_shutter(walk(0.5))
     assert 0 < found.left_px < 0.5 * found.shift_px
 
 
 def test_too_few_places_tell_nothing():
     tracks = walk(0.5)
-    few = rolling_shutter(tracks[np.arange(100)])
+    few = estimate_rolling_shutter(tracks[np.arange(100)])
     assert not few.found
     assert few.error == np.inf
     assert RollingShutter(0.4, 0.01, 0.3, 0.0).found is False
@@ -99,10 +101,10 @@ def test_the_speed_of_points_is_that_of_the_walk():
     tracks = walk(0.0, noise_px=0)
     at = tracks.views == 10
     before, after = (walking(30.0 + dt, (640, 360)).project(tracks.xyz[tracks.points[at]])[0] for dt in (-0.5, 0.5))
-    error = np.linalg.norm(velocities(tracks)[at] - (after - before), axis=1)
+    error = np.linalg.norm(measure_velocities(tracks)[at] - (after - before), axis=1)
     assert np.median(error) < 0.2 * np.median(np.linalg.norm(after - before, axis=1))
     gap = replace(tracks, times=np.where(np.arange(N_VIEWS) < 15, tracks.times, tracks.times + 100))
-    unknown = np.isnan(velocities(gap)).any(axis=1)
+    unknown = np.isnan(measure_velocities(gap)).any(axis=1)
     assert set(gap.views[unknown]) == {14, 15}
 
 
@@ -114,12 +116,12 @@ def test_the_longest_tracks_are_taken():
     }
     positions = np.array([5, 9, 12]), np.array([[1.0, 0, 0], [2, 0, 0], [3, 0, 0]])
     times = np.arange(4.0)
-    tracks = longest_tracks(cameras, times, seen, positions, most=10)
+    tracks = find_longest_tracks(cameras, times, seen, positions, most=10)
     assert tracks.xyz[:, 0].tolist() == [1, 2]
     assert sorted(zip(tracks.views, tracks.points, strict=True)) == sorted(
         [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1)]
     )
-    assert longest_tracks(cameras, times, seen, positions, most=1).xyz[:, 0].tolist() == [1]
+    assert find_longest_tracks(cameras, times, seen, positions, most=1).xyz[:, 0].tolist() == [1]
 
 
 def slide(length_px: float, flow_px: float = 12.0, direction=(0.8, 0.6), noise: float = 2.0, n_views: int = 8):
@@ -154,7 +156,7 @@ def slide(length_px: float, flow_px: float = 12.0, direction=(0.8, 0.6), noise: 
     ("length_px", "direction"), [(4.0, (0.8, 0.6)), (8.0, (1.0, 0.0)), (8.0, (0.0, -1.0)), (12.0, (0.6, -0.8))]
 )
 def test_the_length_of_motion_blur_is_found(length_px, direction):
-    found = motion_blur(*slide(length_px, flow_px=16.0, direction=direction))
+    found = estimate_motion_blur(*slide(length_px, flow_px=16.0, direction=direction))
     assert found.median_px == pytest.approx(length_px, rel=0.2)
     assert found.flow_px == pytest.approx(16.0, rel=1e-6)
     assert found.error_px < 0.5
@@ -163,7 +165,7 @@ def test_the_length_of_motion_blur_is_found(length_px, direction):
 
 
 def test_sharp_images_give_no_evidence():
-    found = motion_blur(*slide(0.0))
+    found = estimate_motion_blur(*slide(0.0))
     assert found.median_px < 1
     assert not found.found
 
@@ -171,12 +173,12 @@ def test_sharp_images_give_no_evidence():
 def test_blur_is_told_in_pixels_of_the_images_that_are_looked_at():
     views, tracks = slide(8.0)
     small = [view.limited(160) for view in views]
-    assert motion_blur(small, tracks).median_px == pytest.approx(4.0, rel=0.3)
-    assert motion_blur(small, tracks).flow_px == pytest.approx(6.0, rel=1e-6)
+    assert estimate_motion_blur(small, tracks).median_px == pytest.approx(4.0, rel=0.3)
+    assert estimate_motion_blur(small, tracks).flow_px == pytest.approx(6.0, rel=1e-6)
 
 
 def test_what_stands_still_is_not_blurred():
-    found = motion_blur(*slide(8.0, flow_px=0.1))
+    found = estimate_motion_blur(*slide(8.0, flow_px=0.1))
     assert np.isnan(found.lengths_px).all()
     assert not found.found
     assert not MotionBlur(np.full(5, 6.0), np.full(5, 4.0)).found
@@ -184,6 +186,6 @@ def test_what_stands_still_is_not_blurred():
 
 def test_a_smear_is_told_from_its_correlation():
     sharp = np.exp(-(np.arange(32) ** 2) / 3.0) - 0.1 * np.exp(-((np.arange(32) - 4) ** 2) / 8.0)
-    smears = np.array([smeared(sharp, length) for length in LENGTHS_PX])
+    smears = np.array([smear(sharp, length) for length in LENGTHS_PX])
     np.testing.assert_allclose(smears[0], sharp)
-    assert blur_length(0.7 * smeared(sharp, 6.5), smears) == 6.5
+    assert blur_length(0.7 * smear(sharp, 6.5), smears) == 6.5

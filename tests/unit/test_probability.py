@@ -16,9 +16,9 @@ from cotton3dg.lifting.probability import (
     TrainingView,
     cross_entropy_gradient,
     mean_binary_ious,
-    sampled_pixels,
-    trained,
-    view_of_rays,
+    sample_pixels,
+    sample_view,
+    train_probabilities,
 )
 from cotton3dg.splat.rasterizer import near_plane, render_values
 
@@ -53,7 +53,7 @@ def view_of_renders(gaussians: Gaussians, camera: Camera, inside: np.ndarray) ->
 
 
 def fitted(views, start, steps, **options):
-    for _, probabilities in trained(views, start, steps, **options):
+    for _, probabilities in train_probabilities(views, start, steps, **options):
         assert probabilities.min() >= 0 and probabilities.max() <= 1
     return probabilities
 
@@ -61,7 +61,7 @@ def fitted(views, start, steps, **options):
 def test_sparse_products_train_as_the_rasterizer_does(scene):
     gaussians, _, cameras, masks = scene
     start = np.full(len(gaussians), 0.5, np.float32)
-    by_rays = fitted([view_of_rays(gaussians, *pair, 1, 0) for pair in zip(cameras, masks, strict=True)], start, 60)
+    by_rays = fitted([sample_view(gaussians, *pair, 1, 0) for pair in zip(cameras, masks, strict=True)], start, 60)
     renders = [view_of_renders(gaussians, *pair) for pair in zip(cameras, masks, strict=True)]
     by_renders = fitted(renders, start, 60)
     assert np.abs(by_rays - 0.5).max() > 0.02
@@ -85,7 +85,7 @@ def test_cross_entropy_is_finite_at_the_ends():
 @pytest.mark.parametrize("spacing_px", [1, 2])
 def test_flipped_labels_recover(scene, spacing_px):
     gaussians, bolls, cameras, masks = scene
-    views = [view_of_rays(gaussians, *pair, spacing_px, 0) for pair in zip(cameras, masks, strict=True)]
+    views = [sample_view(gaussians, *pair, spacing_px, 0) for pair in zip(cameras, masks, strict=True)]
     flipped = np.where(bolls > 0, 0, 1).astype(np.float32)
     probabilities = fitted(views, flipped, 600, learning_rate=0.01)
     seen = sum(view.gradient(np.ones_like(view.targets)) for view in views) > 0.5 / spacing_px**2
@@ -102,7 +102,7 @@ def test_masks_without_sense_give_probabilities_all_the_same(scene, kind):
         "full": [np.ones_like(inside) for inside in masks],
         "contradictory": [inside ^ (k % 2 == 1) for k, inside in enumerate(masks)],
     }[kind]
-    views = [view_of_rays(gaussians, *pair, 1, 0) for pair in zip(cameras, wrong, strict=True)]
+    views = [sample_view(gaussians, *pair, 1, 0) for pair in zip(cameras, wrong, strict=True)]
     probabilities = fitted(views, np.full(len(gaussians), 0.5, np.float32), 300, learning_rate=0.01)
     assert np.isfinite(probabilities).all()
     on_bolls = np.median(probabilities[bolls > 0])
@@ -112,17 +112,17 @@ def test_masks_without_sense_give_probabilities_all_the_same(scene, kind):
 def test_what_no_view_shows_stays_as_it_was(scene):
     gaussians, _, cameras, masks = scene
     moved = Gaussians(**vars(gaussians) | {"means": gaussians.means + np.float32([0, 0, 100])})
-    views = [view_of_rays(moved, *pair, 1, 0) for pair in zip(cameras, masks, strict=True)]
+    views = [sample_view(moved, *pair, 1, 0) for pair in zip(cameras, masks, strict=True)]
     assert (fitted(views, np.full(len(gaussians), 0.3, np.float32), 5) == np.float32(0.3)).all()
 
 
 def test_one_ray_stands_for_each_square():
-    assert np.array_equal(np.unique(sampled_pixels(7, 5, 1, 0), axis=0), np.argwhere(np.ones((7, 5))))
-    pixels = sampled_pixels(32, 20, 4, 3)
+    assert np.array_equal(np.unique(sample_pixels(7, 5, 1, 0), axis=0), np.argwhere(np.ones((7, 5))))
+    pixels = sample_pixels(32, 20, 4, 3)
     assert np.array_equal(np.unique(pixels // 4, axis=0), np.argwhere(np.ones((8, 5))))
     assert len(np.unique(pixels % 4, axis=0)) > 8
-    assert not np.array_equal(pixels, sampled_pixels(32, 20, 4, 4))
-    assert (sampled_pixels(31, 19, 4, 0) < (31, 19)).all()
+    assert not np.array_equal(pixels, sample_pixels(32, 20, 4, 4))
+    assert (sample_pixels(31, 19, 4, 0) < (31, 19)).all()
 
 
 def test_mean_ious():

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float64
 from ..geometry.convex_measures import convex_volume
-from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, connected, stem_axis
-from ..traits.measure import PlantSize, silhouette_of
+from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
+from ..traits.measure import PlantSize, measure_places
 
 LAYER_CM = 0.5
 TABLE_SHARE = 0.05
@@ -44,13 +44,13 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     if level is not None:
         floor_cm = clamp_height_cm + 1.0
         above = places[places[:, 2] > floor_cm]
-        stem = stem_axis(above, floor_cm) if len(above) else None
+        stem = fit_stem_axis(above, floor_cm) if len(above) else None
         if stem is not None:
             base, top = stem
             share = (above[:, 2] - base[2]) / (top[2] - base[2])
             beside = np.linalg.norm((above - base - share[:, None] * (top - base))[:, :2], axis=1) < STEM_RADIUS_CM
             seeds = beside & (above[:, 2] < floor_cm + STEM_LAYERS)
-            above = above[connected(above[:, None], seeds)]
+            above = above[find_connected(above[:, None], seeds)]
             places = places - np.append(base[:2], 0.0)
             above = above - np.append(base[:2], 0.0)
         plant = above
@@ -60,7 +60,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
             volumes.append(convex_volume(points[labels == boll]).value)
     if not len(plant):
         return CloudTraits(PlantSize(*[np.nan] * 5), np.array(volumes), level is not None)
-    return CloudTraits(silhouette_of(plant, plant[:, 2]), np.array(volumes), level is not None)
+    return CloudTraits(measure_places(plant, plant[:, 2]), np.array(volumes), level is not None)
 
 
 def table_height(heights: NDArray) -> float | None:

@@ -13,7 +13,7 @@ from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.camera_orbit import Orbit
-from ..traits.surface import surface_rows, visible_surface
+from ..traits.surface import sample_visible_surface, surface_rows
 from .figures import colour_of, encoded
 
 MAX_PLANT_POINTS = 20_000
@@ -77,7 +77,7 @@ def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, 
     for boll in bolls:
         own = drawn[boll.indices]
         own = own[surface_rows(own)]
-        points = frame.places(visible_surface(own, 0.5))
+        points = frame.places(sample_visible_surface(own, 0.5))
         try:
             hull = ConvexHull(points)
         except (QhullError, ValueError):

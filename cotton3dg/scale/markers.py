@@ -94,11 +94,11 @@ def find_markers(image: NDArray[np.uint8], kind: MarkerKind) -> dict[Corner, Flo
         ("marker", number, k): corner
         for number, quad in zip(numbers, quads, strict=True)
         if numbers.count(number) == 1
-        for k, corner in enumerate(refined_quad(light, quad.reshape(4, 2).astype(np.float64) + 0.5))
+        for k, corner in enumerate(refine_quad(light, quad.reshape(4, 2).astype(np.float64) + 0.5))
     }
 
 
-def refined_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
+def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
     """(4, 2) corners where lines through the sides of a dark square on bright paper meet; the first ones if in doubt.
 
     Args:
@@ -129,7 +129,7 @@ def refined_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
         if inner.sum() < PLACES / 2:
             return quad
         points = corner + along[inner, None] * side + offset[inner, None] * normal
-        lines.append(_line(points))
+        lines.append(_fit_line(points))
     corners = []
     for k in range(4):
         (a, da), (b, db) = lines[k - 1], lines[k]
@@ -141,7 +141,7 @@ def refined_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
     return moved if np.linalg.norm(moved - quad, axis=1).max() < 3.0 else quad
 
 
-def _line(points: Float64) -> tuple[Float64, Float64]:
+def _fit_line(points: Float64) -> tuple[Float64, Float64]:
     """A point of the line through (N, 2) points and its direction, without those far off."""
     kept = np.ones(len(points), bool)
     for _ in range(3):
@@ -225,11 +225,11 @@ def draw_sheet(kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm:
     for number, picture in enumerate(pictures):
         x, y = left + number % across * (width + gap), gap + number // across * (height + gap)
         sheet[y : y + height, x : x + width] = picture
-    _footer(sheet, kind, dots_per_cm)
+    _draw_footer(sheet, kind, dots_per_cm)
     return sheet
 
 
-def _footer(sheet: NDArray[np.uint8], kind: MarkerKind, dots_per_cm: int) -> None:
+def _draw_footer(sheet: NDArray[np.uint8], kind: MarkerKind, dots_per_cm: int) -> None:
     """A ruler of 10 cm and what the sheet is, at the lower rim."""
     import cv2
 
@@ -250,14 +250,14 @@ def _footer(sheet: NDArray[np.uint8], kind: MarkerKind, dots_per_cm: int) -> Non
     cv2.putText(sheet, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, 0, thick, cv2.LINE_AA)
 
 
-def outlined_markers(
+def outline_markers(
     image: NDArray[np.uint8], camera: Camera, sightings: Mapping[Corner, Sighting]
 ) -> NDArray[np.uint8]:
     """A copy of a photo with a cross where each corner lies in space."""
-    return crossed(image, camera, np.array([sighting.point for sighting in sightings.values()]))
+    return draw_crosses(image, camera, np.array([sighting.point for sighting in sightings.values()]))
 
 
-def crossed(image: NDArray[np.uint8], camera: Camera, points: NDArray) -> NDArray[np.uint8]:
+def draw_crosses(image: NDArray[np.uint8], camera: Camera, points: NDArray) -> NDArray[np.uint8]:
     """A copy of a (H, W, 3) photo with a cross on each of (N, 3) scene points."""
     import cv2
 

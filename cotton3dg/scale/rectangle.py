@@ -140,18 +140,18 @@ def fit_rim(
     smooth = [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
     views = list(zip(cameras, smooth, strict=True))
     search, rounds, least = (SEARCH / 4, ROUNDS[1:], WEAK) if narrow else (SEARCH, ROUNDS, STRONG)
-    rectangle = _roughly(first, views, search * first.width, TURN, least)
-    rectangle = rectangle and _roughly(rectangle, views, search / 4 * first.width, TURN / 4, least)
+    rectangle = _fit_roughly(first, views, search * first.width, TURN, least)
+    rectangle = rectangle and _fit_roughly(rectangle, views, search / 4 * first.width, TURN / 4, least)
     if rectangle is None:
         return None
     anchor = rectangle
     for reach_px, settled in rounds:
         for _ in range(MOST_ROUNDS):
             before = rectangle.corners
-            seen = [_maxima(rectangle, edge, views, reach_px, narrow) for edge in EDGES]
+            seen = [_find_maxima(rectangle, edge, views, reach_px, narrow) for edge in EDGES]
             if min(len(found.view) for found in seen) < PLACES:
                 return None
-            rectangle = _adjusted(anchor, rectangle, cameras, seen, plane_error)
+            rectangle = _adjust(anchor, rectangle, cameras, seen, plane_error)
             if np.abs(rectangle.corners - before).max() < settled * first.width:
                 break
         if np.abs(rectangle.corners - anchor.corners).max() > search * first.width:
@@ -159,7 +159,7 @@ def fit_rim(
     offsets = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, seen, strict=True)]
     # Sought far around: among the maxima of a mere texture a third would lie that close.
     far_px = rounds[0][0]
-    wide = [_maxima(rectangle, edge, views, far_px, narrow) for edge in EDGES]
+    wide = [_find_maxima(rectangle, edge, views, far_px, narrow) for edge in EDGES]
     away = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, wide, strict=True)]
     return RimFit(
         rectangle,
@@ -188,7 +188,7 @@ class _Maxima:
 _View = tuple[Camera, NDArray[np.uint8]]
 
 
-def _roughly(first: Rectangle, views: list[_View], reach: float, most: float, least: float) -> Rectangle | None:
+def _fit_roughly(first: Rectangle, views: list[_View], reach: float, most: float, least: float) -> Rectangle | None:
     """`first` turned as a whole and each edge moved to where the contrast, summed over views, tells.
 
     Args:
@@ -215,7 +215,7 @@ def _roughly(first: Rectangle, views: list[_View], reach: float, most: float, le
         ]
         profiles.append(np.array(sheared))
     best = int(np.argmax(sum(profile.max(axis=1) for profile in profiles)))
-    outwards = [steps[_outermost(profile[best], least)] for profile in profiles]
+    outwards = [steps[_find_outermost(profile[best], least)] for profile in profiles]
     centred = Rectangle(first.axes, first.points(first.middle), first.sides - np.repeat(first.middle, 2))
     return centred.moved(np.array([0, 0, turns[best], 0, -outwards[0], outwards[1], -outwards[2], outwards[3]]))
 
@@ -240,7 +240,7 @@ def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Fl
     return total / np.maximum(count, 1) if n_views >= MIN_VIEWS else None
 
 
-def _outermost(profile: Float64, least: float) -> int:
+def _find_outermost(profile: Float64, least: float) -> int:
     """Index of the outermost of the strong maxima: lines inside the table (seams, tape) are no rim."""
     base = np.median(profile)
     strong = profile - base >= least * (profile.max() - base)
@@ -248,7 +248,9 @@ def _outermost(profile: Float64, least: float) -> int:
     return int(np.flatnonzero(peaks)[-1]) if peaks.any() else int(profile.argmax())
 
 
-def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float, nearest: bool = False) -> _Maxima:
+def _find_maxima(
+    rectangle: Rectangle, edge: int, views: list[_View], reach_px: float, nearest: bool = False
+) -> _Maxima:
     """The strongest contrast within `reach_px` of the edge at each place of each view that shows it as a silhouette;
     or the nearest that is not much weaker.
     """
@@ -285,7 +287,7 @@ def _maxima(rectangle: Rectangle, edge: int, views: list[_View], reach_px: float
     return _Maxima(view, along, pixels, normals, looked)
 
 
-def _adjusted(
+def _adjust(
     anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima], plane_error: float
 ) -> Rectangle:
     """`start` moved so that its edges meet what the photos show; tilt and height are held near those of `anchor`.
@@ -322,7 +324,7 @@ def _distances(rectangle: Rectangle, edge: int, cameras: Sequence[Camera], found
     """(n,) px between the edge and each maximum, along the edge's normal in the photo."""
     points = rectangle.points(rectangle.edge_places(edge, found.along))
     pixels = np.zeros((len(points), 2))
-    # `_maxima` lists the views one after the other.
+    # `_find_maxima` lists the views one after the other.
     starts = np.flatnonzero(np.diff(found.view, prepend=-1))
     for start, stop in zip(starts, [*starts[1:], len(points)], strict=True):
         pixels[start:stop] = cameras[found.view[start]].project(points[start:stop])[0]

@@ -14,7 +14,7 @@ from ..core.scene import Camera
 from ..geometry.camera_orbit import fit_orbit
 from ..geometry.planes import level_planes
 from .rectangle import Rectangle
-from .table import along_long_side, first_rectangle
+from .table import find_first_rectangle, turn_along_long_side
 
 LEAST_ERROR = 1e-3
 """Relative; what paper, printers and rulers are true to."""
@@ -90,9 +90,9 @@ def find_ground(points: NDArray, cameras: Sequence[Camera], seed: int = 0) -> Re
     points = points[np.isfinite(points).all(axis=1)]
     orbit = fit_orbit(cameras)
     for plane in level_planes(points, orbit, seed):
-        rectangle = first_rectangle(points, plane, orbit)
+        rectangle = find_first_rectangle(points, plane, orbit)
         if rectangle is not None:
-            return along_long_side(rectangle, cameras)
+            return turn_along_long_side(rectangle, cameras)
     return None
 
 

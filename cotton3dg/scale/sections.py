@@ -43,7 +43,7 @@ def scale_from_sections(
     flat = places[inside, :2]
     sizes, spreads = [], []
     for along in (0, 1):
-        extents = section_extents(flat, along, table.sides[2 * (1 - along) :][:2])
+        extents = measure_sections(flat, along, table.sides[2 * (1 - along) :][:2])
         if len(extents) < SECTIONS / 2:
             return NoReference("too few points lie on the table")
         sizes.append(float(np.median(extents)))
@@ -57,7 +57,7 @@ def scale_from_sections(
     return Reference("sections", mean, error, evidence)
 
 
-def section_extents(flat: Float64, along: int, limits: NDArray) -> Float64:
+def measure_sections(flat: Float64, along: int, limits: NDArray) -> Float64:
     """Lengths along axis `along` of the boxes around up to 11 sections that lie side by side across it.
 
     Args:

@@ -104,13 +104,13 @@ def find_table(
         return NoTable("no level plane lies below the cameras")
     refused = NoTable("")
     for plane in planes:
-        first = first_rectangle(points, plane, orbit)
+        first = find_first_rectangle(points, plane, orbit)
         if first is None:
             continue
-        first, plane_error = _levelled(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
+        first, plane_error = _level(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
         # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly right,
         # and the edges are sought again close to where the points end; of any other plane texture would do.
-        guesses = [first, first, *_completed(first, aspect)] if images else [first]
+        guesses = [first, first, *_complete(first, aspect)] if images else [first]
         fits: list[TableFit] = []
         off = np.inf  # the last fit's shape from the known one
         for number, guess in enumerate(guesses):
@@ -120,8 +120,8 @@ def find_table(
             if images and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
                 continue
-            rectangle = along_long_side(rim.rectangle if rim else guess, cameras)
-            fill, inliers = _coverage(rectangle, points, orbit.radius)
+            rectangle = turn_along_long_side(rim.rectangle if rim else guess, cameras)
+            fill, inliers = _measure_coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
             off = abs(fit.aspect / aspect - 1)
             # A guess made from the known shape cannot vouch for it, nor can the choice of the lines that have that
@@ -156,7 +156,7 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     return Scale(cm_per_su, max(error, least), "table", up, plane, fit.rectangle.corners)
 
 
-def first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
+def find_first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
     """The rectangle around the largest connected part of a plane; None for a speck."""
     import cv2
     from scipy.spatial import cKDTree
@@ -187,7 +187,7 @@ def first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle 
     if box.sides[1] < 0.1 * radius:
         return None
     inside = (np.stack([x, y], 1) + 0.5 - half) * CELL * radius @ box.axes.T
-    limits = np.stack([_half_covered(inside[:, k], CELL * radius) for k in (0, 1)])
+    limits = np.stack([_find_half_covered(inside[:, k], CELL * radius) for k in (0, 1)])
     # Cells are coarse: the sides go to the outermost points within them.
     along = places[part[cells[:, 1], cells[:, 0]], :2] @ box.axes.T
     along = along[((along >= limits[:, 0]) & (along <= limits[:, 1])).all(axis=1)]
@@ -195,7 +195,7 @@ def first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle 
     return Rectangle(np.vstack([box.axes @ axes[:2], axes[2]]), origin, sides.ravel())
 
 
-def _levelled(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectangle, float]:
+def _level(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectangle, float]:
     """`first` on the plane through the tracks inside it, and the plane's standard error in widths of the table.
 
     Least squares with Cauchy weights. Neighbouring points err alike, so an eighth of them counts.
@@ -221,7 +221,7 @@ def _levelled(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectang
     return centred.moved(np.array([slopes[1], -slopes[0], 0, slopes[2], 0, 0, 0, 0])), error
 
 
-def _completed(first: Rectangle, aspect: float) -> list[Rectangle]:
+def _complete(first: Rectangle, aspect: float) -> list[Rectangle]:
     """What a table of known shape may be when points cover only a part of it: the short way prolonged to either end."""
     length, width = first.length, first.width
     if length > aspect * width * (1 - ASPECT_TOLERANCE):
@@ -237,7 +237,7 @@ def _completed(first: Rectangle, aspect: float) -> list[Rectangle]:
     return guesses
 
 
-def _half_covered(values: Float64, step: float) -> Float64:
+def _find_half_covered(values: Float64, step: float) -> Float64:
     """The ends (2,) between which a profile of cells is at least half as high as in its middle."""
     low = values.min() - step / 2
     counts = np.bincount(((values - low) / step).astype(int))
@@ -245,7 +245,7 @@ def _half_covered(values: Float64, step: float) -> Float64:
     return np.array([low + enough[0] * step, low + (enough[-1] + 1) * step])
 
 
-def _coverage(rectangle: Rectangle, points: Float64, radius: float) -> tuple[float, int]:
+def _measure_coverage(rectangle: Rectangle, points: Float64, radius: float) -> tuple[float, int]:
     """Share of a rectangle that has a point of the plane within two cells, and how many points those are."""
     import cv2
 
@@ -270,7 +270,7 @@ def _doubt(fit: TableFit, aspect: float, most_unclear: int) -> str:
     return ""
 
 
-def outlined(image: NDArray[np.uint8], camera: Camera, rectangle: Rectangle) -> NDArray[np.uint8]:
+def outline_table(image: NDArray[np.uint8], camera: Camera, rectangle: Rectangle) -> NDArray[np.uint8]:
     """A copy of a (H, W, 3) photo with the outline of a table drawn on it."""
     import cv2
 
@@ -288,7 +288,7 @@ def outlined(image: NDArray[np.uint8], camera: Camera, rectangle: Rectangle) -> 
     return canvas
 
 
-def along_long_side(rectangle: Rectangle, cameras: Sequence[Camera]) -> Rectangle:
+def turn_along_long_side(rectangle: Rectangle, cameras: Sequence[Camera]) -> Rectangle:
     """The same rectangle with x along its long side, towards where the first camera stands, and its origin amid it."""
     axes = rectangle.axes
     middle = rectangle.points(rectangle.middle)

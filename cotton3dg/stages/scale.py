@@ -20,11 +20,11 @@ from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions, board_squares
-from ..scale.markers import MarkerKind, crossed, find_markers, outlined_markers, scale_from_markers
+from ..scale.markers import MarkerKind, draw_crosses, find_markers, outline_markers, scale_from_markers
 from ..scale.rectangle import Rectangle
 from ..scale.references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
 from ..scale.sections import scale_from_sections
-from ..scale.table import NoTable, TableFit, find_table, outlined, scale_from_table
+from ..scale.table import NoTable, TableFit, find_table, outline_table, scale_from_table
 from ..scale.two_points import scale_from_distance
 from ..workspace import Workspace
 from .stage import Cost, Stage
@@ -153,7 +153,7 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
     fit = scale_from_markers(scene.cameras, found, kind)
     if isinstance(fit, NoReference):
         return fit, {}
-    shown = [outlined_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
+    shown = [outline_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
     return fit.reference, {f"markers_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
@@ -163,7 +163,7 @@ def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
     if isinstance(found, NoReference):
         return found, {}
     reference, points = found
-    shown = [crossed(photo, camera, points) for camera, photo in scene.shown()]
+    shown = [draw_crosses(photo, camera, points) for camera, photo in scene.shown()]
     return reference, {f"points_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
@@ -182,7 +182,7 @@ _REMEDY = {
 
 def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
     return {
-        f"table_{number}.jpg": outlined(photo, camera, rectangle)
+        f"table_{number}.jpg": outline_table(photo, camera, rectangle)
         for number, (camera, photo) in enumerate(scene.shown())
     }
 

@@ -73,7 +73,7 @@ def isolate_plant(
     candidates = np.flatnonzero(kept | boll_rows)
     if not len(candidates):
         return None
-    stem = stem_axis(places[kept], floor_cm)
+    stem = fit_stem_axis(places[kept], floor_cm)
     bolls = boll_rows[candidates]
     if stem is None:
         seeds = bolls if bolls.any() else np.ones(len(candidates), bool)
@@ -86,14 +86,14 @@ def isolate_plant(
         seeds = bolls | (beside & (places[candidates, 2] < floor_cm + STEM_LAYERS))
     samples = _axis_points(gaussians[candidates], places[candidates], scale)
     rows = np.zeros(len(gaussians), bool)
-    rows[candidates[connected(samples, seeds)]] = True
+    rows[candidates[find_connected(samples, seeds)]] = True
     frame = scale.table_frame
     foot = scale.corners.mean(axis=0) + base[:2] @ frame[:2] / scale.cm_per_su
     foot = foot - (foot @ scale.plane[:3] + scale.plane[3]) * scale.up
     return Plant(rows, foot, stem is not None)
 
 
-def stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | None:
+def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | None:
     """Where the stem's axis meets the table and where it leaves the layers above the clamp.
 
     The stem is the one thing that goes up through all layers: the place (within `STEM_RADIUS_CM`) that most layers of
@@ -125,7 +125,7 @@ def stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | Non
     return base, top
 
 
-def connected(samples: Float64, seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_connected(samples: Float64, seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which bodies hang together with the seeds.
 
     Bodies whose samples share a voxel or lie in touching ones form a part. Parts with a seed are taken; then, as long

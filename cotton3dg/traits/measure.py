@@ -14,7 +14,7 @@ from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .isolate import Plant
 from .silhouette_hull import opaque_hull
-from .surface import SAMPLES, surface_of_volume, surface_rows, visible_surface
+from .surface import SAMPLES, sample_surface_of_volume, sample_visible_surface, surface_rows
 
 TIP_OPACITY = 0.25
 """Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one."""
@@ -60,7 +60,7 @@ def measure_bolls(
         volume, diameter = convex_volume(body), calliper_diameter(body)
         rolled = volume
         if not volume.reason:
-            rolled = alpha_volume(surface_of_volume(own, volume.value), ALPHA * diameter.value)
+            rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
         centre = np.full(3, np.nan)
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
@@ -117,14 +117,14 @@ def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSiz
     Returns:
         None when nothing of the plant is opaque.
     """
-    surface = visible_surface(drawn[plant.rows], TIP_OPACITY)
+    surface = sample_visible_surface(drawn[plant.rows], TIP_OPACITY)
     if not len(surface):
         return None
     places = (surface - plant.foot) @ scale.table_frame.T * scale.cm_per_su
-    return silhouette_of(places, places[:, 2].reshape(-1, SAMPLES).max(axis=1))
+    return measure_places(places, places[:, 2].reshape(-1, SAMPLES).max(axis=1))
 
 
-def silhouette_of(places: Float64, tops: Float64) -> PlantSize:
+def measure_places(places: Float64, tops: Float64) -> PlantSize:
     """Size of a plant whose surface is given in the plant frame.
 
     Args:

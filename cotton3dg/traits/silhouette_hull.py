@@ -47,7 +47,7 @@ def opaque_hull(gaussians: Gaussians) -> Float64:
     directions, supports = [], []
     for side in fibonacci_directions(2 * VIEWS)[:VIEWS]:
         plane = _plane_across(side)
-        rim = _silhouette(means @ plane.T, plane @ covariances @ plane.T, opacities, rays, reach)
+        rim = _trace_silhouette(means @ plane.T, plane @ covariances @ plane.T, opacities, rays, reach)
         directions.append(rays @ plane)
         supports.append((rim @ rays.T).max(axis=0))
     support = np.concatenate(supports)
@@ -62,7 +62,7 @@ def opaque_hull(gaussians: Gaussians) -> Float64:
         return np.zeros((0, 3))
 
 
-def _silhouette(means: Float64, covariances: Float64, opacities: Float64, rays: Float64, reach: float) -> Float64:
+def _trace_silhouette(means: Float64, covariances: Float64, opacities: Float64, rays: Float64, reach: float) -> Float64:
     """(RAYS, 2) ends of the opaque part along rays from the origin; the origin where there is none.
 
     Args:

@@ -47,7 +47,7 @@ def surface_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
     return kept & _not_above(distances, kept, floor=0.05) & _not_above(sizes, kept, floor=0.0)
 
 
-def surface_points(gaussians: Gaussians, sigmas: float | NDArray, samples: int = SAMPLES) -> NDArray[np.float64]:
+def sample_surface(gaussians: Gaussians, sigmas: float | NDArray, samples: int = SAMPLES) -> NDArray[np.float64]:
     """(N * samples, 3) su: points on the ellipsoids of `sigmas` (one or one each) standard deviations."""
     on_sphere = fibonacci_directions(samples)
     extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
@@ -55,22 +55,22 @@ def surface_points(gaussians: Gaussians, sigmas: float | NDArray, samples: int =
     return (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
 
 
-def visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
+def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
     """Points (P * SAMPLES, 3) where each Gaussian alone falls to the opacity `opaque`; fainter ones have none. su."""
     opacities = gaussians.opacities.astype(np.float64)
     rows = opacities > opaque
-    return surface_points(gaussians[rows], np.sqrt(2 * np.log(opacities[rows] / opaque)))
+    return sample_surface(gaussians[rows], np.sqrt(2 * np.log(opacities[rows] / opaque)))
 
 
-def surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:
+def sample_surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:
     """Points on the ellipsoids that are as large as makes their common convex hull have a volume, su."""
     low, high = 0.0, 4.0
     # To 4 / 2^8 standard deviations.
     for _ in range(8):
         middle = (low + high) / 2
-        inside = convex_volume(surface_points(gaussians, middle)).value < volume
+        inside = convex_volume(sample_surface(gaussians, middle)).value < volume
         low, high = (middle, high) if inside else (low, middle)
-    return surface_points(gaussians, high)
+    return sample_surface(gaussians, high)
 
 
 def _not_above(values: NDArray, among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
-from cotton3dg.traits.isolate import Plant, connected, isolate_plant, stem_axis, table_coordinates
+from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
 
 UP = POSE.rotation[:, 2]
@@ -76,7 +76,7 @@ def test_an_empty_table_has_no_plant():
 def test_stem_axis_of_two_posts_is_the_taller_one():
     tall = np.linspace([0, 0, 5.0], [0, 0, 13.0], 40)
     short = np.repeat(np.linspace([9, 0, 5.0], [9, 0, 8.0], 40), 3, axis=0)
-    base, top = stem_axis(np.vstack([short, tall]), 5.0)
+    base, top = fit_stem_axis(np.vstack([short, tall]), 5.0)
     assert base == pytest.approx([0, 0, 0], abs=1e-6)
     assert top == pytest.approx([0, 0, 13.0], abs=1e-6)
 
@@ -89,7 +89,7 @@ def test_parts_are_bridged_and_specks_are_not():
     bodies = np.concatenate([stem, branch, speck, far])[:, None]
     seeds = np.zeros(len(bodies), bool)
     seeds[0] = True
-    assert connected(bodies, seeds).tolist() == [True] * 90 + [False] * 43
+    assert find_connected(bodies, seeds).tolist() == [True] * 90 + [False] * 43
 
 
 def test_height_and_canopy_of_the_plant():

@@ -16,7 +16,7 @@ from cotton3dg.scale.markers import (
     MarkerFit,
     MarkerKind,
     charuco_board,
-    crossed,
+    draw_crosses,
     draw_sheet,
     find_markers,
     scale_from_markers,
@@ -104,7 +104,7 @@ def test_an_empty_photo_has_no_markers():
 def test_crosses_lie_on_the_corners(photos, found):
     fit = scale_from_markers(CAMERAS, found, KIND)
     points = np.array([sighting.point for sighting in fit.sightings.values()])
-    drawn = crossed(photos[0], CAMERAS[0], points)
+    drawn = draw_crosses(photos[0], CAMERAS[0], points)
     changed = np.argwhere((drawn != photos[0]).any(-1))[:, ::-1]
     pixels, _ = CAMERAS[0].project(points)
     inside = ((pixels > 0) & (pixels < (1280, 720))).all(axis=1)

@@ -7,7 +7,7 @@ from scenes.table_scene import gaussians_at, joined
 from cotton3dg.geometry.boxes import fibonacci_directions
 from cotton3dg.geometry.convex_measures import calliper_diameter, convex_volume
 from cotton3dg.traits.silhouette_hull import OPAQUE, VIEWS, opaque_hull
-from cotton3dg.traits.surface import surface_of_volume, surface_points
+from cotton3dg.traits.surface import sample_surface, sample_surface_of_volume
 
 BALL_CM3 = 4 / 3 * np.pi
 
@@ -28,7 +28,7 @@ def test_few_large_gaussians_and_many_small_ones_of_one_body_are_as_large():
     coarse = gaussians_at(1.72 * fibonacci_directions(60), 0.5)
     sizes = [size_cm(fine), size_cm(coarse)]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.06)
-    centres = [convex_volume(surface_points(g, 0.0)).value for g in (fine, coarse)]
+    centres = [convex_volume(sample_surface(g, 0.0)).value for g in (fine, coarse)]
     assert centres[0] > 2 * centres[1]
 
 
@@ -61,8 +61,10 @@ def test_nothing_opaque_has_no_body():
 def test_ellipsoids_are_blown_up_to_a_volume():
     body = gaussians_at(2.2 * fibonacci_directions(400), 0.2)
     wanted = convex_volume(opaque_hull(body)).value
-    assert convex_volume(surface_of_volume(body, wanted)).value == pytest.approx(wanted, rel=0.02)
-    assert calliper_diameter(surface_of_volume(body, wanted)).value * 37 == pytest.approx(2 * size_cm(body), rel=0.02)
+    assert convex_volume(sample_surface_of_volume(body, wanted)).value == pytest.approx(wanted, rel=0.02)
+    assert calliper_diameter(sample_surface_of_volume(body, wanted)).value * 37 == pytest.approx(
+        2 * size_cm(body), rel=0.02
+    )
 
 
 def test_views_are_on_one_side_only():

@@ -10,7 +10,7 @@ from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.geometry.boxes import fibonacci_directions
 from cotton3dg.geometry.convex_measures import convex_volume
 from cotton3dg.splat.rasterizer import render
-from cotton3dg.traits.surface import DILATION_PX2, as_drawn, surface_points, surface_rows, visible_surface
+from cotton3dg.traits.surface import DILATION_PX2, as_drawn, sample_surface, sample_visible_surface, surface_rows
 
 BALL_CM = 2.5 * fibonacci_directions(500)
 
@@ -21,7 +21,7 @@ def test_points_lie_on_the_ellipsoids():
         np.array([[1, 2, 3]], np.float32), turn, np.log(np.array([[3, 2, 1]], np.float32)), np.zeros(1, np.float32),
         np.zeros((1, 1, 3), np.float32),
     )  # fmt: skip
-    points = surface_points(one, 2.0, 500) - [1, 2, 3]
+    points = sample_surface(one, 2.0, 500) - [1, 2, 3]
     c, s = np.cos(0.8), np.sin(0.8)
     own = points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert np.linalg.norm(own / [6, 4, 2], axis=1) == pytest.approx(np.ones(500), rel=1e-5)
@@ -29,7 +29,7 @@ def test_points_lie_on_the_ellipsoids():
 
 def test_a_body_of_gaussians_has_the_volume_of_its_surface():
     body = gaussians_at(BALL_CM, 0.2)
-    points = surface_points(body[surface_rows(body)], 1.0) * 37.0
+    points = sample_surface(body[surface_rows(body)], 1.0) * 37.0
     assert convex_volume(points).value == pytest.approx(4 / 3 * np.pi * 2.7**3, rel=0.02)
 
 
@@ -46,12 +46,12 @@ def test_haze_strays_and_giants_are_left_out():
 def test_nothing_left_is_no_error():
     body = gaussians_at(BALL_CM, 0.2, opacity=0.01)
     assert not surface_rows(body).any()
-    assert surface_points(body[:0], 1.0).shape == (0, 3)
+    assert sample_surface(body[:0], 1.0).shape == (0, 3)
 
 
 def test_the_visible_surface_lies_where_the_opacity_falls_to_the_limit():
     solid = gaussians_at(np.zeros((1, 3)), 1.0, opacity=0.9)
-    points = visible_surface(joined(solid, gaussians_at(np.ones((1, 3)), 1.0, opacity=0.2)), 0.3)
+    points = sample_visible_surface(joined(solid, gaussians_at(np.ones((1, 3)), 1.0, opacity=0.2)), 0.3)
     distances = np.linalg.norm(points - solid.means[0], axis=1) * 37.0
     assert len(points) == 32
     assert 0.9 * np.exp(-(distances**2) / 2) == pytest.approx(np.full(32, 0.3), rel=1e-4)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes
 from cotton3dg.scale.rectangle import Rectangle, RimFit, fit_rim
-from cotton3dg.scale.table import NoTable, TableFit, _doubt, find_table, outlined, scale_from_table
+from cotton3dg.scale.table import NoTable, TableFit, _doubt, find_table, outline_table, scale_from_table
 
 CAMERAS = orbit(20, 320, 180)
 
@@ -95,7 +95,7 @@ def test_same_seed_same_table():
 
 
 def test_the_outline_is_drawn_on_the_rim(images):
-    drawn = outlined(images[0], CAMERAS[0], rectangle_cm([-60, 60, -30, 30]))
+    drawn = outline_table(images[0], CAMERAS[0], rectangle_cm([-60, 60, -30, 30]))
     changed = np.argwhere((drawn != images[0]).any(-1))
     assert len(changed) > 200
     # Magenta: less green than before wherever the line was drawn, and next to the corners of the table.

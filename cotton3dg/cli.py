@@ -102,12 +102,12 @@ def run(
 
 
 def _budget(workspace: Workspace, time: str, overrides: dict[str, dict[str, Any]], defaults: Path | None) -> Budget:
-    from .planning.calibrate import calibrated
+    from .planning.calibrate import read_or_calibrate
     from .planning.time_budget import Budget
-    from .planning.tradeoff import seconds_of
+    from .planning.tradeoff import parse_duration
 
     tell = partial(typer.echo, err=True)
-    return Budget(workspace, seconds_of(time), calibrated(tell), overrides, defaults, tell)
+    return Budget(workspace, parse_duration(time), read_or_calibrate(tell), overrides, defaults, tell)
 
 
 @app.command(rich_help_panel="Everything")
@@ -191,10 +191,10 @@ def doctor(
 
     if calibrate:
         from .planning.calibrate import calibrate as measure
-        from .planning.calibrate import described
+        from .planning.calibrate import describe
 
         with reported(folder):
-            typer.echo(described(measure()), err=as_json)
+            typer.echo(describe(measure()), err=as_json)
     findings = examine(folder)
     if as_json:
         typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
@@ -279,14 +279,14 @@ def study(
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
     from . import display
     from .commands.simulate import film_standard_plant
-    from .planning.tradeoff import seconds_of
+    from .planning.tradeoff import parse_duration
     from .study.settings import sweeps_of
     from .study.tables import summary
     from .study.work import Study
     from .workspace import Workspace
 
     with reported(plant_dir), display.ProgressDisplay() as watcher:
-        sweeps, budget_s = sweeps_of(sweep), seconds_of(time_budget or "1000h")
+        sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")
         if standard:
             film_standard_plant(plant_dir, watcher.watched("simulate"))
         plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)

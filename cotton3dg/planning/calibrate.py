@@ -47,7 +47,7 @@ class Calibration(Document):
     machine: Machine
 
 
-def calibrated(tell: Callable[[str], None] = print) -> Machine:
+def read_or_calibrate(tell: Callable[[str], None] = print) -> Machine:
     """What was measured here, or is measured now if nothing was with this version, processor and number of cores."""
     saved = read_calibration()
     if saved is None:
@@ -73,8 +73,8 @@ def calibrate() -> Machine:
     """
     usable = len(usable_cores())
     busy = hasattr(os, "getloadavg") and os.getloadavg()[0] > BUSY * usable
-    splatting_s, seen = _least(_splatting(), SPLATTING_TIMES)
-    imaging_s, _ = _least(_features(), IMAGING_TIMES)
+    splatting_s, seen = _measure_least(_prepare_splatting(), SPLATTING_TIMES)
+    imaging_s, _ = _measure_least(_prepare_features(), IMAGING_TIMES)
     machine = Machine(
         cores=float(usable) if busy else round(min(max(seen, 1.0), usable), 2),
         splatting=round(splatting_s / SPLATTING_S, 3),
@@ -84,7 +84,7 @@ def calibrate() -> Machine:
     return machine
 
 
-def described(machine: Machine) -> str:
+def describe(machine: Machine) -> str:
     """What was measured, in a line."""
     return (
         f"splatting takes {machine.splatting:.2f} and images {machine.imaging:.2f} times as long as on the reference"
@@ -96,7 +96,7 @@ def _identity() -> dict[str, Any]:
     return {"version": VERSION, "instruction_set": _native.instruction_set(), "cores": len(usable_cores())}
 
 
-def _least(work: Callable[[], None], times: int) -> tuple[float, float]:
+def _measure_least(work: Callable[[], None], times: int) -> tuple[float, float]:
     """Least processor time of a few goes, s, and the most cores that were at work at once."""
     work()
     cpu_s, cores = [], []
@@ -109,7 +109,7 @@ def _least(work: Callable[[], None], times: int) -> tuple[float, float]:
     return min(cpu_s), max(cores)
 
 
-def _splatting() -> Callable[[], None]:
+def _prepare_splatting() -> Callable[[], None]:
     """One training step of a ball of Gaussians about as dense as a plant on its table."""
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(N_GAUSSIANS, 3))
@@ -134,7 +134,7 @@ def _splatting() -> Callable[[], None]:
     return step
 
 
-def _features() -> Callable[[], None]:
+def _prepare_features() -> Callable[[], None]:
     """Features of an image of blobs of all sizes."""
     import cv2
 

@@ -34,7 +34,7 @@ class Machine:
     imaging: float = 1.0
 
 
-def footage(workspace: Workspace) -> Footage:
+def examine_footage(workspace: Workspace) -> Footage:
     """What the capture holds, without decoding it.
 
     Raises:
@@ -52,7 +52,7 @@ def footage(workspace: Workspace) -> Footage:
     return Footage(max(1, round(frames)) if math.isfinite(frames) else USUAL_FRAMES, facts.width, facts.height)
 
 
-def costs(options: Mapping[str, Any], source: Footage, machine: Machine | None = None) -> dict[str, Cost]:
+def estimate_costs(options: Mapping[str, Any], source: Footage, machine: Machine | None = None) -> dict[str, Cost]:
     """Stage -> what it takes with these options of all stages; `report` is the page and the start of the program."""
     machine, work = machine or Machine(len(usable_cores())), Work(options, source)
     factors = {stage: machine.splatting if stage_of(stage).splats else machine.imaging for stage in STAGES}
@@ -60,6 +60,6 @@ def costs(options: Mapping[str, Any], source: Footage, machine: Machine | None =
     return by_stage | {"report": REPORT.times(machine.imaging)}
 
 
-def seconds(by_stage: Mapping[str, Cost], cores: float) -> float:
+def sum_seconds(by_stage: Mapping[str, Cost], cores: float) -> float:
     """Of all stages together, on the clock of an idle machine."""
     return sum(cost.seconds(cores) for cost in by_stage.values())

@@ -18,8 +18,8 @@ from ..options import PRESET_VALUES
 from ..pipeline import Watcher
 from ..stages.stage import STAGES, Footage
 from ..workspace import Workspace
-from .cost import Machine, costs, footage, seconds
-from .tradeoff import duration
+from .cost import Machine, estimate_costs, examine_footage, sum_seconds
+from .tradeoff import format_duration
 
 RECORD = "time_budget"
 RESERVE = 0.05
@@ -100,8 +100,10 @@ def choose(
     spent_s = spent_s or {}
 
     def expected(options: Mapping[str, Any]) -> float:
-        ahead = {stage: cost for stage, cost in costs(options, source, machine).items() if stage not in spent_s}
-        return sum(spent_s.values()) + seconds(ahead, machine.cores)
+        ahead = {
+            stage: cost for stage, cost in estimate_costs(options, source, machine).items() if stage not in spent_s
+        }
+        return sum(spent_s.values()) + sum_seconds(ahead, machine.cores)
 
     usable_s = (1 - RESERVE) * budget_s
     for rung in ladder:
@@ -110,7 +112,7 @@ def choose(
             continue
         if expected(least) > budget_s and not spent_s:
             raise BadUsage(
-                f"even the coarsest settings take about {duration(expected(least))} here; give a longer --time-budget"
+                f"even the coarsest settings take about {format_duration(expected(least))} here; give a longer --time-budget"
             )
         low, high = rung.least, rung.most
         while high - low > 1:
@@ -122,7 +124,7 @@ def choose(
     raise BadUsage("there are no settings to choose from")
 
 
-def told(choice: Choice, budget_s: float) -> str:
+def explain(choice: Choice, budget_s: float) -> str:
     """What was chosen, and what it gives up against the preset `paper`."""
     images, train = choice.options["frames"].count, choice.options["train"]
     finest = PRESET_VALUES["paper"]
@@ -137,8 +139,8 @@ def told(choice: Choice, budget_s: float) -> str:
         if value < whole
     ]
     return (
-        f"time budget {duration(budget_s)}: {images} images of {train.max_side} px, {train.steps:,} steps,"
-        f" {train.max_gaussians:,} Gaussians, about {duration(choice.expected_s)}"
+        f"time budget {format_duration(budget_s)}: {images} images of {train.max_side} px, {train.steps:,} steps,"
+        f" {train.max_gaussians:,} Gaussians, about {format_duration(choice.expected_s)}"
         + (f"; gives up the preset paper's {', '.join(lost)}" if lost else "")
     )
 
@@ -160,9 +162,9 @@ class Budget:
     ):
         self.workspace, self.budget_s, self.machine, self.tell = workspace, budget_s, machine, tell
         self.overrides, self.defaults = overrides, defaults
-        self.source = footage(workspace)
+        self.source = examine_footage(workspace)
         self.choice = choose(budget_s, self._resolve, self.source, machine)
-        tell(told(self.choice, budget_s))
+        tell(explain(self.choice, budget_s))
 
     def _resolve(self, values: dict[str, dict[str, Any]]) -> dict[str, Any]:
         return pipeline.stage_options(self.workspace, overrides=self.overrides, defaults=self.defaults, chosen=values)
@@ -178,7 +180,7 @@ class Budget:
         self.choice = choose(
             self.budget_s, self._resolve, self.source, self.machine, spent_s, ladder=(self.choice.rung,)
         )
-        words = told(self.choice, self.budget_s)
-        self.tell(f"cameras took {duration(sum(spent_s.values()))}; {words}")
+        words = explain(self.choice, self.budget_s)
+        self.tell(f"cameras took {format_duration(sum(spent_s.values()))}; {words}")
         self.workspace.keep(BudgetInfo(self.budget_s, self.choice.expected_s, words), RECORD)
         pipeline.run(self.workspace, self.choice.options, late, force=force, wait=wait, watcher=watcher, report=report)

@@ -34,7 +34,7 @@ def typical_ratio(pairs: Iterable[tuple[float, float]]) -> float:
     return median(ratios) if ratios else 1.0
 
 
-def seconds_of(text: str) -> float:
+def parse_duration(text: str) -> float:
     """Seconds of a duration such as 90s, 5m, 1h30m; a bare number is seconds.
 
     Raises:
@@ -48,7 +48,7 @@ def seconds_of(text: str) -> float:
     return total
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Seconds as people say them."""
     if seconds < 100:
         return f"{seconds:.0f} s"

@@ -9,7 +9,7 @@ from typing import Any
 from ..core.columns import Column
 from ..core.state import State
 from ..files.tables import TRAITS
-from ..planning.tradeoff import duration, pareto_front
+from ..planning.tradeoff import format_duration, pareto_front
 
 Row = Mapping[str, Any]
 
@@ -209,7 +209,7 @@ def summary(rows: Sequence[Row]) -> str:
             lines.append(f"{start} {row['state']}: {row['reason']}")
             continue
         figures = [_figure(row["full_psnr_db"], ".2f"), _figure(row["trait_error_pct"], ".1f")]
-        times = [duration(row["seconds"]), duration(row["cpu_seconds"])]
+        times = [format_duration(row["seconds"]), format_duration(row["cpu_seconds"])]
         star = " *" if (row["sweep"], row["setting"]) in best else ""
         lines.append(f"{start}{figures[0]:>9}{figures[1]:>9}{times[0]:>10}{times[1]:>10}{star}")
     return "\n".join(lines)

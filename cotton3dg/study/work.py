@@ -24,8 +24,8 @@ from ..files.encode import crop_video
 from ..files.saving import explain_disk_errors, replacing, write_text_atomically
 from ..files.tables import csv_text
 from ..pipeline import Step, Watcher
-from ..planning.cost import costs, footage
-from ..planning.tradeoff import duration, typical_ratio
+from ..planning.cost import estimate_costs, examine_footage
+from ..planning.tradeoff import format_duration, typical_ratio
 from ..stages.stage import STAGES, stage_of
 from ..stages.staleness import stale_reason
 from ..stages.train import save_intermediate
@@ -54,7 +54,7 @@ class Study:
     ):
         self.plant, self.preset, self.overrides = plant, preset, overrides or {}
         self.watcher, self.tell = watcher or Watcher(), tell
-        self.source = footage(plant)
+        self.source = examine_footage(plant)
         options = pipeline.stage_options(plant, preset, {stage: dict(own) for stage, own in self.overrides.items()})
         self.base = Setting("base", preset, options)
         self.truth_json = truth_json or (plant.truth_json if plant.truth_json.is_file() else None)
@@ -90,7 +90,9 @@ class Study:
     def _run_base(self) -> None:
         needed_s = self._needed_s(self.base)
         if needed_s > self._left_s():
-            raise BadUsage(f"the base setting alone takes about {duration(needed_s)}; give a longer --time-budget")
+            raise BadUsage(
+                f"the base setting alone takes about {format_duration(needed_s)}; give a longer --time-budget"
+            )
         workspace = self._workspace(self.base)
         pipeline.run(workspace, self.base.options, watcher=self.watcher)
         if self.truth_json:
@@ -109,9 +111,11 @@ class Study:
         needed_s = self._needed_s(setting)
         if needed_s > self._left_s():
             left_s = max(0.0, self._left_s())
-            self._leave_out(setting, f"about {duration(needed_s)} needed, {duration(left_s)} left")
+            self._leave_out(setting, f"about {format_duration(needed_s)} needed, {format_duration(left_s)} left")
             return
-        self.tell(f"{setting.sweep} {setting.value}: " + (f"about {duration(needed_s)}" if needed_s else "finished"))
+        self.tell(
+            f"{setting.sweep} {setting.value}: " + (f"about {format_duration(needed_s)}" if needed_s else "finished")
+        )
         try:
             workspace = self._workspace(setting)
             if needed_s:
@@ -162,7 +166,7 @@ class Study:
         needed_s = self._stage_s(passing[0], "train")
         if needed_s > self._left_s():
             return
-        self.tell(f"steps: one training, about {duration(needed_s)}")
+        self.tell(f"steps: one training, about {format_duration(needed_s)}")
         options = passing[0].options["train"]
         base = self._workspace(self.base)
         progress = self.watcher.started(Step("train", options, "its models are kept"))
@@ -186,7 +190,7 @@ class Study:
 
     def _stage_s(self, setting: Setting, stage: str) -> float:
         """What a stage will take: as modelled, corrected by what it took so far."""
-        modelled = costs(setting.options, self.source)[stage].seconds(len(usable_cores()))
+        modelled = estimate_costs(setting.options, self.source)[stage].seconds(len(usable_cores()))
         return typical_ratio(self.timed[stage]) * modelled
 
     def _needed_s(self, setting: Setting) -> float:
@@ -209,7 +213,7 @@ class Study:
     # ------------------------------------------------------------------- rows
     def _note(self, setting: Setting, workspace: Workspace) -> None:
         """Add the finished setting's row, and learn from the seconds of its stages."""
-        modelled = costs(setting.options, self.source)
+        modelled = estimate_costs(setting.options, self.source)
         for stage in STAGES:
             record = workspace.read_record(stage)
             if record and not (setting.passing and stage == "train"):

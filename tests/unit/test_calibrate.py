@@ -17,12 +17,12 @@ def cache(tmp_path, monkeypatch):
 def test_it_is_measured_once_and_kept(cache):
     said = []
     assert calibrate.read_calibration() is None
-    first = calibrate.calibrated(said.append)
+    first = calibrate.read_or_calibrate(said.append)
     assert cache.is_file() and len(said) == 1
     assert 0 < first.splatting < 100 and 0 < first.imaging < 100
     assert 1 <= first.cores <= len(calibrate.usable_cores())
-    assert calibrate.calibrated(said.append) == first and len(said) == 1
-    assert "reference machine" in calibrate.described(first)
+    assert calibrate.read_or_calibrate(said.append) == first and len(said) == 1
+    assert "reference machine" in calibrate.describe(first)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"of": {}, "machine": {}}'])

@@ -8,8 +8,8 @@ from cotton3dg import pipeline
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadUsage
 from cotton3dg.planning import time_budget
-from cotton3dg.planning.cost import Machine, costs, seconds
-from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, told
+from cotton3dg.planning.cost import Machine, estimate_costs, sum_seconds
+from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, explain
 from cotton3dg.stages.stage import Cost, Footage
 
 VIDEO = Footage(120, 1280, 720)
@@ -21,11 +21,11 @@ def options(preset="standard", **train):
 
 
 def total(chosen, source=VIDEO, machine=MACHINE):
-    return seconds(costs(chosen, source, machine), machine.cores)
+    return sum_seconds(estimate_costs(chosen, source, machine), machine.cores)
 
 
 def test_every_stage_costs_something():
-    by_stage = costs(options(), VIDEO, MACHINE)
+    by_stage = estimate_costs(options(), VIDEO, MACHINE)
     assert by_stage.keys() == {*pipeline.STAGES, "report"}
     assert all(cost.cpu_s > 0 for cost in by_stage.values())
 
@@ -52,9 +52,9 @@ def test_images_cannot_be_more_than_the_video_has():
 def test_a_slower_machine_and_fewer_cores_take_longer():
     assert total(options(), machine=Machine(1)) > 1.7 * total(options())
     assert total(options(), machine=Machine(2, 2.0, 2.0)) == pytest.approx(2 * total(options()))
-    only_splatting = costs(options(), VIDEO, Machine(2, splatting=3.0))
-    assert only_splatting["sfm"] == costs(options(), VIDEO, MACHINE)["sfm"]
-    assert only_splatting["train"].cpu_s == pytest.approx(3 * costs(options(), VIDEO, MACHINE)["train"].cpu_s)
+    only_splatting = estimate_costs(options(), VIDEO, Machine(2, splatting=3.0))
+    assert only_splatting["sfm"] == estimate_costs(options(), VIDEO, MACHINE)["sfm"]
+    assert only_splatting["train"].cpu_s == pytest.approx(3 * estimate_costs(options(), VIDEO, MACHINE)["train"].cpu_s)
 
 
 def test_work_that_one_core_must_do_is_not_shared():
@@ -122,7 +122,7 @@ def test_cameras_that_took_all_the_time_leave_the_least_steps():
 
 
 def test_the_line_tells_what_is_given_up():
-    line = told(choose(120, resolve, VIDEO, MACHINE), 120)
+    line = explain(choose(120, resolve, VIDEO, MACHINE), 120)
     assert line.startswith("time budget 2.0 min: ")
     assert "30,000 steps" in line.split("gives up")[1]
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cotton3dg.errors import BadUsage
-from cotton3dg.planning.tradeoff import duration, pareto_front, seconds_of, typical_ratio
+from cotton3dg.planning.tradeoff import format_duration, pareto_front, parse_duration, typical_ratio
 
 VALUES = st.integers(0, 6).map(float)
 
@@ -49,14 +49,14 @@ def test_the_ratio_is_the_median_of_what_was_measured():
     "text, seconds", [("90", 90), ("90s", 90), ("5m", 300), ("1h30m", 5400), ("2.5m", 150), ("1m30s", 90)]
 )
 def test_durations_are_read(text, seconds):
-    assert seconds_of(text) == seconds
+    assert parse_duration(text) == seconds
 
 
 @pytest.mark.parametrize("text", ["", "five", "5 m", "-5m", "0", "0s", "5d", "1m30", "m", "1e3s", "nan"])
 def test_what_is_no_duration_is_told(text):
     with pytest.raises(BadUsage, match="time budget"):
-        seconds_of(text)
+        parse_duration(text)
 
 
 def test_durations_are_said():
-    assert [duration(s) for s in (7.4, 99, 150, 5399, 9000)] == ["7 s", "99 s", "2.5 min", "90.0 min", "2.5 h"]
+    assert [format_duration(s) for s in (7.4, 99, 150, 5399, 9000)] == ["7 s", "99 s", "2.5 min", "90.0 min", "2.5 h"]

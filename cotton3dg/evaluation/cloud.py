@@ -38,7 +38,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
         points_cm: (N, 3). labels: (N,) boll of each point, 0 = none.
     """
     points = np.asarray(points_cm, np.float64)
-    level = table_height(points[:, 2])
+    level = find_table_height(points[:, 2])
     places = points - np.array([0.0, 0.0, points[:, 2].min() if level is None else level])
     plant = places
     if level is not None:
@@ -63,7 +63,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     return CloudTraits(measure_places(plant, plant[:, 2]), np.array(volumes), level is not None)
 
 
-def table_height(heights: NDArray) -> float | None:
+def find_table_height(heights: NDArray) -> float | None:
     """Where the table top is: the median of the fullest layer of the lower half; None when no layer is that full."""
     low = float(np.min(heights))
     layers = np.floor((heights - low) / LAYER_CM).astype(np.int64)

@@ -43,7 +43,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
     counts = np.zeros((len(THRESHOLDS), 3))  # hits, found, true
     overlaps: list[float] = []
     for found, true in pairs:
-        ious, found_px, true_px = matched_ious(found, true)
+        ious, found_px, true_px = match_ious(found, true)
         for row, threshold in enumerate(THRESHOLDS):
             hit = ious >= threshold
             counts[row] += hit.sum(), (hit | (found_px >= LEAST_PX))[found_px > 0].sum(), 0
@@ -56,7 +56,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
     return scores, float(np.mean(overlaps)) if overlaps else math.nan
 
 
-def matched_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
+def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
     """One entry a pair or a mask without partner: IoU (0 without), and pixels of the found and of the true mask."""
     found_px, true_px = np.bincount(found.ravel()), np.bincount(true.ravel())
     together, both_px = np.unique(np.stack([found.ravel(), true.ravel()], 1), axis=0, return_counts=True)
@@ -85,7 +85,7 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> tuple[list[MaskScore],
     Raises:
         BadInput: no image with masks has true ones.
     """
-    truths = read_masks(folder).ids if not (folder / "frames.json").is_file() else _of_video(workspace, folder)
+    truths = read_masks(folder).ids if not (folder / "frames.json").is_file() else _read_video_masks(workspace, folder)
     pairs = []
     for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm")):
         stem, png = Path(camera.name).stem, workspace.mask_png(camera.name)
@@ -96,7 +96,7 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> tuple[list[MaskScore],
     return *score_masks(pairs), len(pairs)
 
 
-def _of_video(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
+def _read_video_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
     """True masks by the stem of the frame that was taken from the same place of the video."""
     document = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
     file_of_index = {index: name for name, index in document.get("frames", document).items()}

@@ -77,7 +77,7 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
     if not truth_json.is_file():
         raise MissingInput(f"{truth_json.name} is missing; give the plant's truth with --truth FILE")
     truth = Truth.load(truth_json)
-    row = _plant_row(workspace)
+    row = _read_plant_row(workspace)
     errors = [TraitError(trait, parse_number(row[trait]), getattr(truth, key)) for trait, key in TRUTH_OF_TRAIT.items()]
     bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
     measured_cm = np.array([[parse_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
@@ -98,7 +98,7 @@ def evaluate_cloud(
     """
     points_cm, labels = read_cloud(cloud, cm_per_unit)
     true = measure_cloud(points_cm, labels, tube_height_cm)
-    row = _plant_row(workspace)
+    row = _read_plant_row(workspace)
     size, volumes = true.silhouette, true.boll_volumes_cm3
     truth = {
         "plant_height_cm": size.height_cm,
@@ -146,5 +146,5 @@ def _true_bolls(truth: Truth) -> tuple[NDArray, NDArray]:
     return 100.0 * (centres_m - np.array(truth.stem_base_xyz_m, np.float64)), volumes_cm3
 
 
-def _plant_row(workspace: Workspace) -> dict[str, str]:
+def _read_plant_row(workspace: Workspace) -> dict[str, str]:
     return read_rows(workspace.require(workspace.traits_csv, "traits"))[0]

@@ -6,7 +6,7 @@ import pytest
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluation.cloud import measure_cloud, table_height
+from cotton3dg.evaluation.cloud import find_table_height, measure_cloud
 from cotton3dg.evaluation.plant import evaluate_cloud
 from cotton3dg.files.cloud import read_cloud
 from cotton3dg.workspace import Workspace
@@ -48,8 +48,8 @@ def test_a_cropped_scan_counts_heights_from_its_lowest_point():
 
 def test_the_table_is_the_fullest_layer():
     points, _ = scan()
-    assert table_height(points[:, 2]) == pytest.approx(30.0, abs=0.1)
-    assert table_height(np.linspace(0, 100, 1000)) is None
+    assert find_table_height(points[:, 2]) == pytest.approx(30.0, abs=0.1)
+    assert find_table_height(np.linspace(0, 100, 1000)) is None
 
 
 def test_clouds_are_read_in_all_formats(tmp_path):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cotton3dg.evaluation.masks import matched_ious, score_masks
+from cotton3dg.evaluation.masks import match_ious, score_masks
 
 
 def squares(*places: tuple[int, int, int]) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_a_missed_a_false_and_a_shifted_mask() -> None:
 def test_a_mask_over_two_bolls_is_one_hit() -> None:
     true, found = squares((0, 0, 10), (0, 10, 10)), np.zeros((60, 60), np.uint16)
     found[:10, :20] = 1
-    ious, _, _ = matched_ious(found, true)
+    ious, _, _ = match_ious(found, true)
     assert sorted(ious.tolist()) == [0, 0.5]
 
 

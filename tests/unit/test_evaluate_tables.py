@@ -8,7 +8,7 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, left_out_predictions, score, write_evaluation
+from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, predict_left_out, score, write_evaluation
 from cotton3dg.files.images import read_image
 from cotton3dg.files.scatter import plot_scatter
 from cotton3dg.files.tables import csv_text
@@ -40,8 +40,8 @@ def test_what_is_not_defined_is_nan():
 def test_each_plant_is_predicted_from_the_others():
     volumes, weights = np.array([1.0, 2.0, 3.0]), np.array([2.0, 4.0, 9.0])
     # Without the first: slope 5, 9 - 5*2 = -1; without the second: slope 3.5, 5.5; without the third: 2 v = 6.
-    assert left_out_predictions(volumes, weights) == pytest.approx([-1.0, 5.5, 6.0])
-    assert np.isnan(left_out_predictions(volumes[:2], weights[:2])).all()
+    assert predict_left_out(volumes, weights) == pytest.approx([-1.0, 5.5, 6.0])
+    assert np.isnan(predict_left_out(volumes[:2], weights[:2])).all()
 
 
 @pytest.fixture

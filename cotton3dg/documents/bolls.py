@@ -48,7 +48,7 @@ class BollsInfo(Document):
     bolls: tuple[BollFacts, ...]
 
 
-def bolls_info(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInfo:
+def describe_bolls(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInfo:
     """What bolls.json says of bolls."""
     facts = (
         BollFacts(

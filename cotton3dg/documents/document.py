@@ -24,7 +24,7 @@ class Document:
 
     def save(self, path: Path) -> None:
         """Write the file, all at once."""
-        write_text_atomically(path, json_text(plain(self)))
+        write_text_atomically(path, json_text(to_plain(self)))
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -54,17 +54,17 @@ class Document:
         Raises:
             ValueError: what is wrong with it.
         """
-        return _typed(cls, value, "")
+        return _convert(cls, value, "")
 
 
-def plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """A document as dictionaries, lists and numbers."""
     if is_dataclass(value):
         items = ((item.name, getattr(value, item.name)) for item in fields(value))
-        return {name: plain(item) for name, item in items if item is not None}
+        return {name: to_plain(item) for name, item in items if item is not None}
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+        return {key: to_plain(item) for key, item in value.items()}
+    return [to_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 @cache
@@ -72,18 +72,18 @@ def _kinds(kind: type) -> dict[str, Any]:
     return {name: hint for name, hint in get_type_hints(kind).items() if get_origin(hint) is not ClassVar}
 
 
-def _typed(kind: Any, value: Any, where: str) -> Any:
+def _convert(kind: Any, value: Any, where: str) -> Any:
     """`value`, which json parsed, as the type `kind` of a field `where`."""
     origin, parts = get_origin(kind), get_args(kind)
     if is_dataclass(kind):
         return _instance(kind, value, where)
     if origin in (Union, UnionType):
         (kind,) = (part for part in parts if part is not type(None))
-        return None if value is None else _typed(kind, value, where)
+        return None if value is None else _convert(kind, value, where)
     if origin is tuple and isinstance(value, list):
-        return tuple(_typed(parts[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+        return tuple(_convert(parts[0], item, f"{where}[{i}]") for i, item in enumerate(value))
     if origin is dict and isinstance(value, dict):
-        return {key: _typed(parts[1], item, f"{where}[{key!r}]") for key, item in value.items()}
+        return {key: _convert(parts[1], item, f"{where}[{key!r}]") for key, item in value.items()}
     if kind is float and (value is None or _is_a(float, value) or _is_a(int, value)):
         return float("nan" if value is None else value)
     if kind is Any or (origin is None and _is_a(kind, value)):
@@ -104,4 +104,4 @@ def _instance(kind: Any, value: Any, where: str) -> Any:
     if missing := [name for name in needed if name not in value]:
         raise ValueError(f"{where + ' ' if where else ''}has no {', '.join(missing)}")
     prefix = f"{where}." if where else ""
-    return kind(**{name: _typed(kinds[name], value[name], prefix + name) for name in kinds if name in value})
+    return kind(**{name: _convert(kinds[name], value[name], prefix + name) for name in kinds if name in value})

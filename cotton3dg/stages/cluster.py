@@ -12,7 +12,7 @@ from ..clustering.boll_shape import close_flagged
 from ..clustering.consensus import merge_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..documents.bolls import boll_labels, bolls_info, read_lifted
+from ..documents.bolls import boll_labels, describe_bolls, read_lifted
 from ..errors import BadInput
 from ..files.colmap import read_cameras
 from ..files.ply import read_gaussians, recolour, write_gaussians
@@ -44,7 +44,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     labels = boll_labels(bolls, len(gaussians))
     bolls = with_masks(bolls, lifted, labels)
     with workspace.writing("cluster") as folder:
-        bolls_info(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
+        describe_bolls(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:

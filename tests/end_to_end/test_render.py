@@ -15,7 +15,7 @@ from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
 from cotton3dg.commands.render import render
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
 from cotton3dg.files.colmap import read_cameras
@@ -55,7 +55,7 @@ def write_bolls(workspace, labels):
         for k in range(1, labels.max() + 1)
     ]
     with workspace.writing("cluster") as folder:
-        bolls_info(bolls, gaussians.sha256()).save(folder / "bolls.json")
+        describe_bolls(bolls, gaussians.sha256()).save(folder / "bolls.json")
         np.save(folder / "labels.npy", labels.astype(np.int32))
 
 

@@ -10,7 +10,7 @@ from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_sc
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.documents.bolls import bolls_info
+from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
@@ -30,7 +30,7 @@ def write_bolls(workspace, labels):
                      0.75, ("split",) if k == 2 else ())
         for k in range(1, labels.max() + 1)
     ]  # fmt: skip
-    bolls_info(bolls, gaussians.sha256()).save(workspace.bolls_json)
+    describe_bolls(bolls, gaussians.sha256()).save(workspace.bolls_json)
     np.save(workspace.labels_npy, labels.astype(np.int32))
 
 

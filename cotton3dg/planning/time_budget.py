@@ -112,7 +112,8 @@ def choose(
             continue
         if expected(least) > budget_s and not spent_s:
             raise BadUsage(
-                f"even the coarsest settings take about {format_duration(expected(least))} here; give a longer --time-budget"
+                f"even the coarsest settings take about {format_duration(expected(least))} here;"
+                " give a longer --time-budget"
             )
         low, high = rung.least, rung.most
         while high - low > 1:

@@ -142,7 +142,7 @@ class Recorded:
 def test_a_budget_runs_the_cameras_then_fits_the_steps(tmp_path, monkeypatch):
     from cotton3dg.workspace import Workspace
 
-    monkeypatch.setattr(time_budget, "footage", lambda workspace: VIDEO)
+    monkeypatch.setattr(time_budget, "examine_footage", lambda workspace: VIDEO)
     said, recorded = [], Recorded(60.0)
     monkeypatch.setattr(time_budget.pipeline, "run", recorded.run)
     workspace = Workspace(tmp_path)

@@ -174,7 +174,7 @@ def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
     try:
         from .report import page
 
-        if page.stale(workspace, failure):
+        if page.is_stale(workspace, failure):
             page.make_report(workspace, failure)
             watcher.reported(f"see {workspace.report_html}")
     except Exception as error:

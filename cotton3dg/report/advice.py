@@ -182,19 +182,19 @@ def boll_doubts(row: Mapping[str, str]) -> str:
     return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags)
 
 
-def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:
+def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:
     """What was filmed well and what to do better, with this video's figures; what needs a change comes first.
 
     Args:
         bolls_px: widths of the bolls in the training images.
     """
     frames, effects = facts.frames, facts.effects
-    found = _walk(facts.sfm) if facts.sfm else []
-    found += [*_images(frames), *_length(frames)] if frames else []
-    found += _table(facts.scale) if facts.scale else []
+    found = _advise_on_walk(facts.sfm) if facts.sfm else []
+    found += [*_advise_on_images(frames), *_advise_on_length(frames)] if frames else []
+    found += _advise_on_table(facts.scale) if facts.scale else []
     if effects:
-        found += [*_exposure(effects.exposure), *_lens(effects.distortion)]
-        found += [*_blur(effects.motion_blur), *_shutter(effects.rolling_shutter)]
+        found += [*_advise_on_exposure(effects.exposure), *_advise_on_lens(effects.distortion)]
+        found += [*_advise_on_blur(effects.motion_blur), *_advise_on_shutter(effects.rolling_shutter)]
     if len(bolls_px):
         width = float(np.median(bolls_px))
         good = width >= 2 * SMALL_BOLL_PX
@@ -207,7 +207,7 @@ def capture_advice(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]
     return sorted(found, key=lambda item: item.good)
 
 
-def _walk(sfm: SfmInfo) -> list[Advice]:
+def _advise_on_walk(sfm: SfmInfo) -> list[Advice]:
     covered, gap = sfm.orbit_coverage_deg, sfm.orbit_largest_gap_deg
     good = covered >= 340 and gap <= WIDE_GAP_DEG
     remedy = "" if good else "; walk a full turn and end where you began"
@@ -224,7 +224,7 @@ def _walk(sfm: SfmInfo) -> list[Advice]:
     return found
 
 
-def _images(frames: FramesInfo) -> list[Advice]:
+def _advise_on_images(frames: FramesInfo) -> list[Advice]:
     images = frames.images
     if not images:
         return []
@@ -245,7 +245,7 @@ def _images(frames: FramesInfo) -> list[Advice]:
     return [*found, Advice(good, "Light", text)]
 
 
-def _exposure(found: ExposureDecision) -> list[Advice]:
+def _advise_on_exposure(found: ExposureDecision) -> list[Advice]:
     """The evidence for or against the camera's exposure having drifted, and what was done about it."""
     if found.spread_pct is None:
         return []
@@ -257,7 +257,7 @@ def _exposure(found: ExposureDecision) -> list[Advice]:
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
 
 
-def _lens(found: LensDecision | None) -> list[Advice]:
+def _advise_on_lens(found: LensDecision | None) -> list[Advice]:
     """Whether the lens was found to bend what is straight; either is fine."""
     if found is None or found.rise_pct is None:
         return []
@@ -268,7 +268,7 @@ def _lens(found: LensDecision | None) -> list[Advice]:
     return [Advice(True, "Lens", f"Straight: a distortion {needed}. The images were used as they are.")]
 
 
-def _blur(found: MotionBlurFound | None) -> list[Advice]:
+def _advise_on_blur(found: MotionBlurFound | None) -> list[Advice]:
     """By how much the walk blurred the images; the model does not allow for it."""
     if found is None or math.isnan(found.median_px):
         return []
@@ -280,7 +280,7 @@ def _blur(found: MotionBlurFound | None) -> list[Advice]:
     return [Advice(not found.found, "Motion blur", text)]
 
 
-def _shutter(found: RollingShutterFound | None) -> list[Advice]:
+def _advise_on_shutter(found: RollingShutterFound | None) -> list[Advice]:
     """Whether rows were read out one after another while the camera moved; the model does not allow for it."""
     if found is None or math.isnan(found.error_frames):
         return []
@@ -296,7 +296,7 @@ def _shutter(found: RollingShutterFound | None) -> list[Advice]:
     return [Advice(good, "Rolling shutter", text)]
 
 
-def _length(frames: FramesInfo) -> list[Advice]:
+def _advise_on_length(frames: FramesInfo) -> list[Advice]:
     duration_s = frames.video.duration_s if frames.video else math.nan
     if not duration_s > 0:
         return []
@@ -305,7 +305,7 @@ def _length(frames: FramesInfo) -> list[Advice]:
     return [Advice(good, "Length", f"The video is {duration_s:.0f} s long{remedy}.")]
 
 
-def _table(scale: ScaleInfo) -> list[Advice]:
+def _advise_on_table(scale: ScaleInfo) -> list[Advice]:
     support = (scale.evidence or {}).get("edge_support", [])
     if not support:
         return []

@@ -61,15 +61,15 @@ def read_facts(workspace: Workspace) -> Facts:
         except BadInput:
             return None
 
-    traits = _rows(workspace.traits_csv) if "traits" in done else []
+    traits = _read_rows(workspace.traits_csv) if "traits" in done else []
     plant_id = traits[0].get("plant_id", "") if traits else ""
     return Facts(
         plant_id=plant_id or workspace.plant_id,
         stages=stages,
         failure=_failure(workspace, stages),
         traits=traits[0] if traits else {},
-        bolls=_rows(workspace.bolls_csv) if "traits" in done else [],
-        columns={row.get("column", ""): row.get("description", "") for row in _rows(workspace.columns_csv)},
+        bolls=_read_rows(workspace.bolls_csv) if "traits" in done else [],
+        columns={row.get("column", ""): row.get("description", "") for row in _read_rows(workspace.columns_csv)},
         frames=when_done("frames", FramesInfo, workspace.frames_json),
         sfm=when_done("sfm", SfmInfo, workspace.sfm_json),
         metrics=when_done("train", TrainMetrics, workspace.metrics_json),
@@ -92,7 +92,7 @@ def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:
     return ""
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
+def _read_rows(path: Path) -> list[dict[str, str]]:
     try:
         return read_rows(path)
     except BadInput:

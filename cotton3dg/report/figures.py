@@ -40,7 +40,7 @@ def colour_of(boll_id: int) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def outlined(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:
+def outline_masks(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:
     """The photo with each mask's outline in the colour of its boll, white on black where it is of none.
 
     Args:
@@ -70,7 +70,7 @@ def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
     return slice(top, top + size), slice(left, left + size)
 
 
-def numbered(
+def number_bolls(
     photo: Picture, camera: Camera, centres: Mapping[int, NDArray], seen: set[int], size_px: int, beside_px: float
 ) -> Picture:
     """The photo with the number of each boll to the right of it, lower where another one stands; those that no mask of
@@ -103,7 +103,7 @@ def numbered(
     return drawn
 
 
-def ruled(photo: Picture, camera: Camera, scale: Scale, foot: NDArray, height_cm: float) -> Picture:
+def draw_ruler(photo: Picture, camera: Camera, scale: Scale, foot: NDArray, height_cm: float) -> Picture:
     """The photo with the table's outline and a ruler that stands on it: a tick every 10 cm, a cross bar at the top.
 
     Args:
@@ -142,10 +142,10 @@ def cut_out(photo: Picture, ids: NDArray[np.uint16], mask_id: int, side_px: int 
     y, x = (int(rows.min()) + int(rows.max())) // 2, (int(columns.min()) + int(columns.max())) // 2
     top, left = max(0, y - half), max(0, x - half)
     part = photo[top : y + half, left : x + half]
-    return scaled_up(part, side_px)
+    return scale_to(part, side_px)
 
 
-def scaled_up(rgb: Picture, side_px: int) -> Picture:
+def scale_to(rgb: Picture, side_px: int) -> Picture:
     """(H, W, 3) with its longer side `side_px`, whether that is more or less than it has."""
     import cv2
 
@@ -153,7 +153,7 @@ def scaled_up(rgb: Picture, side_px: int) -> Picture:
     return cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
 
 
-def views_of_bolls(
+def choose_views(
     owners: Mapping[str, Mapping[int, int]], areas: Mapping[str, Mapping[int, int]], cameras: Sequence[Camera], n: int
 ) -> dict[int, list[tuple[str, int]]]:
     """Boll -> the (view, mask id) to show it by: from among those of the larger half, `n` spread around the plant."""
@@ -171,11 +171,11 @@ def views_of_bolls(
     return chosen
 
 
-def rendered(gaussians: Gaussians, camera: Camera, threads: int = 0) -> Picture:
+def render_photo(gaussians: Gaussians, camera: Camera, threads: int = 0) -> Picture:
     """The model as a camera would see it."""
     return to_uint8(rasterizer.render(gaussians, camera, threads=threads).image)
 
 
-def encoded(array: NDArray[Any]) -> str:
+def encode(array: NDArray[Any]) -> str:
     """The bytes of an array in base64, for typed arrays in the page."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

@@ -17,7 +17,7 @@ from ..files.images import read_image
 from ..files.tables import parse_number
 from ..workspace import Workspace
 from .figures import jpeg_uri
-from .page import TEMPLATES, page
+from .page import TEMPLATES, fill_template
 
 SHOWN = {
     "boll_count": ("Bolls", "", 0),
@@ -42,7 +42,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> st
     """
     values = {trait: np.array([_value(row, trait) for row in rows], np.float64) for trait in SHOWN}
     scores = {trait: robust_z(found) for trait, found in values.items()}
-    plants = [_plant(folder, row, {trait: scores[trait][i] for trait in SHOWN}) for i, row in enumerate(rows)]
+    plants = [_describe_plant(folder, row, {trait: scores[trait][i] for trait in SHOWN}) for i, row in enumerate(rows)]
     content = {
         "name": name,
         "plants": plants,
@@ -53,7 +53,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> st
         "version": __version__,
     }
     scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "index.js")]
-    return page("index.html", scripts, content)
+    return fill_template("index.html", scripts, content)
 
 
 def robust_z(values: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def _value(row: Mapping[str, Any], trait: str) -> float:
     return parse_number(row.get(trait)) if row["state"] == State.DONE else np.nan
 
 
-def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:
+def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> dict[str, Any]:
     own = folder / str(row["folder"])
     outliers = {
         trait: f"{SHOWN[trait][0].lower()} far {'above' if z > 0 else 'below'} the others (robust z {z:+.1f})"
@@ -79,13 +79,13 @@ def _plant(folder: Path, row: Mapping[str, Any], scores: dict[str, float]) -> di
     return {
         **row,
         "link": quote(f"{row['folder']}/report.html") if (own / "report.html").is_file() else "",
-        "thumbnail": _thumbnail(own),
+        "thumbnail": _read_thumbnail(own),
         "outliers": outliers,
         "flags": [flag for flag in str(row.get("qc_flags") or "").split(";") if flag],
     }
 
 
-def _thumbnail(plant: Path) -> str:
+def _read_thumbnail(plant: Path) -> str:
     """A small photo of the plant; nothing where there is none."""
     try:
         images = Workspace(plant).frame_images()

@@ -23,7 +23,7 @@ from ..files.saving import explain_disk_errors, file_sha256, write_text_atomical
 from ..files.tables import parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
-from .advice import boll_doubts, capture_advice, meaning
+from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 
@@ -48,11 +48,11 @@ class Fingerprint(Document):
     records: dict[str, str]
     """SHA-256 of the stages' records, which hold those of all files."""
     failure: str
-    page: str
+    fill_template: str
     """SHA-256 of the page itself."""
 
 
-def stale(workspace: Workspace, failure: str = "") -> bool:
+def is_stale(workspace: Workspace, failure: str = "") -> bool:
     """Whether the page would be another one now."""
     if not workspace.report_html.is_file():
         return True
@@ -108,8 +108,8 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
     content = {
         "facts": facts,
         "failure": failure or facts.failure,
-        "verdict": verdict(facts, failure),
-        "headline": headline(facts),
+        "verdict": give_verdict(facts, failure),
+        "headline": write_headline(facts),
         "traits": trait_cards(facts),
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
@@ -119,7 +119,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "references": part("references", pictures.references) or [],
         "walk": part("walk", pictures.walk) or {},
         "strip": part("strip", pictures.strip) or [],
-        "advice": part("advice", lambda: capture_advice(facts, pictures.widths_px())) or [],
+        "advice": part("advice", lambda: advise_on_capture(facts, pictures.widths_px())) or [],
         "stages": stage_rows(facts),
         "scene": scene,
         "trouble": trouble,
@@ -127,11 +127,11 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
     }
     scripts = [(TEMPLATES / "table.js").read_text("utf-8"), (TEMPLATES / "report.js").read_text("utf-8")]
     if scene:
-        scripts.insert(0, _plotly())
-    return page("report.html", scripts, content)
+        scripts.insert(0, _read_plotly())
+    return fill_template("report.html", scripts, content)
 
 
-def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
+def fill_template(template: str, scripts: list[str], content: dict[str, Any]) -> str:
     """A template filled in, with its style and scripts inside."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
@@ -143,7 +143,7 @@ def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure": figure, "meaning": meaning}
+    environment.filters |= {"figure": format_figure, "meaning": meaning}
     hashes = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode() for text in scripts]
     return environment.get_template(template).render(
         style=Markup((TEMPLATES / "style.css").read_text("utf-8")),
@@ -153,7 +153,7 @@ def page(template: str, scripts: list[str], content: dict[str, Any]) -> str:
     )
 
 
-def verdict(facts: Facts, failure: str) -> dict[str, str]:
+def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
         return {"kind": "failed", "text": "No result"}
@@ -171,16 +171,16 @@ def verdict(facts: Facts, failure: str) -> dict[str, str]:
     return {"kind": "good", "text": "All checks passed"}
 
 
-def headline(facts: Facts) -> str:
+def write_headline(facts: Facts) -> str:
     """What was filmed and what came of it, in a line."""
     told = []
     if facts.frames:
         told.append(facts.frames.file or "photos")
         if video := facts.frames.video:
-            told.append(f"{figure(video.duration_s)} s, {video.width} × {video.height} px")
+            told.append(f"{format_figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
         told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
-        told.append(f"measured in {figure(facts.traits.get('seconds'), 0)} s")
+        told.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s")
     return "; ".join(told) or "nothing could be read from what was filmed"
 
 
@@ -246,20 +246,20 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
             "cpu_seconds": record and record.cpu_seconds,
             "memory_mib": record and record.peak_memory_mib,
             "share": 100 * record.seconds / longest if record else 0.0,
-            "summary": _told(record.summary) if record and item.done else "",
+            "summary": _format_summary(record.summary) if record and item.done else "",
             "remarks": [item.reason] if item.state == State.FAILED else record.warnings if record else [],
         }
         for item, record in ((item, item.record) for item in facts.stages)
     ]
 
 
-def figure(value: Any, digits: int = 1) -> str:
+def format_figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
     known = parse_number(value)
     return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 
-def _told(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     single = {key: value for key, value in summary.items() if not isinstance(value, (list, dict))}
     return ", ".join(
         f"{key.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{key.replace('_', ' ')} {value}"
@@ -267,7 +267,7 @@ def _told(summary: dict[str, Any]) -> str:
     )
 
 
-def _plotly() -> str:
+def _read_plotly() -> str:
     """plotly.js as the package plotly ships it, fit to stand inside a script element."""
     import importlib.util
 

@@ -26,15 +26,15 @@ from .facts import Facts
 from .figures import (
     Picture,
     box_around,
+    choose_views,
     cut_out,
+    draw_ruler,
     jpeg_uri,
-    numbered,
-    outlined,
-    rendered,
-    ruled,
-    views_of_bolls,
+    number_bolls,
+    outline_masks,
+    render_photo,
 )
-from .scene import Frame, boll_bodies, plant_frame, scene
+from .scene import Frame, boll_bodies, describe_scene, plant_frame
 
 WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
 COMPARED, OVERLAID, STRIP = 3, 4, 10
@@ -146,11 +146,11 @@ class Pictures:
         pictures = []
         for i in dict.fromkeys((first, second)):
             name, camera = cameras[i].name, cameras[i]
-            drawn = outlined(self.photo(name), self._ids[name], self.owners.get(name, {}))
+            drawn = outline_masks(self.photo(name), self._ids[name], self.owners.get(name, {}))
             part = self.part_of(name)
             size_px = part[1].stop - part[1].start
             beside_px = 0.5 * camera.fx * np.median([boll.diameter_su for boll in self.bolls]) / self.orbit.radius
-            drawn = numbered(drawn, camera, centres, shown[i], size_px, beside_px)[part]
+            drawn = number_bolls(drawn, camera, centres, shown[i], size_px, beside_px)[part]
             pictures.append({"src": jpeg_uri(drawn, WIDE_PX), "name": name, "n": len(shown[i]), "of": len(centres)})
         return pictures
 
@@ -169,7 +169,7 @@ class Pictures:
                 {
                     "name": name,
                     "photo": jpeg_uri(self.photo(name)[part], MIDDLE_PX),
-                    "render": jpeg_uri(rendered(self.gaussians, self.camera_of[name])[part], MIDDLE_PX),
+                    "render": jpeg_uri(render_photo(self.gaussians, self.camera_of[name])[part], MIDDLE_PX),
                     "psnr_db": item.plant_psnr_db if math.isfinite(item.plant_psnr_db) else item.psnr_db,
                 }
             )
@@ -184,7 +184,7 @@ class Pictures:
         pictures = []
         for name in chosen:
             ids = self._ids[name]
-            drawn = outlined(self.photo(name), ids, self.owners.get(name, {}))[self.part_of(name)]
+            drawn = outline_masks(self.photo(name), ids, self.owners.get(name, {}))[self.part_of(name)]
             pictures.append({"src": jpeg_uri(drawn, MIDDLE_PX), "name": name, "n": len(np.unique(ids[ids > 0]))})
         return pictures
 
@@ -194,7 +194,7 @@ class Pictures:
             return {}
         areas = {name: dict(enumerate(np.bincount(ids.ravel()).tolist())) for name, ids in self._ids.items()}
         number_each = CUT_OUTS if len(self.bolls) <= MANY_BOLLS else 1
-        chosen = views_of_bolls(self.owners, areas, self.cameras, number_each)
+        chosen = choose_views(self.owners, areas, self.cameras, number_each)
         wanted: dict[str, list[tuple[int, int]]] = {}
         for boll, views in sorted(chosen.items())[:MOST_BOLLS]:
             for name, mask_id in views:
@@ -202,7 +202,7 @@ class Pictures:
         found: dict[int, list[dict[str, str]]] = {}
         for name in sorted(wanted):  # each photo is decoded once
             ids, photo = self._ids[name], self.photo(name)
-            drawn = outlined(photo, ids, self.owners[name], thickness_px=1)
+            drawn = outline_masks(photo, ids, self.owners[name], thickness_px=1)
             for boll, mask_id in wanted[name]:
                 part = cut_out(drawn, ids, mask_id)
                 if part is not None:
@@ -221,7 +221,7 @@ class Pictures:
             foot = self.frame().origin
             for i in evenly_spaced(azimuths(self.cameras, self.orbit), COMPARED):
                 camera = self.cameras[i]
-                picture = ruled(self.photo(camera.name), camera, self.scale, foot, height_cm)
+                picture = draw_ruler(self.photo(camera.name), camera, self.scale, foot, height_cm)
                 pictures.append({"src": jpeg_uri(picture, MIDDLE_PX), "name": camera.name})
         return pictures + [{"src": jpeg_uri(read_image(path), MIDDLE_PX), "name": path.name} for path in drawn[:3]]
 
@@ -243,7 +243,7 @@ class Pictures:
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
         drawn = as_drawn(self.gaussians, self.facts.metrics.pixel_su if self.facts.metrics else 0.0)
         return {
-            **scene(
+            **describe_scene(
                 self.gaussians,
                 self.plant_rows,
                 boll_labels(self.bolls, len(self.gaussians)) > 0,

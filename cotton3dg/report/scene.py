@@ -14,7 +14,7 @@ from ..core.measurements import Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.camera_orbit import Orbit
 from ..traits.surface import sample_visible_surface, surface_rows
-from .figures import colour_of, encoded
+from .figures import colour_of, encode
 
 MAX_PLANT_POINTS = 20_000
 MAX_GROUND_POINTS = 6_000
@@ -92,14 +92,14 @@ def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, 
                 "id": boll.boll_id,
                 "colour": "rgb({},{},{})".format(*colour_of(boll.boll_id)),
                 "centre": np.round(middle, 3).tolist(),
-                "corners": [encoded(axis.astype(np.float32)) for axis in corners.T],
-                "triangles": [encoded(axis.astype(np.int32)) for axis in rows[hull.simplices].T],
+                "corners": [encode(axis.astype(np.float32)) for axis in corners.T],
+                "triangles": [encode(axis.astype(np.int32)) for axis in rows[hull.simplices].T],
             }
         )
     return bodies
 
 
-def points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Frame) -> dict[str, Any]:
+def thin_points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Frame) -> dict[str, Any]:
     """At most `most` of the Gaussians as points with their own colours; chosen at random, with a fixed seed."""
     chosen = np.flatnonzero(rows & gaussians.finite_rows)
     if len(chosen) > most:
@@ -107,12 +107,12 @@ def points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Fram
     shown = gaussians[chosen]
     return {
         "n": len(chosen),
-        "places": [encoded(axis.astype(np.float32)) for axis in frame.places(shown.means).T],
-        "colours": encoded((shown.colours * 255).astype(np.uint8)),
+        "places": [encode(axis.astype(np.float32)) for axis in frame.places(shown.means).T],
+        "colours": encode((shown.colours * 255).astype(np.uint8)),
     }
 
 
-def scene(
+def describe_scene(
     gaussians: Gaussians,
     plant: NDArray[np.bool_],
     lint: NDArray[np.bool_],
@@ -133,8 +133,8 @@ def scene(
         plant = np.linalg.norm(gaussians.means - orbit.centre, axis=1) < 0.5 * orbit.radius
     data: dict[str, Any] = {
         "unit": frame.unit,
-        "plant": points(gaussians, plant & opaque & ~lint, MAX_PLANT_POINTS, frame),
-        "lint": points(gaussians, lint & opaque, MAX_PLANT_POINTS, frame),
+        "plant": thin_points(gaussians, plant & opaque & ~lint, MAX_PLANT_POINTS, frame),
+        "lint": thin_points(gaussians, lint & opaque, MAX_PLANT_POINTS, frame),
     }
     if scale is not None and known:
         corners = frame.places(scale.corners)
@@ -142,6 +142,6 @@ def scene(
         x, y = (corners[1] - corners[0])[:2], (corners[3] - corners[0])[:2]
         shares = (places[:, :2] - corners[0, :2]) @ np.linalg.inv(np.stack([x, y]))
         low = (places[:, 2] > -1) & (places[:, 2] < GROUND_CM) & (shares > 0).all(axis=1) & (shares < 1).all(axis=1)
-        data["ground"] = points(gaussians, low & opaque & ~plant, MAX_GROUND_POINTS, frame)
+        data["ground"] = thin_points(gaussians, low & opaque & ~plant, MAX_GROUND_POINTS, frame)
         data["table"] = np.round(corners, 2).tolist()
     return data

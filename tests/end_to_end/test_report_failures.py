@@ -15,7 +15,7 @@ from cotton3dg import pipeline
 from cotton3dg.errors import CaptureFailed
 from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
-from cotton3dg.report.page import plant_page, stale
+from cotton3dg.report.page import is_stale, plant_page
 from cotton3dg.stages import cluster, segment, traits
 from cotton3dg.workspace import Workspace
 
@@ -130,4 +130,4 @@ def test_a_failed_run_leaves_a_page_that_says_why(tmp_path):
     with pytest.raises(CaptureFailed):
         pipeline.run(workspace, pipeline.stage_options(workspace), report=True)
     assert "copy the plant&#39;s video here" in workspace.report_html.read_text()
-    assert stale(workspace, "no video")
+    assert is_stale(workspace, "no video")

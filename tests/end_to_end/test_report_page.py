@@ -19,9 +19,9 @@ from cotton3dg.documents.train import ExposureDecision, MotionBlurFound, Rolling
 from cotton3dg.errors import BadInput
 from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.report import page as report_page
-from cotton3dg.report.advice import FLAGS, capture_advice, meaning
+from cotton3dg.report.advice import FLAGS, advise_on_capture, meaning
 from cotton3dg.report.facts import read_facts
-from cotton3dg.report.page import make_report, stale
+from cotton3dg.report.page import is_stale, make_report
 
 
 def test_the_page_tells_traits_flags_bolls_walk_and_stages(reported):
@@ -94,7 +94,7 @@ def test_every_flag_of_the_stages_has_words():
 )
 def test_the_evidence_for_effects_is_shown(reported, found, good, text):
     facts = replace(read_facts(reported), effects=effects(exposure=found))
-    (item,) = [item for item in capture_advice(facts) if item.topic == "Exposure"]
+    (item,) = [item for item in advise_on_capture(facts) if item.topic == "Exposure"]
     assert item.good is good
     assert text in item.text
 
@@ -114,7 +114,7 @@ def test_the_evidence_for_effects_is_shown(reported, found, good, text):
 )
 def test_what_was_found_about_the_lens_is_shown(reported, found, text):
     facts = replace(read_facts(reported), effects=effects(distortion=found))
-    (item,) = [item for item in capture_advice(facts) if item.topic == "Lens"]
+    (item,) = [item for item in advise_on_capture(facts) if item.topic == "Lens"]
     assert item.good
     assert text in item.text
 
@@ -144,7 +144,7 @@ SHUTTER = RollingShutterFound(
 )
 def test_what_motion_did_to_the_images_is_shown(reported, effect, found, good, text):
     facts = replace(read_facts(reported), effects=effects(**{effect: found}))
-    (item,) = [item for item in capture_advice(facts) if item.topic == effect.replace("_", " ").capitalize()]
+    (item,) = [item for item in advise_on_capture(facts) if item.topic == effect.replace("_", " ").capitalize()]
     assert item.good is good
     assert text in item.text
 
@@ -152,17 +152,17 @@ def test_what_motion_did_to_the_images_is_shown(reported, effect, found, good, t
 def test_motion_that_could_not_be_judged_is_not_told(reported):
     blur, shutter = replace(BLUR, median_px=math.nan), replace(SHUTTER, error_frames=math.nan)
     facts = replace(read_facts(reported), effects=effects(motion_blur=blur, rolling_shutter=shutter))
-    assert {"Motion blur", "Rolling shutter"}.isdisjoint(item.topic for item in capture_advice(facts))
+    assert {"Motion blur", "Rolling shutter"}.isdisjoint(item.topic for item in advise_on_capture(facts))
 
 
 def test_a_forced_effect_needs_no_evidence(reported):
     facts = replace(read_facts(reported), effects=effects(distortion=LensDecision("on", on=True)))
-    assert {"Exposure", "Lens"}.isdisjoint(item.topic for item in capture_advice(facts))
+    assert {"Exposure", "Lens"}.isdisjoint(item.topic for item in advise_on_capture(facts))
 
 
 def test_advice_names_what_this_video_lacks(reported):
     facts = read_facts(reported)
-    advice = {item.topic: item for item in capture_advice(facts, [8.0, 9.0, 40.0])}
+    advice = {item.topic: item for item in advise_on_capture(facts, [8.0, 9.0, 40.0])}
     assert not advice["Walk"].good
     assert "widest gap is 45°" in advice["Walk"].text
     assert not advice["Placed frames"].good
@@ -171,7 +171,7 @@ def test_advice_names_what_this_video_lacks(reported):
     assert "from 7.0 to 8.0 s" in advice["Sharpness"].text
     assert advice["Light"].good
     assert advice["Table"].good
-    states = [item.good for item in capture_advice(facts)]
+    states = [item.good for item in advise_on_capture(facts)]
     assert states == sorted(states)
 
 
@@ -188,7 +188,7 @@ def test_run_makes_the_page_once_and_never_fails_by_it(reported_copy, monkeypatc
         pipeline.run(reported_copy, pipeline.stage_options(reported_copy), ("cluster",), watcher=ears, **keywords)
         return ears.heard
 
-    assert stale(reported_copy) is False
+    assert is_stale(reported_copy) is False
     assert run() == run(report=True) == []
     with reported_copy.report_html.open("a") as file:
         file.write("changed by hand")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.report.figures import numbered
+from cotton3dg.report.figures import number_bolls
 
 
 def camera() -> Camera:
@@ -13,7 +13,7 @@ def camera() -> Camera:
 def drawn_px(centres: dict[int, list[float]]) -> int:
     photo = np.full((160, 200, 3), 90, np.uint8)
     places = {boll: np.array(centre) for boll, centre in centres.items()}
-    return int((numbered(photo, camera(), places, set(places), 200, 5.0) != photo).any(axis=2).sum())
+    return int((number_bolls(photo, camera(), places, set(places), 200, 5.0) != photo).any(axis=2).sum())
 
 
 def test_numbers_of_bolls_that_are_close_stand_below_each_other() -> None:

@@ -38,21 +38,21 @@ def clean(workspace: Workspace) -> Dropped:
     with workspace.locked(), explain_disk_errors(workspace.root):
         records = [workspace.read_record(stage) for stage in STAGES]
         finished = all(record and record.is_ok for record in records)
-        images = _unchanged_images(workspace) if finished else []
+        images = _find_unchanged_images(workspace) if finished else []
         # The names come first: killed in between, files that still are there count as there.
         if images:
             names = {path.relative_to(workspace.root).as_posix() for path in images}
             write_text_atomically(workspace.dropped_json, json_text(sorted(names | workspace.dropped().keys())))
-        files = images + _leftovers(workspace)
+        files = images + _find_leftovers(workspace)
         n_bytes = sum(path.stat().st_size for path in files)
         for path in files:
             path.unlink()
-        for folder in _partial_folders(workspace):
+        for folder in _find_partial_folders(workspace):
             shutil.rmtree(folder)
     return Dropped(len(files), n_bytes, finished)
 
 
-def _unchanged_images(workspace: Workspace) -> list[Path]:
+def _find_unchanged_images(workspace: Workspace) -> list[Path]:
     """What stages can make again and is what their records say; a file that somebody changed is theirs."""
     found = []
     for stage in STAGES:
@@ -66,24 +66,26 @@ def _unchanged_images(workspace: Workspace) -> list[Path]:
     return found
 
 
-def _partial_folders(workspace: Workspace) -> list[Path]:
+def _find_partial_folders(workspace: Workspace) -> list[Path]:
     """Folders of unfinished saves. In the plant's own folder only names of ours count."""
-    stages, films = _partials(workspace.root), _partials(workspace.root / "render")
+    stages, films = _find_partials(workspace.root), _find_partials(workspace.root / "render")
     ours = {*STAGES, "annotations"}
     return [
         path for path, name in (*stages, *films) if path.is_dir() and (name in ours or path.parent != workspace.root)
     ]
 
 
-def _leftovers(workspace: Workspace) -> list[Path]:
+def _find_leftovers(workspace: Workspace) -> list[Path]:
     """Files of unfinished saves."""
-    inside = [file for folder in _partial_folders(workspace) for file in folder.rglob("*") if file.is_file()]
-    records = [path for path, _ in _partials(workspace.root / "records") if path.is_file()]
-    pages = [path for path, name in _partials(workspace.root) if path.is_file() and name == workspace.report_html.name]
+    inside = [file for folder in _find_partial_folders(workspace) for file in folder.rglob("*") if file.is_file()]
+    records = [path for path, _ in _find_partials(workspace.root / "records") if path.is_file()]
+    pages = [
+        path for path, name in _find_partials(workspace.root) if path.is_file() and name == workspace.report_html.name
+    ]
     return inside + records + pages
 
 
-def _partials(folder: Path) -> list[tuple[Path, str]]:
+def _find_partials(folder: Path) -> list[tuple[Path, str]]:
     """What is called like something half saved, with the name that it was to get."""
     found = [(path, LEFT.fullmatch(path.name)) for path in folder.iterdir()] if folder.is_dir() else []
     return [(path, name[1]) for path, name in found if name]

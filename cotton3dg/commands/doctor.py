@@ -54,25 +54,25 @@ class Finding:
 
 def examine(folder: Path) -> list[Finding]:
     """Everything that matters for running plants in `folder`. Takes seconds: the large libraries are imported."""
-    libraries = _libraries()
+    libraries = _list_libraries()
     with ThreadPoolExecutor(len(usable_cores())) as pool:
-        imported = list(pool.map(_library, libraries))
+        imported = list(pool.map(_examine_library, libraries))
     return [
         Finding("cotton3dg", f"{__version__}, Python {sys.version.split()[0]}"),
         *imported,
-        _core(),
-        *_ffmpeg(),
-        *_machine(folder),
+        _examine_core(),
+        *_examine_ffmpeg(),
+        *_examine_machine(folder),
     ]
 
 
-def _libraries() -> list[str]:
+def _list_libraries() -> list[str]:
     """Names of the distributions that the package needs."""
     needed = metadata.requires("cotton3dg") or []
     return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in needed if "extra ==" not in line]
 
 
-def _library(name: str) -> Finding:
+def _examine_library(name: str) -> Finding:
     """Imported in a process of its own: a library built for another processor ends the one that imports it."""
     try:
         version = metadata.version(name)
@@ -102,7 +102,7 @@ def _import_finding(name: str, version: str, code: int, said: str) -> Finding:
     return Finding(name, f"{version} cannot be imported: {reason}", f"pip install --force-reinstall {name}", fatal=True)
 
 
-def _core() -> Finding:
+def _examine_core() -> Finding:
     try:
         from .. import _native
     except ImportError as error:
@@ -111,7 +111,7 @@ def _core() -> Finding:
     return Finding("C++ core", f"instruction set {_native.instruction_set()} (this processor has {levels})")
 
 
-def _ffmpeg() -> list[Finding]:
+def _examine_ffmpeg() -> list[Finding]:
     try:
         binary = ffmpeg_binary()
         version = _said_by(binary, "-version").splitlines()[0]
@@ -131,7 +131,7 @@ def _said_by(*command: str) -> str:
     return subprocess.run(command, check=False, capture_output=True, text=True, errors="replace").stdout
 
 
-def _machine(folder: Path) -> list[Finding]:
+def _examine_machine(folder: Path) -> list[Finding]:
     page, pages = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_PHYS_PAGES")
     memory_gib = page * pages / 2**30
     free_gib = shutil.disk_usage(folder).free / 2**30

@@ -64,8 +64,8 @@ def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent)
         raise BadUsage(f"no annotations were given; name their folders with --annotations DIR[,DIR ...]{simulated}")
     if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / "training.json").exists())):
         raise BadUsage(f"{folder} is not empty and holds no training; give a new folder")
-    masks, photos = annotated(options)
-    judging = _chosen_to_judge(sorted(masks.ids), options) if options.annotations else set()
+    masks, photos = read_annotated(options)
+    judging = _choose_to_judge(sorted(masks.ids), options) if options.annotations else set()
     with explain_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / "training.json").exists():
@@ -83,7 +83,7 @@ def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent)
     return written[0]
 
 
-def annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
+def read_annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
     """Masks and photos of all annotated images, by stem; of several folders, with their number in front.
 
     Raises:
@@ -105,7 +105,7 @@ def annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:
     return masks, photos
 
 
-def _chosen_to_judge(names: Sequence[str], options: MasksTrainOptions) -> set[str]:
+def _choose_to_judge(names: Sequence[str], options: MasksTrainOptions) -> set[str]:
     if len(names) < LEAST_IMAGES:
         raise BadInput(
             f"{len(names)} annotated image is not enough to train and to judge; annotate {LEAST_IMAGES} or more"
@@ -131,16 +131,16 @@ def _train_bolls(
     training: list[AnnotatedPhoto] = []
     judged: list[AnnotatedPhoto] = []
     for name in sorted(masks.ids):
-        (judged if name in judging else training).append(_photo(name, photos[name], masks.ids[name]))
+        (judged if name in judging else training).append(_read_photo(name, photos[name], masks.ids[name]))
     draws: list[Draw] = [partial(cut_picture, photos=training, size=PICTURE_PX)] if training else []
     if options.scenes:
-        plates, backgrounds = simulated(folder, range(options.scenes), progress)
+        plates, backgrounds = read_simulated(folder, range(options.scenes), progress)
         draws.append(partial(compose, plates=plates, backgrounds=backgrounds, size=PICTURE_PX))
 
     def draw(number: int) -> TrainingPicture:
         return draws[number % len(draws)](np.random.default_rng([options.seed, number]))
 
-    network, known = _start(options)
+    network, known = _open_start(options)
     settings = TrainingSettings(
         steps=options.steps,
         batch=options.batch or BATCH,
@@ -154,17 +154,17 @@ def _train_bolls(
     weights = folder / "bolls.onnx"
     weights.write_bytes(to_onnx(network, half=True))
     reader = BollNetwork(weights.read_bytes(), weights.name)
-    accuracy = {"photos": _accuracy(reader, [(photo.image, photo.ids) for photo in judged])}
+    accuracy = {"photos": _measure_accuracy(reader, [(photo.image, photo.ids) for photo in judged])}
     if options.scenes:
         held = range(FIRST_JUDGING_SCENE, FIRST_JUDGING_SCENE + JUDGING_SCENES)
-        plates, backgrounds = simulated(folder, held, progress)
+        plates, backgrounds = read_simulated(folder, held, progress)
         rng = np.random.default_rng([options.seed, 7])
         pictures = [compose(rng, plates, backgrounds, PICTURE_PX) for _ in range(JUDGING_PICTURES)]
-        accuracy["simulated"] = _accuracy(reader, [(picture.image, picture.ids) for picture in pictures])
+        accuracy["simulated"] = _measure_accuracy(reader, [(picture.image, picture.ids) for picture in pictures])
     return [weights], accuracy
 
 
-def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
+def read_simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
     """Plates and backgrounds (B, H, W, 3) of scenes by number, made where they are not in the folder yet."""
     plates, backgrounds = [], []
     for kind in ("scenes", "backgrounds"):
@@ -185,7 +185,7 @@ def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple
     return plates, np.concatenate(backgrounds)
 
 
-def _start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
+def _open_start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
     """The network to begin with, and whether it knows something already."""
     import torch
 
@@ -201,18 +201,18 @@ def _start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
     return network.to("cuda" if torch.cuda.is_available() else "cpu"), known
 
 
-def _photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhoto:
+def _read_photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhoto:
     """An annotated photo at the size that the network sees."""
     import cv2
 
-    image = _matching(name, path, ids)
+    image = _find_image(name, path, ids)
     size = seen_size(*ids.shape)
     return AnnotatedPhoto(
         cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
     )
 
 
-def _matching(name: str, path: Path, ids: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def _find_image(name: str, path: Path, ids: NDArray[np.uint16]) -> NDArray[np.uint8]:
     """The image of an annotation.
 
     Raises:
@@ -226,17 +226,18 @@ def _matching(name: str, path: Path, ids: NDArray[np.uint16]) -> NDArray[np.uint
     return image
 
 
-def _accuracy(network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]) -> dict[str, Any]:
+def _measure_accuracy(
+    network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]
+) -> dict[str, Any]:
     """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
     scores, miou = score_masks((find_bolls(image, network)[0], ids) for image, ids in judged)
     table = {
-        str(score.iou): {key: _rounded(getattr(score, key)) for key in ("precision", "recall", "f1")}
-        for score in scores
+        str(score.iou): {key: _round(getattr(score, key)) for key in ("precision", "recall", "f1")} for score in scores
     }
-    return {"images": len(judged), "by_iou": table, "miou": _rounded(miou)}
+    return {"images": len(judged), "by_iou": table, "miou": _round(miou)}
 
 
-def _rounded(value: float) -> float | None:
+def _round(value: float) -> float | None:
     return round(value, 4) if np.isfinite(value) else None
 
 
@@ -270,7 +271,7 @@ def write_dataset(
             (folder / kind / part).mkdir(parents=True, exist_ok=True)
     for name in sorted(masks.ids):
         ids = masks.ids[name]
-        image = _matching(name, photos[name], ids)
+        image = _find_image(name, photos[name], ids)
         part = "val" if name in judging else "train"
         write_image(folder / "images" / part / f"{name}.jpg", image)
         write_yolo_labels(folder / "labels" / part / f"{name}.txt", ids)

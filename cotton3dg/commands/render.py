@@ -57,11 +57,11 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
     """
     with workspace.locked():
         gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
-        cameras = _ordered_cameras(workspace)
-        plant = _plant_rows(workspace, len(gaussians), required=options.plant_only)
+        cameras = _order_cameras(workspace)
+        plant = _find_plant_rows(workspace, len(gaussians), required=options.plant_only)
         shown = gaussians
         if options.show == "bolls":
-            shown = recolour_bolls(gaussians, _labels(workspace, gaussians), BACKGROUNDS[options.background])
+            shown = recolour_bolls(gaussians, _read_labels(workspace, gaussians), BACKGROUNDS[options.background])
         if options.plant_only:
             shown = shown[plant]
         target, up = _target_and_up(workspace, cameras, gaussians.means[plant])
@@ -69,7 +69,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
             path = turntable(cameras, target, up, options.frames)
         else:
             path = walk(cameras, options.frames)
-        size = _size(workspace, path[0], options)
+        size = _choose_size(workspace, path[0], options)
         path = [reframe(camera, *size) for camera in path]
         distance_su = float(np.median([np.linalg.norm(camera.centre - target) for camera in path]))
         return _film(workspace, shown, path, distance_su, options, progress)
@@ -132,7 +132,7 @@ def _saver(
         yield lambda camera, image: append(image)
 
 
-def _ordered_cameras(workspace: Workspace) -> list[Camera]:
+def _order_cameras(workspace: Workspace) -> list[Camera]:
     """The registered cameras in the order in which the walk passed them; photos without an order, around the plant."""
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     if len(cameras) < 2:
@@ -143,7 +143,7 @@ def _ordered_cameras(workspace: Workspace) -> list[Camera]:
     return [cameras[i] for i in np.argsort(azimuths(cameras, fit_orbit(cameras)), kind="stable")]
 
 
-def _labels(workspace: Workspace, gaussians: Gaussians) -> NDArray[np.int32]:
+def _read_labels(workspace: Workspace, gaussians: Gaussians) -> NDArray[np.int32]:
     """(N,) boll of each Gaussian, 0 = none."""
     labels_npy = workspace.require(workspace.labels_npy, "cluster")
     bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
@@ -154,7 +154,7 @@ def _labels(workspace: Workspace, gaussians: Gaussians) -> NDArray[np.int32]:
     return boll_labels(bolls, len(gaussians))
 
 
-def _plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool_]:
+def _find_plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool_]:
     """(N,) which of the n Gaussians are the plant; none of them where that is neither known nor required."""
     unknown = np.zeros(n, bool)
     if not required and not workspace.plant_npy.exists():
@@ -190,7 +190,7 @@ def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) 
     return np.percentile(places, [1, 99], axis=0).mean(axis=0) @ scale.table_frame, scale.up
 
 
-def _size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple[int, int]:
+def _choose_size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple[int, int]:
     """Width and height, px: those of the training images, where one is given the other by their aspect."""
     record = workspace.read_record("train")
     trained = (record.options if record else {}).get("max_side", TrainOptions().max_side)

@@ -52,21 +52,21 @@ def test_failed_imports_name_what_to_do(code, said, found, remedy):
 
 
 def test_a_missing_library_is_named(monkeypatch, tmp_path):
-    monkeypatch.setattr(doctor, "_libraries", lambda: ["numpy", "no-such-library"])
+    monkeypatch.setattr(doctor, "_list_libraries", lambda: ["numpy", "no-such-library"])
     missing = doctor.examine(tmp_path)[2]
     assert (missing.found, missing.remedy, missing.fatal) == ("missing", "pip install no-such-library", True)
 
 
 def test_ffmpeg_without_the_phones_codecs_is_told(monkeypatch):
     monkeypatch.setattr(doctor, "_said_by", lambda *command: "ffmpeg version 1\n V....D h264   H.264\n A..... hevc x\n")
-    codecs = doctor._ffmpeg()[1]
+    codecs = doctor._examine_ffmpeg()[1]
     assert codecs.found == "no hevc"
     assert codecs.remedy
 
 
 def test_without_ffmpeg_the_machine_is_unusable(monkeypatch):
     monkeypatch.setattr(doctor, "ffmpeg_binary", lambda: "/nowhere/ffmpeg")
-    (finding,) = doctor._ffmpeg()
+    (finding,) = doctor._examine_ffmpeg()
     assert finding.fatal
     assert finding.remedy == "sudo apt-get install ffmpeg"
 

@@ -21,10 +21,10 @@ from .cli_arguments import (
     Preset,
     Set,
     TimeBudget,
-    given,
-    parsed_overrides,
-    reported,
-    with_flags,
+    add_flags,
+    keep_given,
+    parse_overrides,
+    report_errors,
 )
 from .core.state import State
 from .errors import SOME_FAILED, BadUsage
@@ -79,9 +79,9 @@ def run(
     from . import display, pipeline
     from .workspace import Workspace
 
-    with reported(plant_dir):
+    with report_errors(plant_dir):
         workspace = Workspace(plant_dir)
-        overrides, stages = parsed_overrides(set_), pipeline.selected(from_, until)
+        overrides, stages = parse_overrides(set_), pipeline.selected(from_, until)
         budget = None
         if time_budget:
             if preset != "standard" or stages != pipeline.STAGES:
@@ -129,9 +129,9 @@ def batch(
     from . import display, pipeline, slurm
     from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, saved_results
 
-    with reported(folder):
+    with report_errors(folder):
         plants = find_plants(folder)
-        pipeline.stage_options(None, preset, parsed_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
+        pipeline.stage_options(None, preset, parse_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
         arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
         arguments += ["--no-report"] if no_report else []
         tell = partial(typer.echo, err=True)
@@ -167,9 +167,9 @@ def status(
     from . import display, pipeline
     from .workspace import Workspace
 
-    with reported(plant_dir):
+    with report_errors(plant_dir):
         workspace = Workspace(plant_dir)
-        states = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parsed_overrides(set_)))
+        states = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parse_overrides(set_)))
         if as_json:
             typer.echo(json.dumps(display.status_entries(states), indent=1))
         else:
@@ -193,7 +193,7 @@ def doctor(
         from .planning.calibrate import calibrate as measure
         from .planning.calibrate import describe
 
-        with reported(folder):
+        with report_errors(folder):
             typer.echo(describe(measure()), err=as_json)
     findings = examine(folder)
     if as_json:
@@ -210,7 +210,7 @@ def clean(plant_dir: PlantDir) -> None:
     from .commands.clean import clean as drop
     from .workspace import Workspace
 
-    with reported(plant_dir):
+    with report_errors(plant_dir):
         dropped = drop(Workspace(plant_dir))
         rest = "" if dropped.finished else "; the plant is not finished, so its images stay"
         typer.echo(f"{dropped.n_files} files dropped, {dropped.n_bytes / 2**20:.1f} MiB free{rest}")
@@ -222,7 +222,7 @@ def report(plant_dir: PlantDir) -> None:
     from .report.page import make_report
     from .workspace import Workspace
 
-    with reported(plant_dir):
+    with report_errors(plant_dir):
         workspace = Workspace(plant_dir)
         with workspace.locked():
             typer.echo(f"saved as {make_report(workspace)}")
@@ -245,7 +245,7 @@ def evaluate(
     from .evaluation.tables import evaluate_tables, evaluation_text, write_evaluation
     from .workspace import Workspace
 
-    with reported(measured):
+    with report_errors(measured):
         if measured.is_file():
             if truth is None:
                 raise BadUsage("the table of the truth is not given; add --truth TRUTH.csv")
@@ -285,13 +285,13 @@ def study(
     from .study.work import Study
     from .workspace import Workspace
 
-    with reported(plant_dir), display.ProgressDisplay() as watcher:
+    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
         sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")
         if standard:
             film_standard_plant(plant_dir, watcher.watched("simulate"))
         plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
         work = Study(
-            plant, preset, parsed_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
+            plant, preset, parse_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
         )
         typer.echo(f"{summary(work.run(sweeps))}\nsaved in {plant.study_csv.parent}")
 
@@ -303,13 +303,13 @@ def _stage_command(stage: str) -> Callable[..., None]:
         from . import display, pipeline
         from .workspace import Workspace
 
-        with reported(plant_dir):
+        with report_errors(plant_dir):
             workspace = Workspace(plant_dir)
-            options = pipeline.stage_options(workspace, preset, {stage: given(flags)})
+            options = pipeline.stage_options(workspace, preset, {stage: keep_given(flags)})
             with display.ProgressDisplay() as watcher:
                 pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
 
-    return with_flags(
+    return add_flags(
         command, STAGE_OPTIONS[stage], plant_dir=PlantDir, preset=(Preset, "standard"), force=(Force, False)
     )
 
@@ -318,8 +318,8 @@ def _simulate(folder: Path, **flags: Any) -> None:
     from . import display, options
     from .commands.simulate import simulate
 
-    with reported(folder), display.ProgressDisplay() as watcher:
-        simulate(folder, options.resolve("simulate", given(flags)), watcher.watched("simulate"))
+    with report_errors(folder), display.ProgressDisplay() as watcher:
+        simulate(folder, options.resolve("simulate", keep_given(flags)), watcher.watched("simulate"))
 
 
 def _render(plant_dir: Path, **flags: Any) -> None:
@@ -327,8 +327,8 @@ def _render(plant_dir: Path, **flags: Any) -> None:
     from .commands.render import render
     from .workspace import Workspace
 
-    with reported(plant_dir):
-        workspace, chosen = Workspace(plant_dir), options.resolve("render", given(flags))
+    with report_errors(plant_dir):
+        workspace, chosen = Workspace(plant_dir), options.resolve("render", keep_given(flags))
         with display.ProgressDisplay() as watcher:
             record = render(workspace, chosen, watcher.watched("render"))
         display.print_render(record, workspace.root)
@@ -338,8 +338,8 @@ def _masks_train(folder: Path, **flags: Any) -> None:
     from . import display, options
     from .commands.masks_train import train
 
-    with reported(folder):
-        chosen = options.resolve("masks-train", given(flags))
+    with report_errors(folder):
+        chosen = options.resolve("masks-train", keep_given(flags))
         with display.ProgressDisplay() as watcher:
             typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
 
@@ -351,7 +351,7 @@ def masks_export(plant_dir: PlantDir) -> None:
     from .commands.masks_export import export
     from .workspace import Workspace
 
-    with reported(plant_dir):
+    with report_errors(plant_dir):
         typer.echo(f"saved as {export(Workspace(plant_dir))}")
 
 
@@ -359,16 +359,16 @@ def _markers(file: Path, **flags: Any) -> None:
     from . import options
     from .commands.markers import print_markers
 
-    with reported(file):
-        typer.echo(print_markers(file, options.resolve("markers", given(flags))))
+    with report_errors(file):
+        typer.echo(print_markers(file, options.resolve("markers", keep_given(flags))))
 
 
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
-app.command("render", rich_help_panel="Everything")(with_flags(_render, RenderOptions, plant_dir=PlantDir))
-app.command("masks-train", rich_help_panel="Own masks")(with_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
-app.command("markers", rich_help_panel="Trying it out")(with_flags(_markers, MarkersOptions, file=NewFile))
-app.command("simulate", rich_help_panel="Trying it out")(with_flags(_simulate, SimulateOptions, folder=NewFolder))
+app.command("render", rich_help_panel="Everything")(add_flags(_render, RenderOptions, plant_dir=PlantDir))
+app.command("masks-train", rich_help_panel="Own masks")(add_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
+app.command("markers", rich_help_panel="Trying it out")(add_flags(_markers, MarkersOptions, file=NewFile))
+app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that 
 
 
 @contextmanager
-def reported(plant_dir: Path) -> Iterator[None]:
+def report_errors(plant_dir: Path) -> Iterator[None]:
     """Print an error as one line that starts with the plant's name, and end with its exit code."""
     try:
         yield
@@ -40,7 +40,7 @@ def reported(plant_dir: Path) -> Iterator[None]:
         raise typer.Exit(130) from error
 
 
-def parsed_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
+def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
     overrides: dict[str, dict[str, Any]] = {}
     for assignment in assignments or []:
         key, equals, value = assignment.partition("=")
@@ -51,12 +51,12 @@ def parsed_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]
     return overrides
 
 
-def given(flags: dict[str, Any]) -> dict[str, Any]:
+def keep_given(flags: dict[str, Any]) -> dict[str, Any]:
     """The flags that the user gave; the others are None so that TOML and presets can speak."""
     return {name: value for name, value in flags.items() if value is not None}
 
 
-def with_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
+def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
     """`command` as typer sees it: `arguments` (annotation, or annotation and default), then a flag for each option."""
     position = inspect.Parameter.POSITIONAL_OR_KEYWORD
     parameters = []

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import typer
 
 from cotton3dg.cli import app
-from cotton3dg.cli_arguments import parsed_overrides
+from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected
 from scenes.tiny_plant import ROOT
@@ -103,7 +103,7 @@ def check(words: list[str], *, whole: bool = True) -> None:
     if name in COMMAND_OPTIONS:
         names = COMMAND_OPTIONS[name]().__dict__
         resolve(name, {key: value for key, value in given.items() if key in names and value is not None})
-    for stage, values in parsed_overrides(given.get("set_")).items():
+    for stage, values in parse_overrides(given.get("set_")).items():
         resolve(stage, {key: value for key, value in values.items() if "$" not in value})
     assert given.get("preset", PRESETS[0]) in PRESETS
     if name == "run":

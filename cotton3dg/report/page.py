@@ -48,7 +48,7 @@ class Fingerprint(Document):
     records: dict[str, str]
     """SHA-256 of the stages' records, which hold those of all files."""
     failure: str
-    fill_template: str
+    page: str
     """SHA-256 of the page itself."""
 
 

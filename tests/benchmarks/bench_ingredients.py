@@ -49,13 +49,13 @@ def no_dense_points(views: Any, points: Any, count: int, seed: int) -> tuple[Any
 INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
     "coarse to fine": [(trainer, "resolutions", at_full_size)],
     "early splitting": [(densify, "scheduled_count", evenly)],
-    "hidden ones pruned": [(densify, "contributing", all_contribute)],
+    "hidden ones pruned": [(densify, "find_contributing", all_contribute)],
     "plant first": [(trainer, "PLANT_NEED", 1.0)],
     "size limits": [(trainer, "LARGEST_IN_PLANT", np.inf), (trainer, "LARGEST_IN_ROOM", np.inf)],
     "rates for short runs": [(trainer, "PAPER_STEPS", 1)],
     "settling late": [(trainer, "SETTLING_FROM", 0.0), (trainer, "SETTLED", 0.25)],
     "longer steps far away": [(trainer, "SURROUNDINGS_GROWTH", 0.0)],
-    "dense points from flow": [(initialise, "dense_points", no_dense_points)],
+    "dense points from flow": [(initialise, "find_dense_points", no_dense_points)],
     "filling of the plant region": [(initialise, "FILL_SHARE", 0.0)],
     "opaque start": [(initialise, "START_OPACITY", 0.1)],
 }

@@ -90,7 +90,8 @@ MUTATIONS = (
         "np.clip(@map, MAP_MARGIN, 1 - MAP_MARGIN)", "@map",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("probability that is not clamped after the step", (Change(
-        "cotton3dg/lifting/probability.py", "trained", "np.clip(@probabilities, 0, 1, out=@probabilities)", "pass"
+        "cotton3dg/lifting/probability.py", "train_probabilities",
+        "np.clip(@probabilities, 0, 1, out=@probabilities)", "pass",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("joggled hull", (Change(
         "cotton3dg/geometry/convex_measures.py", "convex_volume",

@@ -21,6 +21,7 @@ MODULE_OF = {
     "ffmpeg-python": "ffmpeg",
     "imageio-ffmpeg": "imageio_ffmpeg",
     "opencv-contrib-python-headless": "cv2",
+    "pillow": "PIL",
 }
 """Distribution -> module, where the names differ."""
 

@@ -136,7 +136,7 @@ def _train_bolls(
         (judged if name in judging else training).append(_read_photo(name, photos[name], masks.ids[name]))
     draws: list[Draw] = [partial(cut_picture, photos=training, size=PICTURE_PX)] if training else []
     if options.scenes:
-        plates, backgrounds = simulated(folder, range(options.scenes), progress)
+        plates, backgrounds = read_simulated(folder, range(options.scenes), progress)
         draws.append(partial(compose, plates=plates, backgrounds=backgrounds, size=PICTURE_PX))
 
     def draw(number: int) -> TrainingPicture:
@@ -163,7 +163,7 @@ def _train_bolls(
     accuracy = {"photos": _measure_accuracy(reader, [(photo.image, photo.ids) for photo in judged])}
     if options.scenes:
         held = range(FIRST_JUDGING_SCENE, FIRST_JUDGING_SCENE + JUDGING_SCENES)
-        plates, backgrounds = simulated(folder, held, progress)
+        plates, backgrounds = read_simulated(folder, held, progress)
         rng = np.random.default_rng([options.seed, 7])
         pictures = [compose(rng, plates, backgrounds, PICTURE_PX) for _ in range(JUDGING_PICTURES)]
         accuracy["simulated"] = _measure_accuracy(reader, [(picture.image, picture.ids) for picture in pictures])
@@ -177,7 +177,7 @@ def _computes_bfloat16() -> bool:
     return torch.cuda.is_available() or bool(torch.cpu.get_capabilities().get("avx512_bf16"))
 
 
-def simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
+def read_simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
     """Plates and backgrounds (B, H, W, 3) of scenes by number, made where they are not in the folder yet."""
     plates, backgrounds = [], []
     for kind in ("scenes", "backgrounds"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
 
-EVEN = 0.33
+EVEN = 0.25
 """Agreement of the images at which a boll is as likely none as one ..."""
 STEEPNESS = 20.0
 """... and how fast it gets likelier beyond, 1 / agreement."""

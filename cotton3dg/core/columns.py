@@ -74,7 +74,7 @@ def cells_of(*records: Any) -> dict[str, Any]:
     for record in records:
         for item in fields(record):
             own = item.metadata.get("columns", ())
-            value = getattr(record, item.name)
+            value = getattr(record, item.name) if own else None
             values = [value] if len(own) == 1 else [None] * len(own) if value is None else value
             cells |= {one.name or item.name: cell for one, cell in zip(own, values, strict=True)}
     return cells

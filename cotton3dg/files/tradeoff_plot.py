@@ -46,7 +46,7 @@ def plot_tradeoff(panels: Sequence[Panel], time_axis: str) -> Figure:
     from matplotlib import colormaps
     from matplotlib.figure import Figure  # without pyplot, which would look for a screen
 
-    shades = colormaps["tab20"].colors  # dark and light by turns
+    shades = colormaps["tab20"](range(20))  # dark and light by turns
     figure = Figure((7.5 * len(panels), 6.6), layout="constrained")
     series = dict.fromkeys(dot.series for panel in panels for dot in panel.dots)
     colours = dict(zip(series, cycle((*shades[::2], *shades[1::2])), strict=False))

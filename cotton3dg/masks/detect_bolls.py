@@ -14,8 +14,8 @@ from .bolls import BollNetwork
 from .group_votes import group_votes
 from .join_parts import join_parts
 from .lint_in_space import gather_lint
-from .looks import choose_look, see_at_all_looks
-from .meeting_votes import cast_votes, find_middles, measure_agreement
+from .looks import see_at_all_looks
+from .meeting_votes import cast_votes, drop_unlikely, find_middles, measure_agreement
 from .outline_bolls import outline_bolls
 
 
@@ -55,14 +55,13 @@ def detect_bolls(
             progress(done, len(images), camera.name)
             ids[camera.name], scores[camera.name] = find_bolls(image, network)
         return MaskSet(ids, scores)
-    look = choose_look([images[k] for k in sorted({0, len(images) // 2})], network)
     maps = []
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(done, 2 * len(images), camera.name)
-        maps.append(network.maps(image, look))
+        maps.append(network.maps(image))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
-    middles = join_parts(find_middles(votes), votes, lint)
+    middles = drop_unlikely(join_parts(find_middles(votes), votes, lint), votes)
     agreed = measure_agreement(votes, middles)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)

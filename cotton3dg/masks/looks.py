@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
-from .bolls import BollNetwork, Maps, middles_of_pixels, seen_size
-from .group_votes import SURE, weighted_median
+from .bolls import BollNetwork, Maps, middles_of_pixels
 
 LOOKS = (1.0, 0.5, 0.25)
 """Sizes, in those of `seen_size`, at which an image is looked at: a boll that fills it is known only from afar."""
@@ -48,21 +47,6 @@ def mix_looks(looks: Sequence[Maps]) -> Maps:
         borders=mean(maps.borders for maps in fitted),
         diameters=np.exp2(mean(np.log2(maps.diameters) for maps in fitted)),
     )
-
-
-def choose_look(images: Sequence[NDArray[np.uint8]], network: BollNetwork) -> float:
-    """At which of `LOOKS` the bolls in images like these are most familiar; the largest where there are none."""
-    sizes, weights = [np.zeros(0, np.float32)], [np.zeros(0, np.float32)]
-    for image in images:
-        maps = see_at_all_looks(image, network)
-        own = maps.diameters[maps.lint > SURE]
-        factor = seen_size(*image.shape[:2])[0] / image.shape[1]
-        sizes.append(own * np.float32(factor))
-        weights.append(own**-2)
-    if not len(np.concatenate(sizes)):
-        return LOOKS[0]
-    usual_px = weighted_median(np.concatenate(sizes), np.concatenate(weights))
-    return min(LOOKS, key=lambda look: abs(np.log(look * usual_px / FAMILIAR_PX)))
 
 
 def _resize_maps(maps: Maps, height: int, width: int) -> Maps:

@@ -44,6 +44,11 @@ AGREES = 0.15
 """Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
 that the boll is there."""
 ROUNDS = 4
+FAINT = 0.08
+"""Sum of the votes for a boll, in bolls seen whole, a view, below which it is none ..."""
+UNSURE = 0.62
+"""... if the views' mean probability that it is lint is as low as this, too. Segments of a pineapple had 0.07 and 0.58
+at most; of true bolls those of the densest heap had 0.07 but 0.68, those of a leafy plant 0.63 but 0.13."""
 FARTHEST = 1.2
 """Distance, in diameters, from its middle of the farthest lint of a boll. No more than half of one if the network were
 right about sizes, but it takes bolls for smaller than they are, large ones most."""
@@ -69,6 +74,8 @@ class Votes:
     """(3,) su."""
     diameters: Float32
     """(N,) su."""
+    probabilities: Float32
+    """(N,) of lint, by the view alone."""
     weights: Float32
     """(N,) 1 in all for a boll that is seen whole."""
 
@@ -121,6 +128,7 @@ def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
         rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),
         eye=np.asarray(camera.centre, np.float64),
         diameters=(diameters_px * su_of_px).astype(np.float32),
+        probabilities=maps.lint[rows, columns],
         weights=(maps.lint[rows, columns] / (np.pi / 4 * diameters_px**2)).astype(np.float32),
     )
 
@@ -131,7 +139,6 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     Args:
         votes: of each view.
     """
-    from scipy import ndimage
     from scipy.spatial import cKDTree
 
     nothing = Middles(
@@ -145,27 +152,13 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     rays = np.concatenate([view.rays for view in votes])
     view_of = np.repeat(np.arange(len(votes)), [len(view.places) for view in votes])
     eyes = np.array([view.eye for view in votes])
-    usual = weighted_median(diameters, weights)
-    low, high = _extent(places, weights, usual)
-    pitch = max(PITCH * usual, float(np.cbrt((high - low).prod() / LARGEST_GRID)))
-    shape = np.ceil((high - low) / pitch).astype(int) + 1
-    cells = np.floor((places - low) / pitch).astype(int)
-    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
-    places, diameters, weights, rays, view_of, cells = (
-        a[inside] for a in (places, diameters, weights, rays, view_of, cells)
-    )
-    heat = np.bincount(np.ravel_multi_index(tuple(cells.T), shape), weights, minlength=int(shape.prod()))
-    heat = heat.reshape(shape).astype(np.float32)
-    sigma = SPREAD * usual / pitch
-    # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth of it is left.
-    heat = ndimage.gaussian_filter(heat, sigma) * np.float32((2 * np.pi) ** 1.5 * sigma**3)
-    least = LEAST_SUPPORT * len(votes)
-    peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > 0.2 * least))
-    order = np.argsort(-heat[tuple(peaks.T)], kind="stable")
+    usual, least = weighted_median(diameters, weights), LEAST_SUPPORT * len(votes)
+    inside, peaks = _find_peaks(places, weights, usual, least)
+    places, diameters, weights, rays, view_of = (a[inside] for a in (places, diameters, weights, rays, view_of))
     tree = cKDTree(places)
     found: list[tuple[Float64, float, float, int]] = []
-    for cell in peaks[order]:
-        place = low + (cell + 0.5) * pitch
+    for peak in peaks:
+        place = peak
         for _ in range(3):
             near = np.array(tree.query_ball_point(place, 0.25 * usual), int)
             if not len(near):
@@ -193,6 +186,30 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
     )
 
 
+def _find_peaks(places: Float32, weights: Float32, usual: float, least: float) -> tuple[NDArray[np.bool_], Float64]:
+    """Which votes (N,) were counted, in a grid around nearly all of them; and where many meet, (P, 3), the most first.
+
+    Args:
+        usual: width of a boll, su.
+        least: support of a boll.
+    """
+    from scipy import ndimage
+
+    low, high = _extent(places, weights, usual)
+    pitch = max(PITCH * usual, float(np.cbrt((high - low).prod() / LARGEST_GRID)))
+    shape = np.ceil((high - low) / pitch).astype(int) + 1
+    cells = np.floor((places - low) / pitch).astype(int)
+    inside = np.all((cells >= 0) & (cells < shape), axis=1)
+    flat = np.ravel_multi_index(tuple(cells[inside].T), shape)
+    heat = np.bincount(flat, weights[inside], minlength=int(shape.prod())).reshape(shape).astype(np.float32)
+    sigma = SPREAD * usual / pitch
+    # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth of it is left.
+    heat = ndimage.gaussian_filter(heat, sigma) * np.float32((2 * np.pi) ** 1.5 * sigma**3)
+    peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > 0.2 * least))
+    order = np.argsort(-heat[tuple(peaks.T)], kind="stable")
+    return inside, low + (peaks[order] + 0.5) * pitch
+
+
 def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float, float, int]]) -> bool:
     return all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in others)
 
@@ -214,6 +231,18 @@ def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, si
         hold = 1e-3 * np.trace(matrix)
         moved = np.linalg.solve(matrix + hold * np.eye(3), trust @ to_eyes + hold * place)
     return moved
+
+
+def drop_unlikely(middles: Middles, votes: Sequence[Votes]) -> Middles:
+    """The middles without those that few votes are for, and these of pixels that hardly look like lint."""
+    total, pixels = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
+    for view in votes:
+        boll = middles.nearest(view.surfaces)
+        total += np.bincount(boll, view.probabilities, len(total))
+        pixels += np.bincount(boll, minlength=len(total))
+    sure = total[1:] / np.maximum(pixels[1:], 1) > UNSURE
+    kept = sure | (middles.support > FAINT * len(votes))
+    return Middles(middles.centres[kept], middles.diameters[kept], middles.support[kept], middles.views[kept])
 
 
 def measure_agreement(votes: Sequence[Votes], middles: Middles) -> Float32:

@@ -18,7 +18,7 @@ from scenes.table_scene import (
 )
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.core.columns import columns_of
+from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
@@ -177,6 +177,7 @@ def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
     assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in measured[1:]))
     assert some.boll_volume_mean_cm3 == pytest.approx(some.boll_volume_cm3 / 3)
     assert some.flags == ("bolls_without_volume",)
+    assert cells_of(some)["boll_count"] == len(measured)  # flags go into the row by another way
     none = summarise_plant([broken], None, SCALE)
     assert np.isnan(none.boll_volume_cm3)
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scenes.bright_network import bright_network
 
 from cotton3dg.core.training_picture import LINT
-from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels
-from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, choose_look, mix_looks
+from cotton3dg.masks.bolls import Maps, middles_of_pixels
+from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mix_looks
 
 WIDTH, HEIGHT = 320, 240
 
@@ -43,17 +42,3 @@ def test_the_look_in_which_bolls_are_familiar_counts_most(best):
     ]
     assert np.argmax(heard) == best
     assert sum(heard) == pytest.approx(1, abs=1e-3)
-
-
-@pytest.mark.parametrize(("seen_px", "look"), [(30, 1.0), (90, 0.5), (250, 0.25)])
-def test_a_film_of_large_bolls_is_looked_at_smaller(seen_px, look):
-    """The network of this test says the same size at every look: three sizes of boll, an octave apart."""
-    network = BollNetwork(bright_network(seen_px), "bright")
-    image = np.zeros((360, 640, 3), np.uint8)
-    image[100:200, 100:200] = 255
-    assert choose_look([image], network) == look
-
-
-def test_where_no_boll_is_seen_the_look_is_the_largest():
-    network = BollNetwork(bright_network(), "bright")
-    assert choose_look([np.zeros((360, 640, 3), np.uint8)], network) == LOOKS[0]

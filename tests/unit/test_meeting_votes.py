@@ -1,5 +1,7 @@
 """Lint and the middles of bolls in space, from what the network says in all views."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
@@ -12,6 +14,7 @@ from cotton3dg.masks.meeting_votes import (
     Middles,
     Votes,
     cast_votes,
+    drop_unlikely,
     find_middles,
     measure_agreement,
     meet_rays,
@@ -137,7 +140,7 @@ def test_rays_meet_where_they_were_sent_whatever_single_ones_do():
     assert seen_from_one_place[2] == pytest.approx(target[2], abs=1e-6), "along rays that do not cross nothing moves"
 
 
-def touching_pair(apart: float, border: float) -> tuple[Middles, list[Votes], LintInSpace]:
+def touching_pair(apart: float, border: float, probability: float = 0.9) -> tuple[Middles, list[Votes], LintInSpace]:
     """Two balls of lint of diameter 1 whose middles are `apart`, beside two lonely ones; seen from four sides."""
     rng = np.random.default_rng(1)
     centres = np.array([[0, 0, 0], [apart, 0, 0], [9, 0, 0], [0, 9, 0]])
@@ -157,7 +160,7 @@ def touching_pair(apart: float, border: float) -> tuple[Middles, list[Votes], Li
     nothing = np.zeros((n, 3), np.float32)
     view = Votes(
         (n // 40, 40), pixels, np.full(n, border, np.float32), nothing, means[rows], nothing, np.zeros(3),
-        np.ones(n, np.float32), np.ones(n, np.float32),
+        np.ones(n, np.float32), np.full(n, probability, np.float32), np.ones(n, np.float32),
     )  # fmt: skip
     four = np.ones(4, np.float32)
     middles = Middles(centres.astype(np.float32), four, four, np.full(4, 4))
@@ -175,3 +178,10 @@ def test_parts_are_joined_where_both_are_no_wider_than_a_boll(apart, border, bol
     if bolls == 3:
         np.testing.assert_allclose(middles.centres[0], [apart / 2, 0, 0], atol=1e-6)
         assert middles.support[0] == 2
+
+
+@pytest.mark.parametrize(("probability", "support", "bolls"), [(0.5, 0.1, 0), (0.5, 1.0, 4), (0.8, 0.1, 4)])
+def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(probability, support, bolls):
+    middles, votes, _ = touching_pair(0.85, 0.3, probability)
+    middles = replace(middles, support=np.full(4, support, np.float32))
+    assert len(drop_unlikely(middles, votes).centres) == bolls

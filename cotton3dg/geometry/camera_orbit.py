@@ -38,11 +38,13 @@ def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
     uneven to have a plane; the centre is the point closest to the optical axes, with distances weighed by Cauchy's
     function because a hand now and then points elsewhere, which would move the point of plain least squares.
 
+    One camera alone has an orbit of no size, where it stands.
+
     Raises:
-        ValueError: fewer than two cameras.
+        ValueError: no camera.
     """
-    if len(cameras) < 2:
-        raise ValueError(f"an orbit needs at least 2 cameras, got {len(cameras)}")
+    if not len(cameras):
+        raise ValueError("an orbit needs cameras, got none")
     centres = np.stack([camera.centre for camera in cameras])
     forwards = np.stack([camera.forward for camera in cameras])
     up = -np.stack([camera.rotation[1] for camera in cameras]).mean(axis=0)

@@ -30,9 +30,13 @@ def test_one_camera_that_looks_elsewhere_hardly_moves_the_centre() -> None:
     assert np.linalg.norm(fit_orbit(cameras).centre - [0, 0, 0.36]) < 0.02
 
 
-def test_one_camera_is_no_orbit() -> None:
-    with pytest.raises(ValueError, match="at least 2"):
-        fit_orbit(orbit_cameras(1))
+def test_one_camera_has_an_orbit_of_no_size() -> None:
+    (camera,) = cameras = orbit_cameras(1)
+    orbit = fit_orbit(cameras)
+    assert orbit.centre == pytest.approx(camera.centre, abs=1e-6)
+    assert (orbit.radius, orbit.distance, orbit.largest_gap_deg) == pytest.approx((0, 0, 360), abs=1e-6)
+    with pytest.raises(ValueError, match="got none"):
+        fit_orbit([])
 
 
 def camera_at(centre: np.ndarray, forward: np.ndarray, up: np.ndarray, name: str = "a.jpg") -> Camera:

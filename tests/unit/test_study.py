@@ -71,7 +71,7 @@ def stages(monkeypatch):
     stages = Stages()
     replace_stages(monkeypatch, stages.make)
     monkeypatch.setattr(work, "save_passing_models", stages.save_passing_models)
-    monkeypatch.setattr(work, "footage", lambda plant: VIDEO)
+    monkeypatch.setattr(work, "examine_footage", lambda plant: VIDEO)
     monkeypatch.setattr(
         work,
         "finished_row",

@@ -16,10 +16,12 @@ from ..core.scene import Float32
 from .lint_in_space import LintInSpace
 from .meeting_votes import Middles, Votes
 
-FITS = 1.57
+FITS = 1.585
 """Largest width of one boll in any direction, in usual mean widths, where the network is undecided of a border ..."""
 UNDECIDED = 0.4
-"""... as it is with this mean probability of one; by as much as it is surer, less width is allowed."""
+"""... as it is with this mean probability of one; by as much as it is surer, ..."""
+DIVIDES = 2.0
+"""... times this, less width is allowed."""
 USUAL = 0.75
 """Quantile of the mean widths of parts that is taken for the width of a boll: some parts are halves."""
 NEAR = 1.2
@@ -42,7 +44,7 @@ def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> M
         for a, b in find_near_pairs(middles.centres, NEAR * usual):
             if (a + 1, b + 1) in borders:
                 both = places[(owners == a + 1) | (owners == b + 1)]
-                score = measure_widths(both)[1] / usual + borders[a + 1, b + 1] - UNDECIDED
+                score = measure_widths(both)[1] / usual + DIVIDES * (borders[a + 1, b + 1] - UNDECIDED)
                 if score < best:
                     best, pair = score, (a, b)
         if pair is None:

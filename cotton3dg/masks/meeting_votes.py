@@ -19,13 +19,13 @@ from .bolls import Maps
 from .group_votes import find_nearest, weighted_median
 from .lint_in_space import LintInSpace
 
-SPREAD = 0.16
+SPREAD = 0.12
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
 PITCH = 0.06
 """Side of the cells that votes are counted in, in diameters."""
-APART = 0.7
-"""Least distance, in diameters, of the middles of two bolls: those of touching ones are 0.7 to 1 apart, those of the
-locks of one boll 0.4."""
+APART = 0.6
+"""Least distance, in mean diameters, of the middles of two bolls: those of bolls that touch are 0.65 to 1 apart, of
+locks of one boll 0.4 to 0.8. Parts that are not told apart here are lost; parts of one boll are joined later."""
 LEAST_VIEWS = 3
 """Views whose votes a middle needs ..."""
 LEAST_SUPPORT = 0.04
@@ -211,7 +211,7 @@ def _find_peaks(places: Float32, weights: Float32, usual: float, least: float) -
 
 
 def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float, float, int]]) -> bool:
-    return all(np.linalg.norm(place - other) > APART * max(size, own) for other, own, _, _ in others)
+    return all(np.linalg.norm(place - other) > APART * 0.5 * (size + own) for other, own, _, _ in others)
 
 
 def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, size: float) -> Float64:

@@ -55,7 +55,7 @@ YOLO = ("best.pt", "--network yolo")
 
 def lines(page):
     """Lines of shell in a page, without comments."""
-    shown = [block.lines for block in blocks(page) if block.language not in ("python", "text")]
+    shown = [block.lines for block in blocks(page) if block.language not in ("python", "text", "toml")]
     bare = [re.sub(r"(^|\s)#.*", "", line).strip() for block in shown for line in block]
     return [line for line in bare if line]
 

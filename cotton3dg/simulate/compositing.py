@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import LINT, UNKNOWN, TrainingPicture
 from .plates import LIGHTS, PLATE_PX, Plate
 from .render import linear
+from .training_scenes import BUR, LEAF_CLASS
 
 Float32 = NDArray[np.float32]
 
@@ -20,12 +21,17 @@ BARE = 0.12
 """Share of the pictures without a plant: most of what a camera sees is none."""
 
 
+BLEACHED = 0.4
+"""Share of the plates whose leaves, bracts and burs are made pale: washed out by light, sprayed, dry or downy, they are
+what real photos are mistaken in most."""
+
+
 BACKLIT = (1.7, 12.0)
 """Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
 
 
 @dataclass(frozen=True)
-class _Layer:
+class Layer:
     light: Float32
     cover: Float32
     classes: NDArray[np.uint8]
@@ -96,7 +102,7 @@ def _draw_power(rng: np.random.Generator) -> Float32:
     return (power[:, None] * np.exp(warmth + rng.normal(0, 0.06) * np.array([1.0, 0.0, -1.0]))).astype(np.float32)
 
 
-def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> _Layer:
+def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> Layer:
     """A plate lit, mirrored, turned, scaled and moved at random, so that its edge is hardly ever seen."""
     zoom = size / PLATE_PX * np.exp(rng.uniform(np.log(1.0), np.log(1.7)))
     turn = rng.normal(0, 0.2) + (rng.integers(4) * np.pi / 2 if rng.random() < 0.1 else 0.0)
@@ -114,7 +120,7 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
         return cv2.warpAffine(array, shifted, (size, size), flags=flags)
 
     cover = warped(plate.cover.astype(np.float32) / 255, cv2.INTER_LINEAR)
-    return _Layer(
+    layer = Layer(
         light=plate.lit(power, np.stack([warped(light, cv2.INTER_LINEAR) for light in plate.light])),
         cover=cover,
         classes=warped(plate.classes, cv2.INTER_NEAREST),
@@ -122,6 +128,20 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
         centres_px=(plate.centres_px @ matrix.T + offset).astype(np.float32),
         diameters_px=(plate.diameters_px * zoom).astype(np.float32),
     )
+    return bleach(rng, layer) if rng.random() < BLEACHED else layer
+
+
+def bleach(rng: np.random.Generator, layer: Layer) -> Layer:
+    """The layer with leaves, bracts and burs nearly grey, and nearly as bright as lint."""
+    pale = np.isin(layer.classes, (BUR, LEAF_CLASS)) & (layer.cover > 0.5)
+    if not pale.any():
+        return layer
+    light = layer.light[pale]
+    grey = light.mean(axis=1, keepdims=True)
+    brighter = rng.uniform(0.3, 0.9) * _reference([layer]) / max(float(np.quantile(grey, 0.95)), 1e-6)
+    bleached = layer.light.copy()
+    bleached[pale] = (grey + (light - grey) * np.float32(rng.uniform(0, 0.7))) * np.float32(max(brighter, 1.0))
+    return replace(layer, light=bleached)
 
 
 def _background(rng: np.random.Generator, picture: NDArray[np.uint8], size: int) -> Float32:
@@ -148,7 +168,7 @@ def _background(rng: np.random.Generator, picture: NDArray[np.uint8], size: int)
     return light
 
 
-def _reference(layers: Sequence[_Layer]) -> float:
+def _reference(layers: Sequence[Layer]) -> float:
     """Brightness of the lint that is lit best, or of the layers where there is none."""
     nothing = np.zeros(0, np.float32)
     lint = np.concatenate([nothing, *(layer.light[layer.classes == LINT].mean(axis=1) for layer in layers)])

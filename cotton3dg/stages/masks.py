@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..files.saving import file_sha256
 from ..geometry.camera_orbit import fit_orbit
 from ..lifting.lift import within_orbit
 from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
-from ..masks.bolls import SHIPPED_FILE
+from ..masks.bolls import SHIPPED_FILE, seen_size
 from ..option_rules import as_dict
 from ..options import MasksOptions
 from ..workspace import Workspace
@@ -121,9 +122,13 @@ def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """Views vote on what is lint, whether they get masks or not."""
+    """Of `bolls` what the network sees, and edges at full size; of all others that of `lint`, where views vote whether
+    they get masks or not."""
     width, height = work.size
     image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
+    if work.options["masks"].backend == "bolls":
+        seen_mp = math.prod(seen_size(height, width)) / 1e6
+        return Cost(0.46 * seen_mp * work.views, 0.22 * image_mp * work.views)
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 

@@ -52,11 +52,13 @@ PLANTS: dict[str, str] = {
 }
 """Name -> options of `cotton3dg simulate`. The name without its number is the kind."""
 
+LARGE = "--width 1280 --height 720"
 TOUCHING = {
-    f"touching-{number}": f"--seed {600 + number} --bolls {bolls} --clustered 0.85 --contact 0.72"
+    f"touching-{number}": f"--seed {600 + number} --bolls {bolls} --clustered 0.85 --contact 0.72 {LARGE}"
     for number, bolls in enumerate((12, 14, 16, 18, 20, 20, 20, 22, 22, 24, 26, 28), start=1)
 }
-"""As hard as bolls grow: 85 % touch others, and lie in each other down to 0.72 diameters from middle to middle."""
+"""As hard as bolls grow: 85 % touch others, and lie in each other down to 0.72 diameters from middle to middle. Filmed
+at twice the size of the others, where a boll is some 25 px wide, as in a phone's video."""
 
 AIMS_PCT = {"count": 4.6, "canopy": 1.8, "height": 1.2, "volume": 4.0, "one_boll": 8.0, "scale": 0.5}
 """Half of what Cotton3DGaussians errs by, and what that asks of single bolls and of the scale."""

@@ -49,6 +49,16 @@ def test_images_cannot_be_more_than_the_video_has():
     assert total(many) == pytest.approx(total(pipeline.stage_options(None, overrides={"frames": {"count": 120}})))
 
 
+def test_the_bolls_network_sees_small_images_large():
+    """So masks of a video of half the size take more than a quarter of the time; those by colour do not."""
+    for backend, least in (("bolls", 0.6), ("lint", 0.25)):
+        chosen = pipeline.stage_options(None, overrides={"masks": {"backend": backend}})
+        small, large = (
+            estimate_costs(chosen, Footage(120, w, h), MACHINE)["masks"] for w, h in ((640, 360), (1280, 720))
+        )
+        assert least < small.cpu_s / large.cpu_s < least + 0.35
+
+
 def test_a_slower_machine_and_fewer_cores_take_longer():
     assert total(options(), machine=Machine(1)) > 1.7 * total(options())
     assert total(options(), machine=Machine(2, 2.0, 2.0)) == pytest.approx(2 * total(options()))

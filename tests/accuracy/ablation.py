@@ -1,0 +1,141 @@
+"""What each thing that the bolls' network says is worth: masks of `bolls` without it, on plants whose bolls are known.
+
+    python tests/accuracy/ablation.py PLANT ... [--views 36] [--without offsets borders]
+
+A PLANT is a folder where `cotton3dg train` is through, with `truth.json`, `cameras.json` and `instances/` in it or in
+the folder given after a colon (RUN:TRUTH). Prints a table: bolls that were counted, F1 of the masks at IoU 0.5 and
+mIoU, for each plant; nothing in the plants' folders changes.
+
+classes     lint is what has its colour and brightness (`masks/detect_lint.py`)
+offsets     each pixel votes for the place where it is itself
+borders     the network is undecided everywhere, so parts are joined by their width alone
+sizes       each boll is as wide as the usual one of its image
+prior       parts are joined by the border alone, however wide they are together
+space       each image is taken alone
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from unittest import mock
+
+import cv2
+import numpy as np
+import pandas as pd
+from markdown_tables import markdown
+from numpy.typing import NDArray
+from true_scene import TruePlant, true_masks, true_plant
+
+from cotton3dg.evaluation.masks import score_masks
+from cotton3dg.files.colmap import read_cameras
+from cotton3dg.files.images import read_image
+from cotton3dg.files.ply import read_gaussians
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.lifting.lift import within_orbit
+from cotton3dg.masks import join_parts
+from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
+from cotton3dg.masks.detect_bolls import detect_bolls
+from cotton3dg.masks.detect_lint import lint_score
+from cotton3dg.masks.group_votes import weighted_median
+
+PARTS = ("classes", "offsets", "borders", "sizes", "prior", "space")
+
+
+def take_away(part: str, maps: Maps, image: NDArray[np.uint8]) -> Maps:
+    """Maps of an image without what the network says of one thing."""
+    if part == "classes":
+        small = cv2.resize(image, maps.lint.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.uint8)
+        score = lint_score(small).astype(np.float32)
+        probabilities = np.zeros_like(maps.probabilities)
+        probabilities[0], probabilities[1] = 1 - score, score
+        return replace(maps, probabilities=probabilities)
+    if part == "offsets":
+        return replace(maps, votes=middles_of_pixels(maps.lint.shape, maps.scale))
+    if part == "borders":
+        return replace(maps, borders=np.full_like(maps.borders, join_parts.UNDECIDED))
+    if part == "sizes":
+        usual = weighted_median(maps.diameters.ravel(), maps.lint.ravel())
+        return replace(maps, diameters=np.full_like(maps.diameters, usual))
+    return maps
+
+
+class Lessened:
+    """A network that has said all that it will of some images, but for one thing."""
+
+    def __init__(self, network: BollNetwork, part: str):
+        self._network, self._part = network, part
+        self._known: dict[int, Maps] = {}
+
+    def without(self, part: str) -> Lessened:
+        other = Lessened(self._network, part)
+        other._known = self._known
+        return other
+
+    def maps(self, image: NDArray[np.uint8], look: float = 1.0) -> Maps:
+        if look != 1:
+            return take_away(self._part, self._network.maps(image, look), image)
+        if id(image) not in self._known:
+            self._known[id(image)] = self._network.maps(image)
+        return take_away(self._part, self._known[id(image)], image)
+
+
+@contextmanager
+def join_by_border_alone() -> Iterator[None]:
+    """Parts are of no width, and joined where the network leans towards no border."""
+    widths = join_parts.measure_widths
+
+    def fit(places: NDArray[np.float32]) -> tuple[float, float]:
+        return widths(places)[0], 0.0
+
+    with mock.patch.object(join_parts, "measure_widths", fit), mock.patch.object(join_parts, "FITS", 0.0):
+        yield
+
+
+def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[dict[str, object]]:
+    """A row for each part that is left out, and first one with all."""
+    cameras = read_cameras(plant.run.undistorted / "sparse")
+    orbit = fit_orbit(cameras)
+    views = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), n_views)]
+    images = [read_image(plant.run.undistorted_image(camera.name)) for camera in views]
+    true = true_masks(plant, views)
+    gaussians = read_gaussians(plant.run.gaussians_ply)
+    allowed = within_orbit(gaussians.means, cameras, orbit)
+    network = Lessened(open_bolls(), "")
+    for part in ("", *parts):
+        model = None if part == "space" else gaussians
+        seen = [
+            (image, view) for image, view in zip(images, views, strict=True) if model is not None or view.name in true
+        ]
+        by_view, cameras_seen = zip(*seen, strict=True)
+        with join_by_border_alone() if part == "prior" else nullcontext():
+            masks = detect_bolls(by_view, cameras_seen, network.without(part), model, allowed)
+        ids = np.unique(np.concatenate([np.unique(found) for found in masks.ids.values()]))
+        scores, miou = score_masks((masks.ids[name], true[name]) for name in true)
+        yield {
+            "plant": plant.run.plant_id,
+            "without": part or "nothing",
+            "bolls": float((ids > 0).sum()) if model is not None else float("nan"),
+            "F1": next(score.f1 for score in scores if score.iou == 0.5),
+            "mIoU": miou,
+        }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("plants", type=true_plant, nargs="+", metavar="PLANT")
+    parser.add_argument("--views", type=int, default=36)
+    parser.add_argument("--without", nargs="*", choices=PARTS, default=PARTS)
+    wanted = parser.parse_args()
+    rows = []
+    for plant in wanted.plants:
+        for row in measure(plant, wanted.views, wanted.without):
+            rows.append(row)
+            print(row, flush=True)
+    print(markdown(pd.DataFrame(rows), digits=3))
+
+
+if __name__ == "__main__":
+    main()

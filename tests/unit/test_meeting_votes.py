@@ -126,6 +126,38 @@ def test_no_lint_is_no_boll():
     assert not outline_bolls(np.zeros((camera.height, camera.width, 3), np.uint8), camera, lint, middles).any()
 
 
+def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unexplained():
+    """The middles lie 0.55 diameters apart; most votes are for the one, and how deep they lie is a guess."""
+    rng = np.random.default_rng(3)
+    centres = np.array([[0.0, 0, 0], [0.55, 0, 0]])
+    votes = []
+    for angle in 2 * np.pi * np.arange(12) / 12:
+        eye = 12 * np.array([np.cos(angle), np.sin(angle), 0.3])
+        own = np.repeat([0, 1], [150, 50])
+        to = centres[own] + rng.normal(0, 0.1, (200, 3)) - eye
+        rays = to / np.linalg.norm(to, axis=1, keepdims=True)
+        surfaces = centres[own] - 0.4 * rays
+        places = eye + to + rng.normal(0, 0.2, 200)[:, None] * rays
+        votes.append(
+            Votes(
+                (200, 1),
+                (np.arange(200), np.zeros(200, int)),
+                np.zeros(200, np.float32),
+                places.astype(np.float32),
+                surfaces.astype(np.float32),
+                rays.astype(np.float32),
+                eye,
+                np.ones(200, np.float32),
+                np.full(200, 0.9, np.float32),
+                np.full(200, 1 / 200, np.float32),
+            )
+        )
+    middles = find_middles(votes)
+    order = np.argsort(middles.centres[:, 0])
+    np.testing.assert_allclose(middles.centres[order], centres, atol=0.12)
+    assert middles.support[order[0]] > middles.support[order[1]]
+
+
 def test_rays_meet_where_they_were_sent_whatever_single_ones_do():
     rng = np.random.default_rng(0)
     target = np.array([0.3, -0.2, 0.5])

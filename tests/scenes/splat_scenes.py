@@ -30,6 +30,24 @@ def scene(count: int, seed: int, coefficients: int = 16) -> Gaussians:
     )
 
 
+def round_gaussians(means: np.ndarray, sizes: np.ndarray | float, logit: float = 3.0) -> Gaussians:
+    """Black balls.
+
+    Args:
+        means: (N, 3).
+        sizes: standard deviations, of each or of all.
+        logit: of their opacity.
+    """
+    n = len(means)
+    return Gaussians(
+        means.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.broadcast_to(np.log(sizes).astype(np.float32).reshape(-1, 1), (n, 3)).copy(),
+        np.full(n, logit, np.float32),
+        np.zeros((n, 1, 3), np.float32),
+    )
+
+
 def camera_at(width: int, height: int, angle: float = 0.0, distance: float = 3.0) -> Camera:
     """A camera that looks at the origin from `distance` su, turned around the vertical; its centre is off-axis."""
     c, s = np.cos(angle), np.sin(angle)

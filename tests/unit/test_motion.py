@@ -93,7 +93,7 @@ def test_too_few_places_tell_nothing():
     tracks = walk(0.5)
     few = estimate_rolling_shutter(tracks[np.arange(100)])
     assert not few.found
-    assert few.error == np.inf
+    assert few.error_frames == np.inf
     assert RollingShutter(0.4, 0.01, 0.3, 0.0).found is False
 
 

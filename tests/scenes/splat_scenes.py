@@ -7,6 +7,7 @@ import numpy as np
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.splat import rasterizer
+from cotton3dg.splat.state import arrays_of
 
 NEAR = 0.05
 RATES = rasterizer.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
@@ -61,11 +62,6 @@ def native_view(camera: Camera, near_su: float = NEAR) -> _native.View:
     return _native.View(
         camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_scene, near_su
     )
-
-
-def arrays_of(gaussians: Gaussians) -> _native.Arrays:
-    g = gaussians
-    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
 
 
 def double(gaussians: Gaussians) -> _native.Arrays:

@@ -31,8 +31,76 @@ OWNER_MARK = ".cotton3dg"
 """Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
 
 
+class _Below:
+    """A path in the plant's folder."""
+
+    def __init__(self, path: str):
+        self.path = path
+
+    def __get__(self, workspace: Workspace, _: type) -> Path:
+        return workspace.root / self.path
+
+
 class Workspace:
     """Paths of one plant's folder and safe ways to write below it."""
+
+    # ------------------------------------------------- what the user gives
+    options_file = _Below("cotton3dg.toml")
+    images_input = _Below("images")
+    masks_input = _Below("own_masks")
+    """Boll masks that the user made, for the import back end."""
+    scale_points = _Below("scale_points.csv")
+    """Two points of known distance that the user picked in images, for scale --method distance."""
+    truth_json = _Below("truth.json")
+    """What is known of a simulated plant; no stage reads it."""
+
+    # --------------------------------------------- what stages write, by stage
+    frames_json = _Below("frames/frames.json")
+    sfm_model = _Below("sfm")
+    """COLMAP model of the images as filmed."""
+    sfm_json = _Below("sfm/sfm.json")
+    undistorted = _Below("sfm/undistorted")
+    """Folder with `images/` and the pinhole COLMAP model `sparse/` of them."""
+    gaussians_ply = _Below("train/gaussians.ply")
+    metrics_json = _Below("train/metrics.json")
+    effects_json = _Below("train/effects.json")
+    """Which effects of the camera the training allows for, and the evidence for and against each."""
+    masks_json = _Below("masks/masks.json")
+    selections_npz = _Below("segment/selections.npz")
+    segment_json = _Below("segment/segment.json")
+    """What the segmentation took, and how its maps agree with the masks."""
+    probabilities_npy = _Below("segment/probabilities.npy")
+    """(N,) float32: how likely each Gaussian is lint."""
+    features_npy = _Below("segment/features.npy")
+    """(N, C) float32: smoothed affinity features, zero where there is none; alike within a boll."""
+    bolls_json = _Below("cluster/bolls.json")
+    labels_npy = _Below("cluster/labels.npy")
+    bolls_ply = _Below("cluster/bolls.ply")
+    """The model with each boll in a colour of its own and the rest in grey, for viewers."""
+    scale_json = _Below("scale/scale.json")
+    traits_csv = _Below("traits/traits.csv")
+    bolls_csv = _Below("traits/bolls.csv")
+    columns_csv = _Below("traits/columns.csv")
+    """What each column of the two tables means."""
+    plant_npy = _Below("traits/plant.npy")
+    """(N,) bool: which Gaussians are the plant."""
+
+    # ---------------------------------------------- what else is written here
+    report_html = _Below("report.html")
+    """The plant's page: everything to look at in one file."""
+    annotations_json = _Below("annotations/bolls.json")
+    """The masks as COCO, for annotation tools; the images they belong to are beside it."""
+    study_csv = _Below("study/study.csv")
+    """Accuracy and time of the settings that were tried."""
+    study_md = _Below("study/study.md")
+    study_plot = _Below("study/study.png")
+    train_checkpoint = _Below("records/train.checkpoint.npz")
+    """A training that was interrupted."""
+    train_rejected = _Below("records/train.rejected.npz")
+    """The first training step that had no finite loss: its Gaussians, view and optimiser, for diagnosis."""
+    dropped_json = _Below("records/dropped.json")
+    """Names of the files that `clean` dropped."""
+    log_file = _Below("run.log")
 
     def __init__(self, root: Path | str):
         self.root = Path(root)
@@ -42,25 +110,6 @@ class Workspace:
     @property
     def plant_id(self) -> str:
         return self.root.resolve().name
-
-    # ---------------------------------------------------------------- inputs
-    @property
-    def options_file(self) -> Path:
-        return self.root / "cotton3dg.toml"
-
-    @property
-    def images_input(self) -> Path:
-        return self.root / "images"
-
-    @property
-    def masks_input(self) -> Path:
-        """Boll masks that the user made, for the import back end."""
-        return self.root / "own_masks"
-
-    @property
-    def scale_points(self) -> Path:
-        """Two points of known distance that the user picked in images, for scale --method distance."""
-        return self.root / "scale_points.csv"
 
     def capture(self) -> Path:
         """The user's video, or the `images` folder.
@@ -86,159 +135,27 @@ class Workspace:
             " into a folder named images in here"
         )
 
-    @property
-    def truth_json(self) -> Path:
-        """What is known of a simulated plant; no stage reads it."""
-        return self.root / "truth.json"
-
-    # --------------------------------------------------------------- outputs
     def folder(self, stage: str) -> Path:
         return self.root / stage
-
-    @property
-    def frames_json(self) -> Path:
-        return self.root / "frames" / "frames.json"
 
     def frame_images(self) -> list[Path]:
         """The images of the frames stage in order of time."""
         return sorted((self.root / "frames").glob("*.jpg"))
 
-    @property
-    def sfm_model(self) -> Path:
-        """COLMAP model of the images as filmed."""
-        return self.root / "sfm"
-
-    @property
-    def sfm_json(self) -> Path:
-        return self.root / "sfm" / "sfm.json"
-
-    @property
-    def undistorted(self) -> Path:
-        """Folder with `images/` and the pinhole COLMAP model `sparse/` of them."""
-        return self.root / "sfm" / "undistorted"
-
     def undistorted_image(self, name: str) -> Path:
         return self.undistorted / "images" / name
-
-    @property
-    def gaussians_ply(self) -> Path:
-        return self.root / "train" / "gaussians.ply"
-
-    @property
-    def train_checkpoint(self) -> Path:
-        """A training that was interrupted."""
-        return self.root / "records" / "train.checkpoint.npz"
-
-    @property
-    def train_rejected(self) -> Path:
-        """The first training step that had no finite loss: its Gaussians, view and optimiser, for diagnosis."""
-        return self.root / "records" / "train.rejected.npz"
-
-    @property
-    def metrics_json(self) -> Path:
-        return self.root / "train" / "metrics.json"
-
-    @property
-    def effects_json(self) -> Path:
-        """Which effects of the camera the training allows for, and the evidence for and against each."""
-        return self.root / "train" / "effects.json"
-
-    @property
-    def masks_json(self) -> Path:
-        return self.root / "masks" / "masks.json"
 
     def mask_png(self, image_name: str) -> Path:
         """Instance ids of an undistorted image."""
         return self.root / "masks" / f"{Path(image_name).stem}.png"
 
-    @property
-    def annotations_json(self) -> Path:
-        """The masks as COCO, for annotation tools; the images they belong to are beside it."""
-        return self.root / "annotations" / "bolls.json"
-
-    @property
-    def selections_npz(self) -> Path:
-        return self.root / "segment" / "selections.npz"
-
-    @property
-    def segment_json(self) -> Path:
-        """What the segmentation took, and how its maps agree with the masks."""
-        return self.root / "segment" / "segment.json"
-
-    @property
-    def probabilities_npy(self) -> Path:
-        """(N,) float32: how likely each Gaussian is lint."""
-        return self.root / "segment" / "probabilities.npy"
-
-    @property
-    def features_npy(self) -> Path:
-        """(N, C) float32: smoothed affinity features, zero where there is none; alike within a boll."""
-        return self.root / "segment" / "features.npy"
-
     def probability_png(self, image_name: str) -> Path:
         """Rendered probabilities of a view, grey; white = 1."""
         return self.root / "segment" / f"probability_{Path(image_name).stem}.png"
 
-    @property
-    def bolls_json(self) -> Path:
-        return self.root / "cluster" / "bolls.json"
-
-    @property
-    def labels_npy(self) -> Path:
-        return self.root / "cluster" / "labels.npy"
-
-    @property
-    def bolls_ply(self) -> Path:
-        """The model with each boll in a colour of its own and the rest in grey, for viewers."""
-        return self.root / "cluster" / "bolls.ply"
-
     def boll_ply(self, boll_id: int) -> Path:
         """The Gaussians of one boll."""
         return self.root / "cluster" / f"boll_{boll_id:03d}.ply"
-
-    @property
-    def scale_json(self) -> Path:
-        return self.root / "scale" / "scale.json"
-
-    @property
-    def traits_csv(self) -> Path:
-        return self.root / "traits" / "traits.csv"
-
-    @property
-    def columns_csv(self) -> Path:
-        """What each column of the two tables means."""
-        return self.root / "traits" / "columns.csv"
-
-    @property
-    def plant_npy(self) -> Path:
-        """(N,) bool: which Gaussians are the plant."""
-        return self.root / "traits" / "plant.npy"
-
-    @property
-    def bolls_csv(self) -> Path:
-        return self.root / "traits" / "bolls.csv"
-
-    @property
-    def report_html(self) -> Path:
-        """The plant's page: everything to look at in one file."""
-        return self.root / "report.html"
-
-    @property
-    def log_file(self) -> Path:
-        return self.root / "run.log"
-
-    @property
-    def study_csv(self) -> Path:
-        """Accuracy and time of the settings that were tried."""
-        return self.root / "study" / "study.csv"
-
-    @property
-    def study_md(self) -> Path:
-        return self.root / "study" / "study.md"
-
-    @property
-    def study_plot(self) -> Path:
-        return self.root / "study" / "study.png"
 
     def study_setting(self, sweep: str, value: str) -> Workspace:
         """A folder like this one's for another setting; made if needed."""
@@ -322,11 +239,6 @@ class Workspace:
             )
 
     # --------------------------------------------------------------- records
-    @property
-    def dropped_json(self) -> Path:
-        """Names of the files that `clean` dropped."""
-        return self.root / "records" / "dropped.json"
-
     def record_file(self, stage: str) -> Path:
         return self.root / "records" / f"{stage}.json"
 

@@ -98,7 +98,7 @@ def decompress_counts(text: str) -> list[int]:
     return counts
 
 
-def coco_document(masks: Mapping[str, NDArray[np.uint16]], label: str = "boll") -> dict[str, Any]:
+def coco_document(masks: Mapping[str, NDArray[np.uint16]]) -> dict[str, Any]:
     """Masks as a COCO document with polygons, which annotation tools can edit.
 
     Polygons have no holes: what shines through a boll becomes part of it.
@@ -126,7 +126,7 @@ def coco_document(masks: Mapping[str, NDArray[np.uint16]], label: str = "boll") 
                         "iscrowd": 0,
                     }
                 )
-    return {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": label}]}
+    return {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "boll"}]}
 
 
 def _bounding_box(polygons: Sequence[NDArray]) -> list[float]:

@@ -18,7 +18,7 @@ def scene_from_cam(camera: Camera) -> NDArray[np.float64]:
     return pose
 
 
-def nerfstudio_transforms(cameras: list[Camera], image_folder: str, points_file: str = "") -> dict[str, Any]:
+def nerfstudio_transforms(cameras: list[Camera], image_folder: str) -> dict[str, Any]:
     """Content of nerfstudio's transforms.json for pinhole cameras.
 
     Poses are scene-from-camera with OpenGL axes (x right, y up, z backward), the scene's own axes kept.
@@ -40,7 +40,6 @@ def nerfstudio_transforms(cameras: list[Camera], image_folder: str, points_file:
             }
             for camera in cameras
         ],
-        **({"ply_file_path": points_file} if points_file else {}),
     }
 
 

@@ -25,21 +25,18 @@ def model(
     *,
     name: str = "network",
     opset: int = 13,
-    notes: Mapping[str, str] | None = None,
 ) -> bytes:
     """The bytes of an ONNX file.
 
     Args:
         nodes: from `node`, in order of execution.
         inputs, outputs: shapes of these tensors; a text stands for a side of any length.
-        notes: metadata of the model.
     """
     graph = b"".join(field(1, item) for item in nodes) + field(2, name.encode())
     graph += b"".join(field(5, _tensor(key, values)) for key, values in constants.items())
     graph += b"".join(field(11, _value(key, shape)) for key, shape in inputs.items())
     graph += b"".join(field(12, _value(key, shape)) for key, shape in outputs.items())
-    metadata = [field(14, field(1, key.encode()) + field(2, text.encode())) for key, text in (notes or {}).items()]
-    return field(1, 8) + field(7, graph) + field(8, field(1, b"") + field(2, opset)) + b"".join(metadata)
+    return field(1, 8) + field(7, graph) + field(8, field(1, b"") + field(2, opset))
 
 
 def node(kind: str, inputs: Sequence[str], output: str, **attributes: int | float | str | Sequence[int]) -> bytes:

@@ -73,16 +73,16 @@ class _Conv(nn.Module):
 class BollsNetwork(nn.Module):
     """(B, 3, H, W) RGB in 0..255, sides multiples of `bolls.STRIDE` -> (B, CHANNELS, H/2, W/2)."""
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS):
+    def __init__(self) -> None:
         super().__init__()
-        self.stem = _Conv(3, widths[0], stride=2)
-        self.down = nn.ModuleList(_Conv(a, b, stride=2) for a, b in pairwise(widths))
+        self.stem = _Conv(3, WIDTHS[0], stride=2)
+        self.down = nn.ModuleList(_Conv(a, b, stride=2) for a, b in pairwise(WIDTHS))
         self.blocks = nn.ModuleList(
-            nn.ModuleList(_Block(w) for _ in range(n)) for w, n in zip(widths, blocks, strict=True)
+            nn.ModuleList(_Block(w) for _ in range(n)) for w, n in zip(WIDTHS, BLOCKS, strict=True)
         )
-        self.across = nn.ModuleList(_Conv(b, a, side=1) for a, b in pairwise(widths))
-        self.up = nn.ModuleList(_Conv(w, w) for w in widths[:-1])
-        self.head = nn.Conv2d(widths[0], CHANNELS, 3, padding=1)
+        self.across = nn.ModuleList(_Conv(b, a, side=1) for a, b in pairwise(WIDTHS))
+        self.up = nn.ModuleList(_Conv(w, w) for w in WIDTHS[:-1])
+        self.head = nn.Conv2d(WIDTHS[0], CHANNELS, 3, padding=1)
 
     def forward(self, image: Tensor) -> Tensor:
         x = self.stem((image - 128) / 64)
@@ -148,10 +148,10 @@ class _Graph:
         self.constants[name] = values.astype(np.float16) if self.half else values.astype(np.float32)
         return name
 
-    def conv(self, x: str, layer: _Conv, name: str, active: bool | None = None) -> str:
+    def conv(self, x: str, layer: _Conv, name: str) -> str:
         weight, bias = layer.folded()
         side, stride = weight.shape[2], layer.conv.stride[0]
-        return self._conv(x, weight, bias, name, side, stride, layer.active if active is None else active)
+        return self._conv(x, weight, bias, name, side, stride, layer.active)
 
     def _conv(self, x: str, weight: NDArray, bias: NDArray, name: str, side: int, stride: int, active: bool) -> str:
         inputs = [x, self.constant(name + ".w", weight), self.constant(name + ".b", bias)]
@@ -175,12 +175,11 @@ class _Graph:
         return name
 
 
-def to_onnx(network: BollsNetwork, *, half: bool = False, notes: dict[str, str] | None = None) -> bytes:
+def to_onnx(network: BollsNetwork, *, half: bool = False) -> bytes:
     """The network as an ONNX file that OpenCV runs.
 
     Args:
         half: weights in 16 bits, which take half of the space.
-        notes: metadata of the model.
     """
     network.eval()
     graph = _Graph([], {}, half)
@@ -217,5 +216,4 @@ def to_onnx(network: BollsNetwork, *, half: bool = False, notes: dict[str, str] 
         {"image": (1, 3, "height", "width")},
         {"maps": (1, CHANNELS, "half_height", "half_width")},
         name="bolls",
-        notes=notes,
     )

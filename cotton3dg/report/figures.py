@@ -171,9 +171,9 @@ def choose_views(
     return chosen
 
 
-def render_photo(gaussians: Gaussians, camera: Camera, threads: int = 0) -> Picture:
+def render_photo(gaussians: Gaussians, camera: Camera) -> Picture:
     """The model as a camera would see it."""
-    return to_uint8(rasterizer.render(gaussians, camera, threads=threads).image)
+    return to_uint8(rasterizer.render(gaussians, camera).image)
 
 
 def encode(array: NDArray[Any]) -> str:

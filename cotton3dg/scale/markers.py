@@ -168,7 +168,7 @@ def _fit_line(points: Float64) -> tuple[Float64, Float64]:
 
 
 def scale_from_markers(
-    cameras: Sequence[Camera], found: Sequence[Mapping[Corner, Float64]], kind: MarkerKind, seed: int = 0
+    cameras: Sequence[Camera], found: Sequence[Mapping[Corner, Float64]], kind: MarkerKind
 ) -> MarkerFit | NoReference:
     """The scale at which markers have their known size.
 
@@ -183,7 +183,7 @@ def scale_from_markers(
     for corner in sorted({corner for corners in found for corner in corners}):
         views = [number for number, corners in enumerate(found) if corner in corners]
         pixels = np.array([found[number][corner] for number in views])
-        sighting = triangulate([cameras[number] for number in views], pixels, least_views=LEAST_VIEWS, seed=seed)
+        sighting = triangulate([cameras[number] for number in views], pixels, least_views=LEAST_VIEWS)
         if sighting is not None:
             sightings[corner] = sighting
     if not any(found):

@@ -48,7 +48,6 @@ class Lamp:
 class Room:
     panels: tuple[Panel, ...]
     lamps: tuple[Lamp, ...]
-    tube_height: float
 
 
 class _Builder:
@@ -104,7 +103,7 @@ def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
         _box_on_table(build, options)
     if options.second_table:
         _side_table(build)
-    return Room(tuple(build.panels), _lamps(rng, half), TUBE)
+    return Room(tuple(build.panels), _lamps(rng, half))
 
 
 def _floor(rng: np.random.Generator) -> Painter:

@@ -77,12 +77,8 @@ def draw_kind(rng: np.random.Generator) -> BollKind:
     )
 
 
-def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: BollKind, finesse: int = 4) -> Boll:
-    """Lint and bur of a boll at its site.
-
-    Args:
-        finesse: subdivisions of the icosahedron that a lock is made of.
-    """
+def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: BollKind) -> Boll:
+    """Lint and bur of a boll at its site."""
     d = site.diameter
     pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
     foot = site.centre - site.axis * LINT_CENTRE * d

@@ -35,9 +35,9 @@ HUBER = 2.0
 class RollingShutter:
     """What the residuals of structure from motion say about it."""
 
-    read_out: float
-    """From the first row to the last, in frames of the video; negative from the last to the first."""
-    error: float
+    read_out_frames: float
+    """From the first row to the last, of the video; negative from the last to the first."""
+    error_frames: float
     """Its standard error, from the scatter among points and among images."""
     shift_px: float
     """By how much it moves pixels, root mean square."""
@@ -47,7 +47,7 @@ class RollingShutter:
     @property
     def found(self) -> bool:
         """Whether there is one, and not too small to be seen."""
-        return self.shift_px > VISIBLE_PX and abs(self.read_out) > CERTAIN * self.error
+        return self.shift_px > VISIBLE_PX and abs(self.read_out_frames) > CERTAIN * self.error_frames
 
 
 def estimate_rolling_shutter(tracks: Tracks) -> RollingShutter:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from ..splat.views import View, hold_out
 
 MOTION_POINTS = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""
+
+
+Found = TypeVar("Found", MotionBlurFound, RollingShutterFound)
 
 
 class SparseModel(NamedTuple):
@@ -99,24 +102,17 @@ def _motion(
         return None, None
     tracks = find_longest_tracks(model.cameras, times, model.tracks, model.positions, MOTION_POINTS)
     blur, shutter = blurring.estimate_motion_blur(views, tracks), rolling.estimate_rolling_shutter(tracks)
-    return MotionBlurFound(
-        on=False,
-        found=blur.found,
-        median_px=blur.median_px,
-        error_px=blur.error_px,
-        strong_px=blur.strong_px,
-        visible_from_px=blurring.VISIBLE_PX,
-        flow_px=blur.flow_px,
-        lengths_px={view.camera.name: length for view, length in zip(views, blur.lengths_px.tolist(), strict=True)},
-    ), RollingShutterFound(
-        on=False,
-        found=shutter.found,
-        read_out_frames=shutter.read_out,
-        error_frames=shutter.error,
-        shift_px=shutter.shift_px,
-        left_px=shutter.left_px,
-        visible_from_px=rolling.VISIBLE_PX,
+    lengths_px = {view.camera.name: length for view, length in zip(views, blur.lengths_px.tolist(), strict=True)}
+    return (
+        _found(MotionBlurFound, blur, visible_from_px=blurring.VISIBLE_PX, lengths_px=lengths_px),
+        _found(RollingShutterFound, shutter, visible_from_px=rolling.VISIBLE_PX),
     )
+
+
+def _found(kind: type[Found], estimate: object, **others: Any) -> Found:
+    """What the document says of an effect: the estimate's values of the same names, and `others`."""
+    names = {item.name for item in fields(kind)} - {"on", *others}
+    return kind(on=False, **{name: getattr(estimate, name) for name in names}, **others)
 
 
 def _times(frames: FramesInfo | None, views: list[View]) -> Float64 | None:

@@ -12,9 +12,9 @@ from ..core.measurements import BollTraits, PlantTraits, Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
-from .isolate import Plant
+from .isolate import Plant, isolate_plant
 from .silhouette_hull import opaque_hull
-from .surface import SAMPLES, sample_surface_of_volume, sample_visible_surface, surface_rows
+from .surface import SAMPLES, as_drawn, sample_surface_of_volume, sample_visible_surface, surface_rows
 
 TIP_OPACITY = 0.25
 """Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one."""
@@ -35,6 +35,47 @@ LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A plant and what is to be said about it."""
+
+    plant: Plant | None
+    """Among the Gaussians; None without a scale, or where nothing stands on the table."""
+    bolls: list[BollTraits]
+    traits: PlantTraits
+    flags: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def measure_plant(
+    gaussians: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, pixel_su: float, clamp_cm: float
+) -> Measured:
+    """All traits of a plant and of its bolls.
+
+    Args:
+        pixel_su: width of a pixel of the training images at the plant.
+        clamp_cm: height of the clamp that holds the plant.
+    """
+    concerns: dict[str, str] = {}
+    plant = None
+    if scale is not None:
+        boll_rows = np.zeros(len(gaussians), bool)
+        for boll in bolls:
+            boll_rows[boll.indices] = True
+        plant = isolate_plant(gaussians, scale, clamp_cm, boll_rows)
+        if plant is None:
+            concerns["no_plant"] = "nothing stands on the table; look at train/gaussians.ply and at scale/table_0.jpg"
+        elif not plant.stem_found:
+            concerns["no_stem"] = (
+                "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
+            )
+    drawn = as_drawn(gaussians, pixel_su)
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm)
+    silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
+    return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
 def measure_bolls(

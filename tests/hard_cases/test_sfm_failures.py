@@ -16,10 +16,10 @@ from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
+from cotton3dg.capture.placed import require_registered
 from cotton3dg.errors import BadInput, CaptureFailed
 from cotton3dg.files import reconstruction
 from cotton3dg.files.images import write_image
-from cotton3dg.stages import sfm
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"sfm": {"max_features": 1500, "overlap": 6}}
@@ -77,8 +77,8 @@ def test_case_36_models_are_ordered_by_images_then_points(monkeypatch: pytest.Mo
 def test_case_36_a_small_share_of_the_images_is_refused() -> None:
     model = SimpleNamespace(num_reg_images=lambda: 39)
     with pytest.raises(CaptureFailed, match=r"39 of 100 frames registered \(40 % needed\)"):
-        sfm._check_registered([model], [str(i) for i in range(100)])
-    sfm._check_registered([SimpleNamespace(num_reg_images=lambda: 40)], [str(i) for i in range(100)])
+        require_registered([model], [str(i) for i in range(100)])
+    require_registered([SimpleNamespace(num_reg_images=lambda: 40)], [str(i) for i in range(100)])
 
 
 def assert_refused_or_right(workspace: Workspace, angles: np.ndarray) -> None:

@@ -9,6 +9,7 @@ from cotton3dg.files.images import write_ids
 from cotton3dg.files.ply import write_gaussians
 from cotton3dg.splat.rasterizer import render_values
 from cotton3dg.workspace import Workspace
+from scenes.splat_scenes import round_gaussians
 
 CENTRES = np.array([[0, 0, 3.0], [0.5, 0, 2.0], [-0.35, 0.35, 1.5], [0.05, 0.55, 1.45], [0, -0.6, 1.0]])
 """The third and fourth touch."""
@@ -22,16 +23,8 @@ def model() -> tuple[Gaussians, np.ndarray]:
     directions = rng.normal(size=(5, 160, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     stem = np.column_stack([rng.normal(0, 0.02, (300, 2)), rng.uniform(0, 2.7, 300)])
-    means = np.concatenate([(CENTRES[:, None] + RADIUS * directions).reshape(-1, 3), stem]).astype(np.float32)
-    n = len(means)
-    gaussians = Gaussians(
-        means,
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.full((n, 3), np.log(0.035), np.float32),
-        np.full(n, 3.0, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
-    return gaussians, np.concatenate([np.repeat(np.arange(1, 6), 160), np.zeros(300, int)])
+    means = np.concatenate([(CENTRES[:, None] + RADIUS * directions).reshape(-1, 3), stem])
+    return round_gaussians(means, 0.035), np.concatenate([np.repeat(np.arange(1, 6), 160), np.zeros(300, int)])
 
 
 def cameras() -> list[Camera]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cotton3dg.core.scene import Camera, Gaussians
+from scenes.splat_scenes import round_gaussians
 
 BOLLS = np.array(
     [
@@ -105,13 +106,5 @@ def room_model() -> Gaussians:
     wall = np.column_stack([WALL_M * np.cos(angles), WALL_M * np.sin(angles), heights])
     parts = [((BOLLS[:, None] + 0.9 * RADIUS * directions).reshape(-1, 3), 0.002), (stem, 0.003)]
     parts += [(table_points(), 0.012), (wall, 0.08)]
-    means = np.concatenate([points for points, _ in parts]).astype(np.float32)
-    sizes = np.concatenate([np.full(len(points), size) for points, size in parts])
-    n = len(means)
-    return Gaussians(
-        means,
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.log(sizes)[:, None].repeat(3, 1).astype(np.float32),
-        np.full(n, 4.0, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
+    means = np.concatenate([points for points, _ in parts])
+    return round_gaussians(means, np.concatenate([np.full(len(points), size) for points, size in parts]), 4.0)

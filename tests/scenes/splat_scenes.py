@@ -7,6 +7,7 @@ import numpy as np
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.splat import rasterizer
+from cotton3dg.splat.state import arrays_of
 
 NEAR = 0.05
 RATES = rasterizer.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)
@@ -30,6 +31,24 @@ def scene(count: int, seed: int, coefficients: int = 16) -> Gaussians:
     )
 
 
+def round_gaussians(means: np.ndarray, sizes: np.ndarray | float, logit: float = 3.0) -> Gaussians:
+    """Black balls.
+
+    Args:
+        means: (N, 3).
+        sizes: standard deviations, of each or of all.
+        logit: of their opacity.
+    """
+    n = len(means)
+    return Gaussians(
+        means.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.broadcast_to(np.log(sizes).astype(np.float32).reshape(-1, 1), (n, 3)).copy(),
+        np.full(n, logit, np.float32),
+        np.zeros((n, 1, 3), np.float32),
+    )
+
+
 def camera_at(width: int, height: int, angle: float = 0.0, distance: float = 3.0) -> Camera:
     """A camera that looks at the origin from `distance` su, turned around the vertical; its centre is off-axis."""
     c, s = np.cos(angle), np.sin(angle)
@@ -43,11 +62,6 @@ def native_view(camera: Camera, near_su: float = NEAR) -> _native.View:
     return _native.View(
         camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_scene, near_su
     )
-
-
-def arrays_of(gaussians: Gaussians) -> _native.Arrays:
-    g = gaussians
-    return g.means, g.quats, g.log_scales, g.opacity_logits, g.sh
 
 
 def double(gaussians: Gaussians) -> _native.Arrays:

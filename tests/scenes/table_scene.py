@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.scene import Camera, Gaussians
+from scenes.splat_scenes import round_gaussians
 
 LENGTH_CM, WIDTH_CM, THICKNESS_CM = 120.0, 60.0, 3.0
 FOOT_CM = np.array([4.0, -3.0, 0.0])
@@ -156,15 +157,8 @@ def gaussians_at(
     points_cm: np.ndarray, sigma_cm: np.ndarray | float, pose: Pose = POSE, opacity: float = 0.9
 ) -> Gaussians:
     """Round Gaussians."""
-    n = len(points_cm)
-    sigma = np.broadcast_to(np.asarray(sigma_cm, float).reshape(-1, 1), (n, 3))
-    return Gaussians(
-        pose.scene(points_cm).astype(np.float32),
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.log(sigma / pose.cm_per_su).astype(np.float32),
-        np.full(n, np.log(opacity / (1 - opacity)), np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
+    sizes = np.asarray(sigma_cm, float) / pose.cm_per_su
+    return round_gaussians(pose.scene(points_cm), sizes, np.log(opacity / (1 - opacity)))
 
 
 def joined(*parts: Gaussians) -> Gaussians:

@@ -1,20 +1,14 @@
 """Lint and the middles of bolls in space, from what the network says in all views."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
-from cotton3dg.core.scene import Gaussians
 from cotton3dg.masks.bolls import Maps
-from cotton3dg.masks.join_parts import join_parts
-from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
+from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.meeting_votes import (
     Middles,
-    Votes,
     cast_votes,
-    drop_unlikely,
     find_middles,
     measure_agreement,
     meet_rays,
@@ -170,50 +164,3 @@ def test_rays_meet_where_they_were_sent_whatever_single_ones_do():
     assert np.linalg.norm(met - target) < 0.02
     seen_from_one_place = meet_rays(np.zeros((5, 3)), rays[100:105] * 0 + (0, 0, 1), weights[:5], target, 0.4)
     assert seen_from_one_place[2] == pytest.approx(target[2], abs=1e-6), "along rays that do not cross nothing moves"
-
-
-def touching_pair(apart: float, border: float, probability: float = 0.9) -> tuple[Middles, list[Votes], LintInSpace]:
-    """Two balls of lint of diameter 1 whose middles are `apart`, beside two lonely ones; seen from four sides."""
-    rng = np.random.default_rng(1)
-    centres = np.array([[0, 0, 0], [apart, 0, 0], [9, 0, 0], [0, 9, 0]])
-    shell = rng.normal(size=(400, 3))
-    shell *= 0.5 / np.linalg.norm(shell, axis=1, keepdims=True)
-    means = (centres[:, None] + shell).reshape(-1, 3).astype(np.float32)
-    n = len(means)
-    gaussians = Gaussians(
-        means,
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.full((n, 3), np.log(0.05), np.float32),
-        np.full(n, 3.0, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
-    pixels = np.divmod(np.arange(n), 40)
-    rows = np.argsort(means[:, 0], kind="stable")
-    nothing = np.zeros((n, 3), np.float32)
-    view = Votes(
-        (n // 40, 40), pixels, np.full(n, border, np.float32), nothing, means[rows], nothing, np.zeros(3),
-        np.ones(n, np.float32), np.full(n, probability, np.float32), np.ones(n, np.float32),
-    )  # fmt: skip
-    four = np.ones(4, np.float32)
-    middles = Middles(centres.astype(np.float32), four, four, np.full(4, 4))
-    return middles, [view] * 4, LintInSpace(gaussians, np.ones(n, np.float32), np.zeros(3, np.float32))
-
-
-@pytest.mark.parametrize(
-    ("apart", "border", "bolls"),
-    [(0.4, 0.3, 3), (0.4, 0.9, 4), (0.85, 0.3, 4), (0.85, 0.6, 4)],
-    ids=["locks of one boll", "small bolls with a clear border", "bolls that touch", "bolls that touch, with a border"],
-)
-def test_parts_are_joined_where_both_are_no_wider_than_a_boll(apart, border, bolls):
-    middles = join_parts(*touching_pair(apart, border))
-    assert len(middles.centres) == bolls
-    if bolls == 3:
-        np.testing.assert_allclose(middles.centres[0], [apart / 2, 0, 0], atol=1e-6)
-        assert middles.support[0] == 2
-
-
-@pytest.mark.parametrize(("probability", "support", "bolls"), [(0.5, 0.1, 0), (0.5, 1.0, 4), (0.8, 0.1, 4)])
-def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(probability, support, bolls):
-    middles, votes, _ = touching_pair(0.85, 0.3, probability)
-    middles = replace(middles, support=np.full(4, support, np.float32))
-    assert len(drop_unlikely(middles, votes).centres) == bolls

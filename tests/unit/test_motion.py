@@ -55,14 +55,14 @@ def walk(read_out: float, size: tuple[int, int] = (640, 360), noise_px: float = 
 @pytest.mark.parametrize(("read_out", "size"), [(0.5, (640, 360)), (-0.4, (640, 360)), (0.5, (360, 640))])
 def test_the_read_out_time_is_found(read_out, size):
     found = estimate_rolling_shutter(walk(read_out, size))
-    assert found.read_out == pytest.approx(read_out, abs=max(3 * found.error, 0.02))
-    assert found.error < 0.05
+    assert found.read_out_frames == pytest.approx(read_out, abs=max(3 * found.error_frames, 0.02))
+    assert found.error_frames < 0.05
     assert found.found
 
 
 def test_a_global_shutter_gives_no_evidence():
     found = estimate_rolling_shutter(walk(0.0))
-    assert abs(found.read_out) < 4 * found.error
+    assert abs(found.read_out_frames) < 4 * found.error_frames
     assert found.shift_px < 0.2
     assert not found.found
 
@@ -79,8 +79,8 @@ def test_the_read_out_time_survives_what_an_adjustment_does():
             for camera in tracks.cameras
         ],
     )
-    assert estimate_rolling_shutter(moved).read_out == pytest.approx(
-        estimate_rolling_shutter(tracks).read_out, abs=0.02
+    assert estimate_rolling_shutter(moved).read_out_frames == pytest.approx(
+        estimate_rolling_shutter(tracks).read_out_frames, abs=0.02
     )
 
 
@@ -93,7 +93,7 @@ def test_too_few_places_tell_nothing():
     tracks = walk(0.5)
     few = estimate_rolling_shutter(tracks[np.arange(100)])
     assert not few.found
-    assert few.error == np.inf
+    assert few.error_frames == np.inf
     assert RollingShutter(0.4, 0.01, 0.3, 0.0).found is False
 
 

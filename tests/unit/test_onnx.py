@@ -31,7 +31,7 @@ def test_opencv_runs_what_was_written():
 
 
 def test_constants_come_back_with_their_types():
-    text = onnx.model([], CONSTANTS, {}, {}, notes={"licence": "Apache-2.0"})
+    text = onnx.model([], CONSTANTS, {}, {})
     found = onnx.read_constants(text, "net.onnx")
     assert found.keys() == CONSTANTS.keys()
     for name, values in CONSTANTS.items():

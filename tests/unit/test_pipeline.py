@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from scenes.small_stages import MODULES, replace_stages
+from scenes.small_stages import MODULES, filmed_plant, replace_stages
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
@@ -57,10 +57,7 @@ def stages(monkeypatch):
 
 @pytest.fixture
 def workspace(tmp_path):
-    folder = tmp_path / "plant_007"
-    folder.mkdir()
-    (folder / "video.mp4").write_text("video")
-    return Workspace(folder)
+    return filmed_plant(tmp_path)
 
 
 def run(workspace, stages=pipeline.STAGES, overrides=None, **keywords):

@@ -112,21 +112,6 @@ def test_hostile_files_are_refused(tmp_path: Path, damage) -> None:
         read_gaussians(tmp_path / "a.ply")
 
 
-def test_random_damage_never_escapes_as_another_error(tmp_path: Path) -> None:
-    write_gaussians(tmp_path / "a.ply", some_gaussians(2, 4))
-    whole, rng = (tmp_path / "a.ply").read_bytes(), np.random.default_rng(0)
-    for _ in range(500):
-        damaged = bytearray(whole)
-        for at in rng.integers(0, len(whole), 3):
-            damaged[at] = rng.integers(0, 256)
-        (tmp_path / "a.ply").write_bytes(bytes(damaged[: rng.integers(0, len(whole) + 1)]))
-        try:
-            gaussians = read_gaussians(tmp_path / "a.ply")
-        except BadInput:
-            continue
-        assert np.isfinite(gaussians.means).all()
-
-
 def test_coloured_gaussians_have_the_colours() -> None:
     colours = np.random.default_rng(1).uniform(size=(5, 3))
     np.testing.assert_allclose(recolour(some_gaussians(5, 4), colours).colours, colours, atol=1e-6)

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 from scenes.documents import train_metrics
-from scenes.small_stages import replace_stages
+from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
@@ -16,7 +16,6 @@ from cotton3dg.study import work
 from cotton3dg.study.rows import empty_row
 from cotton3dg.study.settings import settings_of, sweeps_of
 from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, starred, summary, with_errors
-from cotton3dg.workspace import Workspace
 
 VIDEO = Footage(120, 1280, 720)
 READS = {
@@ -82,10 +81,7 @@ def stages(monkeypatch):
 
 @pytest.fixture
 def plant(tmp_path):
-    folder = tmp_path / "plant_007"
-    folder.mkdir()
-    (folder / "video.mp4").write_text("video")
-    return Workspace(folder)
+    return filmed_plant(tmp_path)
 
 
 def study(plant, sweeps, **keywords):

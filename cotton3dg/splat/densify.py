@@ -83,7 +83,7 @@ def find_contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
     are no part of what the photos show. All stay when nothing has been seen.
 
     Args:
-        weight: (N,) blending weights summed over images and pixels.
+        weight: (N,) blending weights summed over images, as `DensityStatistics` has them.
         count: (N,) number of images that showed it.
     """
     mean = np.where(count > 0, weight / np.maximum(count, 1), 0.0)

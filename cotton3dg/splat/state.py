@@ -91,7 +91,7 @@ class DensityStatistics:
     """(N,) length of the sum of absolute per-pixel gradients by the projected mean (AbsGS), in the units of Kerbl et
     al.: per px times half the image size."""
     weight: Float32
-    """(N,) blending weight."""
+    """(N,) blending weight, as a share of the image."""
     count: NDArray[np.int32]
     """(N,) views."""
 

@@ -293,9 +293,13 @@ def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
 
 
 def densification_steps(steps: int, n_views: int) -> range:
-    """Numbers of finished steps after which the density is controlled."""
-    interval = max(n_views, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS))
-    return range(round(DENSIFY_FROM * steps) + interval, round(DENSIFY_UNTIL * steps) + 1, interval)
+    """Numbers of finished steps after which the density is controlled.
+
+    Always after whole epochs: a window that misses views finds what only those show hidden.
+    """
+    epochs = max(1, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS / n_views))
+    first = math.ceil(DENSIFY_FROM * steps / n_views) + epochs
+    return range(first * n_views, round(DENSIFY_UNTIL * steps) + 1, epochs * n_views)
 
 
 def image_order(n_views: int, steps: int, seed: int) -> list[int]:

@@ -122,7 +122,7 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
 
         const Statistics& s = a.statistics;
         s.abs_grad_px[row] += gradient[row_gradient::abs_grad_px];
-        s.weight[row] += weight;
+        s.weight[row] += weight * s.pixel;
         ++s.count[row];
     }
 }

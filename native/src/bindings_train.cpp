@@ -60,7 +60,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     rows.rates = rates;
     rows.surroundings = surroundings;
     rows.statistics = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
-                       statistics.count.mutable_data()};
+                       statistics.count.mutable_data(), float(1 / double(view.pixels()))};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;

@@ -123,10 +123,12 @@ namespace row_gradient {
 enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, abs_grad_px, unit, size = 20 };
 }
 
-// Sums over views for density control, (N,) each.
+// Sums over views for density control, (N,) each. Weights count as shares of the image, so that those of a coarse and
+// of a fine one can be compared.
 struct Statistics {
     float *abs_grad_px, *weight;
     int32_t* count;
+    float pixel;  // its share of the image
 };
 
 struct LossSums {

@@ -11,10 +11,11 @@ import adam as reference
 import numpy as np
 import pytest
 from scenes.differentiation import loss_and_gradients
-from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, step, target_of
 from scipy import sparse
 
 from cotton3dg import _native
+from cotton3dg.core.scene import Gaussians
 from cotton3dg.splat import rasterizer
 from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
 
@@ -122,6 +123,17 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
             np.testing.assert_allclose(array, twin, rtol=2e-6, atol=2e-6)
             twin[...] = array  # a rounding must not become another gradient in the next view
     assert 0 < steps.min() < steps.max() == 4
+
+
+def test_the_weight_of_a_gaussian_is_the_same_at_every_size_of_the_image() -> None:
+    """Windows of density control may lie across a change of resolution."""
+    gaussians, weights = scene(60, seed=12), []
+    for width, height in ((160, 120), (320, 240)):
+        statistics = step(Gaussians(*(a.copy() for a in arrays_of(gaussians))), camera_at(width, height))[2]
+        weights.append(statistics.weight)
+    shown = weights[1] > 1e-3
+    assert shown.sum() > 20
+    np.testing.assert_allclose(weights[0][shown], weights[1][shown], rtol=0.1)
 
 
 def test_training_fits_an_image() -> None:

@@ -13,7 +13,7 @@ GaussianPointers pointers(GaussianArrays<float>& arrays) {
             arrays.opacity_logits.mutable_data(), arrays.sh.mutable_data()};
 }
 
-// What a step changes: the parameters, Adam's two moments of them, and how many steps each row has taken.
+// What a step changes: the parameters, Adam's two moments of them, and how many steps each band of each row has taken.
 struct OptimiserState {
     GaussianArrays<float> parameters, first, second;
     Array<int32_t> steps;
@@ -26,7 +26,7 @@ struct OptimiserState {
             second.sh.shape(1) != parameters.sh.shape(1)) {
             throw py::value_error("the moments must have the shapes of the Gaussians");
         }
-        steps = checked<int32_t>(step_counts, "steps", {n});
+        steps = checked<int32_t>(step_counts, "steps", {n, kBands});
     }
 };
 

@@ -126,6 +126,21 @@ def test_case_25_no_step_of_adam_is_longer_than_its_bound() -> None:
         assert (moved <= 1.01 * MOST_ADAM_STEP * limits + 1e-6).all()
 
 
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_case_25_the_first_steps_of_a_late_band_are_no_longer_than_its_rate(degree: int) -> None:
+    """Its moments start at zero however many steps the Gaussian has taken without it."""
+    camera, gaussians = camera_at(24, 18), scene(60, seed=3)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
+    options = {"target": target_of(camera), "learning_rates": RATES, "near_su": NEAR}
+    for _ in range(150):
+        rasterizer.train_step(gaussians, adam, statistics, camera, sh_degree=degree - 1, **options)
+    band = slice(degree**2, (degree + 1) ** 2)
+    for _ in range(3):
+        before = gaussians.sh[:, band].copy()
+        rasterizer.train_step(gaussians, adam, statistics, camera, sh_degree=degree, **options)
+        assert np.abs(gaussians.sh[:, band] - before).max() <= 1.05 * RATES.sh_rest
+
+
 @pytest.mark.parametrize("distance", [2.0, 1e3, 1e25])
 def test_case_25_steps_far_away_keep_their_limit(distance: float) -> None:
     """However far the region where steps stay short is; squares of the largest distance overflow."""

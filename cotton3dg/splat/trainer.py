@@ -102,6 +102,9 @@ class Fit:
     """Steps and images whose loss was not finite; they changed nothing."""
     culled: dict[str, int] = field(default_factory=dict)
     """Gaussians skipped for being numerically unusable, by reason, over all steps."""
+    n_skipped: int = 0
+    """Updates of single Gaussians left out, over all steps, because their gradient was not finite. Who is skipped all
+    the time counts as seen by no view and is pruned."""
     n_pruned: int = 0
     n_split: int = 0
 
@@ -350,6 +353,7 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
     """Count what one step skipped or rejected."""
     for reason in UNUSABLE:
         result.culled[reason] = result.culled.get(reason, 0) + report.culled.get(reason, 0)
+    result.n_skipped += report.n_skipped
     if not report.finite:
         result.rejected.append((step, name))
         if len(result.rejected) > max(FEWEST_REJECTED, MOST_REJECTED * steps):

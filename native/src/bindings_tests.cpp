@@ -63,7 +63,7 @@ py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree,
             gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
         }
         py::dict report = report_of(gradient.report);
-        report["finite"] = gradient.finite;
+        report["finite"] = gradient.finite && gradient.spoilt == 0;
         return py::make_tuple(report, gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
     });
 }
@@ -87,7 +87,7 @@ py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_de
             };
             gradient = view_gradient(frame, scene, view, behind, threads, given);
         }
-        return py::make_tuple(py::bool_(gradient.finite), gradient_arrays(frame, gradient, scene.sh_stored),
+        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0), gradient_arrays(frame, gradient, scene.sh_stored),
                               counts(frame));
     });
 }

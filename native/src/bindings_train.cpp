@@ -71,6 +71,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     }
     py::dict report = report_of(gradient.report);
     report["finite"] = gradient.finite;
+    report["n_skipped"] = gradient.spoilt;
     const py::dict all_counts = counts(frame);
     for (const auto& item : all_counts) report[item.first] = item.second;
     return report;

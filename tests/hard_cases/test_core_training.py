@@ -180,6 +180,27 @@ def test_case_25_longest_gradients_leave_finite_moments() -> None:
     assert all_finite(*arrays_of(gaussians), *arrays_of(adam.first), *arrays_of(adam.second))
 
 
+def test_case_25_a_gradient_that_is_not_finite_stops_its_own_gaussian_only() -> None:
+    """In the camera's very centre the direction of view, and with it the colour, changes infinitely fast."""
+    camera, gaussians = camera_at(24, 18), scene(40, seed=3)
+    camera = dataclasses.replace(camera, cam_from_scene=np.eye(3, 4))
+    gaussians.means[:, 2] += 3
+    gaussians.means[7], gaussians.opacity_logits[7], gaussians.sh[7] = (0, 0, 2e-38), -1, 300
+    gaussians.log_scales[7] = -30
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(40)
+    options = {"sh_degree": 3, "learning_rates": RATES, "near_su": 1e-38}
+    before = [a.copy() for a in arrays_of(gaussians)]
+    for number in range(1, 21):
+        report = rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
+        assert report.finite
+        assert report.n_skipped == 1
+        assert statistics.count.max() == number
+    assert all(np.array_equal(new[7], old[7]) for new, old in zip(arrays_of(gaussians), before, strict=True))
+    assert adam.steps[7].max() == statistics.count[7] == 0
+    assert all_finite(*arrays_of(gaussians), *arrays_of(adam.first), *arrays_of(adam.second))
+    assert all_finite(*vars(statistics).values())
+
+
 def test_case_26_more_pairs_than_memory_are_an_error_not_a_crash() -> None:
     """600 Gaussians over each of the 4 million tiles of a 32768 px image."""
     camera, gaussians = camera_at(32768, 32768), scene(600, seed=0)

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scenes.documents import effects
 from scenes.training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
 from cotton3dg.errors import StageFailed
@@ -25,6 +26,7 @@ from cotton3dg.splat.trainer import (
     surroundings,
 )
 from cotton3dg.splat.views import View
+from cotton3dg.training.quality import metrics_of, outcome_of
 
 
 def test_psnr_of_a_held_out_view_rises() -> None:
@@ -86,6 +88,18 @@ def test_steps_with_a_non_finite_loss_are_counted_with_their_image(monkeypatch: 
     assert result.rejected == [(step, views[order[step]].camera.name) for step in (3, 17)]
     assert result.gaussians.finite_rows.all()
     assert all(np.isfinite(entry["loss"]) for entry in result.history)
+
+
+def test_updates_that_were_skipped_are_counted_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, views, _ = training_scene()
+    honest = trainer.train_step
+    monkeypatch.setattr(trainer, "train_step", lambda *a, **k: dataclasses.replace(honest(*a, **k), n_skipped=2))
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=40))
+    assert result.n_skipped == 80
+    assert result.rejected == []
+    metrics = metrics_of(result, [], 1e-4)
+    assert metrics.skipped_updates == 80
+    assert "80 updates of single Gaussians" in outcome_of(metrics, effects()).warnings[0]
 
 
 def test_too_many_rejected_steps_end_the_training(monkeypatch: pytest.MonkeyPatch) -> None:

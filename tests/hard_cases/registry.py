@@ -155,6 +155,8 @@ CASES = (
     )),
     Case(26, "densification explosion", "hard budgets, 64-bit counts, a clear error before memory is taken", (
         TRAINING + "test_case_26_more_pairs_than_memory_are_an_error_not_a_crash",
+        TRAINING + "test_case_26_the_limit_follows_the_memory_there_is",
+        TRAINING + "test_case_26_the_memory_there_is_is_read_as_the_system_tells_it",
         TRAINING + "test_case_26_the_budget_holds_when_everything_wants_to_split",
         "tests/unit/test_densify.py::test_the_budget_is_never_exceeded",
     )),

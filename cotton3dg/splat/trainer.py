@@ -70,9 +70,6 @@ RECORDED_EVERY = 50
 UNUSABLE = ("non_finite", "degenerate")
 """Reasons for culling that tell of numerical trouble; the others tell of Gaussians out of view."""
 
-NEAREST = 0.02
-"""Nothing nearer to a camera than this share of the cameras' distance is drawn: the unit of a scene is arbitrary."""
-
 SAVED_EVERY_S = 60.0
 """Seconds between two saves of the training, so that no interruption costs more."""
 
@@ -238,7 +235,6 @@ def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -
         background=(0.0, 0.0, 0.0),
         learning_rates=learning_rates(step, options.steps, schedule.orbit.distance, schedule.around),
         dssim=options.dssim,
-        near_su=NEAREST * schedule.orbit.distance or None,
     )
 
 

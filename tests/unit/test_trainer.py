@@ -119,6 +119,26 @@ def test_poisoned_gaussians_are_counted_and_dropped() -> None:
     assert quality_db(result.gaussians, held_out) > 20
 
 
+def test_training_draws_what_judging_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Gaussian right in front of the camera, where the room is far: both or neither."""
+    start, views, _ = training_scene()
+    camera, rng = views[0].camera, np.random.default_rng(5)
+    far = camera.centre + 40 * camera.forward + rng.normal(0, 5, (200, 3))
+    near = camera.centre + 0.3 * camera.forward
+    room = place_gaussians(np.vstack([far, near]), np.full((201, 3), 90, np.uint8), 0, 201, 0)
+    start = densify.concatenate([start, room])
+    honest, counts = trainer.train_step, []
+
+    def step(gaussians, *arguments, **options):
+        drawn = render(gaussians, camera, sh_degree=0).n_visible
+        counts.append((honest(gaussians, *arguments, **options).n_visible, drawn))
+        return StepReport(0, 0, 0, 0, 0, {}, finite=True)
+
+    monkeypatch.setattr(trainer, "train_step", step)
+    fit(start, views[:1], dataclasses.replace(OPTIONS, steps=1))
+    assert counts[0][0] == counts[0][1] > 300
+
+
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_the_size_of_the_scene_does_not_matter(factor: float) -> None:
     start, views, held_out = training_scene()

@@ -22,6 +22,7 @@ from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..options import TrainOptions
 from . import densify
 from .metrics import PLANT_REGION
+from .random_streams import open_stream
 from .rasterizer import StepReport, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
@@ -303,7 +304,7 @@ def densification_steps(steps: int, n_views: int) -> range:
 
 def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     """Index of the view of each step: all views once, in random order, then all again in another."""
-    rng = np.random.default_rng(seed)
+    rng = open_stream(seed, "image order")
     epochs = [rng.permutation(n_views) for _ in range(math.ceil(steps / n_views))]
     return np.concatenate(epochs)[:steps].tolist()
 

@@ -99,7 +99,7 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
         warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
     if metrics.skipped_updates:
         warnings.append(
-            f"{metrics.skipped_updates} updates of single Gaussians had a gradient that was not finite and were left out"
+            f"{metrics.skipped_updates} updates of single Gaussians were left out, as their gradient was not finite"
         )
     if metrics.psnr_db < LOW_PSNR_DB:
         flags.append("low_psnr")

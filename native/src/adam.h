@@ -59,8 +59,8 @@ void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const 
 
 // Each band counts its own updates in `bias`: one that joins late begins with moments of zero.
 template <int degree>
-COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrection* bias, const PackOf<float>* basis, int lane,
-                             const float* v_colour) {
+COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrection* bias, const PackOf<float>* basis,
+                             int lane, const float* v_colour) {
     constexpr int coefficients = (degree + 1) * (degree + 1), n = 3 * coefficients;
     constexpr int padded = (n + kLanes<float> - 1) / kLanes<float> * kLanes<float>;
     alignas(64) float g[padded] = {}, rates[padded] = {}, first_bias[padded] = {}, second_bias[padded] = {};

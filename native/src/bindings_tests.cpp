@@ -88,8 +88,8 @@ py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_de
             };
             gradient = view_gradient(frame, scene, view, behind, threads, given);
         }
-        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0), gradient_arrays(frame, gradient, scene.sh_stored),
-                              counts(frame));
+        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0),
+                              gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
     });
 }
 

@@ -30,7 +30,10 @@ def adam(
     rate: np.ndarray,
     rates: LearningRates,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter, first and second moment (N, ...) after a step; `steps` counts it. It and `rate` are (N, ...) or (N,)."""
+    """Parameter, first and second moment (N, ...) after a step; `steps` counts it.
+
+    `steps` and `rate` are (N, ...) or (N,).
+    """
 
     def spread(rows: np.ndarray) -> np.ndarray:
         return rows if rows.ndim == parameter.ndim else rows.reshape((-1,) + (1,) * (parameter.ndim - 1))

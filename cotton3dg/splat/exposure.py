@@ -84,7 +84,7 @@ def estimate_exposure(
     parts = [used & half[ids], used & ~half[ids]]
     halves = [log_gains(colours[part, 1], rows[part], ids[part], n) for part in parts]
     logs -= logs[sure].mean(axis=0)
-    for view in np.flatnonzero(known & ~fitted):
+    for view in np.flatnonzero(known & ~fitted).tolist():
         logs[view] = _compare(view, logs, colours, rows, ids, used)
     logs[~known] = 0
     # Each half has twice the variance of the whole, and the difference of both twice that again.
@@ -134,13 +134,13 @@ def _observe(
         ids.append(np.asarray(own)[inside][good])
         rows.append(np.full(int(good.sum()), row))
     names, number = np.unique(np.concatenate(ids), return_inverse=True)
-    row = np.concatenate(rows)
-    counts = np.bincount(number[fitted[row]], minlength=len(names))
+    shown_by = np.concatenate(rows)
+    counts = np.bincount(number[fitted[shown_by]], minlength=len(names))
     chosen = np.zeros(len(names), bool)
     chosen[np.argsort(-counts, kind="stable")[:MOST_POINTS]] = True
     chosen &= counts > 1
     keep = chosen[number]
-    return np.concatenate(colours)[keep], row[keep], (np.cumsum(chosen) - 1)[number[keep]]
+    return np.concatenate(colours)[keep], shown_by[keep], (np.cumsum(chosen) - 1)[number[keep]]
 
 
 def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], n_views: int) -> Float64:

@@ -82,6 +82,10 @@ def train_step(
 
 class for_tests:  # noqa: N801  # a submodule
     @staticmethod
+    def available_memory(root: str) -> int: ...
+    @staticmethod
+    def pretend_available_memory(bytes: int) -> None: ...
+    @staticmethod
     def image_loss(
         image: NDArray[Any], target: NDArray[Any], dssim: float, threads: int
     ) -> tuple[dict[str, float], NDArray[Any]]: ...

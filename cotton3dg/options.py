@@ -49,7 +49,7 @@ class TrainOptions:
         "auto", "bring images of varying exposure and white balance to a common one", choices=("auto", "on", "off")
     )
     holdout: int = option(8, "every n-th image is held out for PSNR; 0 = none", paper="8", at_least=0)
-    seed: int = option(0, "seed of image order and densification", at_least=0)
+    seed: int = option(0, "seed of the starting Gaussians and of the image order", at_least=0)
 
 
 @dataclass(frozen=True)

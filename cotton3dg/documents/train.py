@@ -69,6 +69,8 @@ class TrainMetrics(Document):
     """How far the training was at a few of its steps."""
     pixel_su: float
     """Size of a training image's pixel at what the cameras look at."""
+    skipped_updates: int = 0
+    """Of single Gaussians, over all steps, for a gradient that was not finite."""
 
 
 @dataclass(frozen=True)

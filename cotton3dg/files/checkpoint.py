@@ -51,6 +51,10 @@ def read_training(path: Path, key: str) -> Training | None:
         arrays = read_arrays(path)
         facts = json.loads(str(arrays["facts"]))
         if facts.pop("key") != key:
+            log.warning(
+                "train: %s is of another version, other options or other images; training starts from the beginning",
+                path.name,
+            )
             return None
         state, first, second = (_read_gaussians(arrays, prefix) for prefix in ("", "first_", "second_"))
         statistics = DensityStatistics(*(arrays[f"statistics_{item.name}"] for item in fields(DensityStatistics)))

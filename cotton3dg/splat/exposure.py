@@ -43,9 +43,9 @@ class Exposure:
     """How much brighter than the mean image each image is, and how sure that is."""
 
     gains: Float64
-    """(V, 3) factors of the RGB values; their logarithms have mean zero."""
+    """(V, 3) factors of the RGB values; their logarithms have mean zero over the fitted images."""
     spread: float
-    """Standard deviation of the log gains over images and channels."""
+    """Standard deviation of the log gains over fitted images and channels."""
     error: float
     """Standard error of a log gain, from the green of two halves of the points."""
     n_observations: int
@@ -57,7 +57,10 @@ class Exposure:
 
 
 def estimate_exposure(
-    views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]
+    views: Sequence[View],
+    places_px: Sequence[Float64],
+    points: Sequence[NDArray[np.int64]],
+    fitted: NDArray[np.bool_] | None = None,
 ) -> Exposure:
     """Gains of all images.
 
@@ -65,26 +68,59 @@ def estimate_exposure(
         views: V photos with their cameras.
         places_px: for each view (K, 2) where it shows triangulated points, in pixels of its camera.
         points: for each view (K,) the numbers of those points.
+        fitted: (V,) which views the points get their colours from; None = all. The gains of the others follow from
+            those colours and change nothing else.
     Returns:
         Gains of 1 and an infinite error where the points tell nothing.
     """
-    colours, rows, ids = _observe(views, places_px, points)
-    known = np.bincount(rows, minlength=len(views)) >= FEWEST_OBSERVATIONS
-    if known.sum() < 2:
-        return Exposure(np.ones((len(views), 3)), 0.0, np.inf, len(ids))
+    n, fitted = len(views), np.ones(len(views), bool) if fitted is None else fitted
+    colours, rows, ids = _observe(views, places_px, points, fitted)
+    known = np.bincount(rows, minlength=n) >= FEWEST_OBSERVATIONS
+    sure, used = known & fitted, fitted[rows]
+    if sure.sum() < 2:
+        return Exposure(np.ones((n, 3)), 0.0, np.inf, int(used.sum()))
     half = np.arange(ids.max() + 1) % 2 == 0
-    logs = np.stack([log_gains(colours[:, channel], rows, ids, len(views)) for channel in range(3)], axis=1)
-    halves = [log_gains(colours[mine, 1], rows[mine], ids[mine], len(views)) for mine in (half[ids], ~half[ids])]
-    logs = np.where(known[:, None], logs - logs[known].mean(axis=0), 0)
+    logs = np.stack([log_gains(values[used], rows[used], ids[used], n) for values in colours.T], axis=1)
+    parts = [used & half[ids], used & ~half[ids]]
+    halves = [log_gains(colours[part, 1], rows[part], ids[part], n) for part in parts]
+    logs -= logs[sure].mean(axis=0)
+    for view in np.flatnonzero(known & ~fitted).tolist():
+        logs[view] = _compare(view, logs, colours, rows, ids, used)
+    logs[~known] = 0
     # Each half has twice the variance of the whole, and the difference of both twice that again.
-    error = float(np.sqrt(np.mean((halves[0] - halves[1])[known] ** 2)) / 2)
-    return Exposure(np.exp(logs), float(np.sqrt(np.mean(logs[known] ** 2))), error, len(ids))
+    error = float(np.sqrt(np.mean((halves[0] - halves[1])[sure] ** 2)) / 2)
+    return Exposure(np.exp(logs), float(np.sqrt(np.mean(logs[sure] ** 2))), error, int(used.sum()))
+
+
+def _compare(
+    view: int,
+    logs: Float64,
+    colours: Float64,
+    rows: NDArray[np.int64],
+    ids: NDArray[np.int64],
+    used: NDArray[np.bool_],
+) -> Float64:
+    """(3,) log gain of a view that was not fitted: the median by which its points are brighter than in those that were.
+
+    Args:
+        logs: (V, 3) log gains of the fitted views.
+        colours, rows, ids: as `_observe` returns them.
+        used: (K,) whether a fitted view made the observation.
+    """
+    counts = np.bincount(ids[used], minlength=ids.max() + 1)
+    unlit = colours[used] - logs[rows[used]]
+    usual = np.stack([np.bincount(ids[used], values, len(counts)) / counts for values in unlit.T], axis=1)
+    own = rows == view
+    return np.median(colours[own] - usual[ids[own]], axis=0)
 
 
 def _observe(
-    views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]]
+    views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]], fitted: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64]]:
-    """Log colours (K, 3) of what is neither dark nor saturated, view (K,) and number of the point (K,) from 0 on."""
+    """Log colours (K, 3) of what is neither dark nor saturated, view (K,) and number of the point (K,) from 0 on.
+
+    Only of points that at least two `fitted` views show.
+    """
     import cv2
 
     colours, rows, ids = [], [], []
@@ -97,12 +133,14 @@ def _observe(
         colours.append(np.log(seen[good]))
         ids.append(np.asarray(own)[inside][good])
         rows.append(np.full(int(good.sum()), row))
-    names, number, counts = np.unique(np.concatenate(ids), return_inverse=True, return_counts=True)
+    names, number = np.unique(np.concatenate(ids), return_inverse=True)
+    shown_by = np.concatenate(rows)
+    counts = np.bincount(number[fitted[shown_by]], minlength=len(names))
     chosen = np.zeros(len(names), bool)
     chosen[np.argsort(-counts, kind="stable")[:MOST_POINTS]] = True
     chosen &= counts > 1
     keep = chosen[number]
-    return np.concatenate(colours)[keep], np.concatenate(rows)[keep], (np.cumsum(chosen) - 1)[number[keep]]
+    return np.concatenate(colours)[keep], shown_by[keep], (np.cumsum(chosen) - 1)[number[keep]]
 
 
 def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], n_views: int) -> Float64:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
+from .random_streams import open_stream
 from .views import View
 
 FLOW_SIDE_PX = 480
@@ -74,7 +75,7 @@ def find_dense_points(
         colours.append(view.image[pixels[:, 1].astype(int), pixels[:, 0].astype(int)])
     xyz, rgb = np.concatenate(found), np.concatenate(colours)
     if len(xyz) > count:
-        chosen = np.sort(np.random.default_rng(seed).choice(len(xyz), count, replace=False))
+        chosen = np.sort(open_stream(seed, "dense points").choice(len(xyz), count, replace=False))
         xyz, rgb = xyz[chosen], rgb[chosen]
     return xyz, rgb
 

@@ -13,6 +13,7 @@ from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from .densify import concatenate
 from .flow_points import find_dense_points
+from .random_streams import open_stream
 from .views import View
 
 SH_CONSTANT = 0.28209479177387814
@@ -64,7 +65,7 @@ def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], op
 def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Gaussians:
     """`count` faint grey Gaussians, evenly spread over the ball that the cameras look at; they hardly overlap."""
     orbit = fit_orbit(cameras)
-    rng = np.random.default_rng(seed)
+    rng = open_stream(seed, "filling")
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     reach_su = FILL_REACH * orbit.distance
@@ -101,7 +102,7 @@ def place_gaussians(points: NDArray, colours: NDArray, sh_degree: int, max_gauss
     if len(finite) < 4:
         raise BadInput(f"{len(finite)} usable points to start from (4 needed); film again or use more frames")
     if len(finite) > max_gaussians:
-        finite = np.sort(np.random.default_rng(seed).choice(finite, max_gaussians, replace=False))
+        finite = np.sort(open_stream(seed, "thinning").choice(finite, max_gaussians, replace=False))
     points, n = points[finite], len(finite)
     quats = np.zeros((n, 4), np.float32)
     quats[:, 0] = 1.0

@@ -77,7 +77,7 @@ class RayWeights:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one training step saw; when not `finite`, nothing was changed."""
+    """What one training step saw; when its loss is not `finite`, nothing was changed."""
 
     loss: float
     l1: float
@@ -86,6 +86,8 @@ class StepReport:
     n_pairs: int
     culled: dict[str, int]
     finite: bool
+    n_skipped: int = 0
+    """Gaussians that stayed as they were because their gradient was not finite."""
 
 
 def near_plane(gaussians: Gaussians, camera: Camera) -> float:
@@ -198,8 +200,8 @@ def train_step(
     """Render one view, compare it with its photograph (H, W, 3) uint8 and update what it shows, all in place.
 
     The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels; SSIM as in Kerbl et al.: 11 x 11
-    Gaussian window, sigma 1.5, zero padding. When the loss or any gradient is not finite nothing is changed and the
-    report says so.
+    Gaussian window, sigma 1.5, zero padding. When the loss is not finite nothing is changed, and a Gaussian whose
+    gradient is not finite stays as it was; the report says so.
 
     Raises:
         ValueError: an array of wrong dtype, shape or memory order.

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32, Gaussians
 
+BANDS = 4
+"""Degrees of the spherical harmonics, 0 to 3."""
+
 
 def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32, Float32]:
     """The arrays in the order in which the core takes them."""
@@ -56,18 +59,19 @@ class LearningRates:
 
 @dataclass
 class AdamState:
-    """Moments of the gradient. Every Gaussian counts its own steps, since it is updated only in views that show it."""
+    """Moments of the gradient. Every Gaussian counts its own steps, since it is updated only in views that show it, and
+    every band of its colour, since the higher ones join later."""
 
     first: Gaussians
     second: Gaussians
     steps: NDArray[np.int32]
-    """(N,)"""
+    """(N, BANDS) updates so far; the first band's are those of the geometry, too."""
 
     @staticmethod
     def zeros(gaussians: Gaussians) -> AdamState:
         """The state before the first step."""
         first, second = (Gaussians(*(np.zeros_like(a) for a in arrays_of(gaussians))) for _ in range(2))
-        return AdamState(first, second, np.zeros(len(gaussians), np.int32))
+        return AdamState(first, second, np.zeros((len(gaussians), BANDS), np.int32))
 
     def __getitem__(self, rows: NDArray | slice) -> AdamState:
         """The state of the Gaussians at `rows`."""
@@ -91,7 +95,7 @@ class DensityStatistics:
     """(N,) length of the sum of absolute per-pixel gradients by the projected mean (AbsGS), in the units of Kerbl et
     al.: per px times half the image size."""
     weight: Float32
-    """(N,) blending weight."""
+    """(N,) blending weight, as a share of the image."""
     count: NDArray[np.int32]
     """(N,) views."""
 

@@ -22,6 +22,7 @@ from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..options import TrainOptions
 from . import densify
 from .metrics import PLANT_REGION
+from .random_streams import open_stream
 from .rasterizer import StepReport, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
@@ -70,9 +71,6 @@ RECORDED_EVERY = 50
 UNUSABLE = ("non_finite", "degenerate")
 """Reasons for culling that tell of numerical trouble; the others tell of Gaussians out of view."""
 
-NEAREST = 0.02
-"""Nothing nearer to a camera than this share of the cameras' distance is drawn: the unit of a scene is arbitrary."""
-
 SAVED_EVERY_S = 60.0
 """Seconds between two saves of the training, so that no interruption costs more."""
 
@@ -102,6 +100,9 @@ class Fit:
     """Steps and images whose loss was not finite; they changed nothing."""
     culled: dict[str, int] = field(default_factory=dict)
     """Gaussians skipped for being numerically unusable, by reason, over all steps."""
+    n_skipped: int = 0
+    """Updates of single Gaussians left out, over all steps, because their gradient was not finite. Who is skipped all
+    the time counts as seen by no view and is pruned."""
     n_pruned: int = 0
     n_split: int = 0
 
@@ -235,7 +236,6 @@ def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -
         background=(0.0, 0.0, 0.0),
         learning_rates=learning_rates(step, options.steps, schedule.orbit.distance, schedule.around),
         dssim=options.dssim,
-        near_su=NEAREST * schedule.orbit.distance or None,
     )
 
 
@@ -293,14 +293,18 @@ def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
 
 
 def densification_steps(steps: int, n_views: int) -> range:
-    """Numbers of finished steps after which the density is controlled."""
-    interval = max(n_views, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS))
-    return range(round(DENSIFY_FROM * steps) + interval, round(DENSIFY_UNTIL * steps) + 1, interval)
+    """Numbers of finished steps after which the density is controlled.
+
+    Always after whole epochs: a window that misses views finds what only those show hidden.
+    """
+    epochs = max(1, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS / n_views))
+    first = math.ceil(DENSIFY_FROM * steps / n_views) + epochs
+    return range(first * n_views, round(DENSIFY_UNTIL * steps) + 1, epochs * n_views)
 
 
 def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     """Index of the view of each step: all views once, in random order, then all again in another."""
-    rng = np.random.default_rng(seed)
+    rng = open_stream(seed, "image order")
     epochs = [rng.permutation(n_views) for _ in range(math.ceil(steps / n_views))]
     return np.concatenate(epochs)[:steps].tolist()
 
@@ -346,6 +350,7 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
     """Count what one step skipped or rejected."""
     for reason in UNUSABLE:
         result.culled[reason] = result.culled.get(reason, 0) + report.culled.get(reason, 0)
+    result.n_skipped += report.n_skipped
     if not report.finite:
         result.rejected.append((step, name))
         if len(result.rejected) > max(FEWEST_REJECTED, MOST_REJECTED * steps):

@@ -49,7 +49,8 @@ class Capture:
     held_out: list[View]
     """As filmed."""
     held_out_gains: list[Float64]
-    """(3,) for each, to be put on its render."""
+    """(3,) for each, to be put on its render. They are found in the judged image itself, from the points in it: three
+    numbers of each image are no test of the model."""
     effects: Effects
 
 
@@ -62,7 +63,7 @@ def capture_of(
         views: in order of name.
         frames: of a video also say when the images were taken; None of cameras that come from elsewhere, as `sfm`.
     """
-    decision, gains = _exposure(views, model, options.exposure)
+    decision, gains = _exposure(views, model, options)
     effects = Effects(decision, sfm.distortion if sfm else None, *_motion(views, model, _times(frames, views)))
     usable = [correct(view, gain) if (gain != 1).any() else view for view, gain in zip(views, gains, strict=True)]
     training, _ = hold_out(usable, options.holdout)
@@ -71,15 +72,20 @@ def capture_of(
     return Capture(views, training, held_out, held_out_gains, effects)
 
 
-def _exposure(views: list[View], model: SparseModel, option: str) -> tuple[ExposureDecision, Float64]:
-    """Whether the images are brought to a common exposure, and the gains (V, 3) of each."""
-    none = np.ones((len(views), 3))
+def _exposure(views: list[View], model: SparseModel, options: TrainOptions) -> tuple[ExposureDecision, Float64]:
+    """Whether the images are brought to a common exposure, and the gains (V, 3) of each.
+
+    Held-out images have no part in the decision, nor in the gains of the others.
+    """
+    none, option = np.ones((len(views), 3)), options.exposure
     if option == "off":
         return ExposureDecision(option, on=False), none
     full = {camera.name: camera.width for camera in model.cameras}
     seen = [(view, *model.tracks[view.camera.name]) for view in views]
     places = [points_px * (view.camera.width / full[view.camera.name]) for view, points_px, _ in seen]
-    found = estimate_exposure(views, places, [numbers for _, _, numbers in seen])
+    fitted = np.zeros(len(views), bool)
+    fitted[hold_out(list(range(len(views))), options.holdout)[0]] = True
+    found = estimate_exposure(views, places, [numbers for _, _, numbers in seen], fitted)
     on = option == "on" or found.varies
     gains = found.gains if on else none
     decision = ExposureDecision(

@@ -69,6 +69,7 @@ def metrics_of(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Tr
         n_pruned=result.n_pruned,
         n_split=result.n_split,
         culled=result.culled,
+        skipped_updates=result.n_skipped,
         rejected_steps=tuple(RejectedStep(step, name) for step, name in result.rejected),
         held_out=tuple(
             HeldOut(each.name, each.psnr_db, each.ssim, each.plant_psnr_db, each.plant_ssim, each.plant_share)
@@ -96,6 +97,10 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
         flags.append("gaussians_culled")
         told = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
         warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
+    if metrics.skipped_updates:
+        warnings.append(
+            f"{metrics.skipped_updates} updates of single Gaussians were left out, as their gradient was not finite"
+        )
     if metrics.psnr_db < LOW_PSNR_DB:
         flags.append("low_psnr")
         warnings.append(f"renders differ from the photos (PSNR {metrics.psnr_db:.1f} dB); try --preset paper")

@@ -1,4 +1,4 @@
-// Adam (Kingma and Ba 2015) for the Gaussians that a view shows, each with its own step counter: a row that is not
+// Adam (Kingma and Ba 2015) for the Gaussians that a view shows, each with step counters of its own: a row that is not
 // seen keeps its parameters and moments.
 #pragma once
 
@@ -12,7 +12,12 @@ using V = Vec<float>;
 // A longer gradient would square to Inf in the second moment.
 constexpr float kLargestGradient = 1e15f;
 
-COTTON_INLINE void update(const LearningRates& rates, BiasCorrection bias, V gradient, V rate, V& parameter, V& first,
+// 1 / (1 - beta^t) of both moments, for each of several parameters.
+struct Bias {
+    V first, second;
+};
+
+COTTON_INLINE void update(const LearningRates& rates, Bias bias, V gradient, V rate, V& parameter, V& first,
                           V& second) {
     const V g = minimum(maximum(gradient, V{} - kLargestGradient), V{} + kLargestGradient);
     first = rates.beta1 * first + (1 - rates.beta1) * g;
@@ -41,9 +46,10 @@ void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const 
     each_geometry(row, [&](int k, int array, int64_t at) {
         p[k] = parameters[array][at], m[k] = first[array][at], s[k] = second[array][at], g[k] = gradient[k];
     });
+    const Bias same = {V{} + bias.first, V{} + bias.second};
     for (int k = 0; k < kGeometryPadded; k += kLanes<float>) {
         V pv = load(p + k), mv = load(m + k), sv = load(s + k);
-        update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+        update(a.rates, same, load(g + k), load(rates + k), pv, mv, sv);
         store(p + k, pv), store(m + k, mv), store(s + k, sv);
     }
     each_geometry(row, [&](int k, int array, int64_t at) {
@@ -51,31 +57,36 @@ void update_geometry(const AdamRows& a, int64_t row, BiasCorrection bias, const 
     });
 }
 
+// Each band counts its own updates in `bias`: one that joins late begins with moments of zero.
 template <int degree>
-COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, BiasCorrection bias, const PackOf<float>* basis, int lane,
-                             const float* v_colour) {
+COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrection* bias, const PackOf<float>* basis,
+                             int lane, const float* v_colour) {
     constexpr int coefficients = (degree + 1) * (degree + 1), n = 3 * coefficients;
     constexpr int padded = (n + kLanes<float> - 1) / kLanes<float> * kLanes<float>;
-    alignas(64) float g[padded] = {}, rates[padded] = {};
+    alignas(64) float g[padded] = {}, rates[padded] = {}, first_bias[padded] = {}, second_bias[padded] = {};
     for (int k = 0; k < coefficients; ++k) {
+        const int band = k == 0 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3;
         for (int c = 0; c < 3; ++c) {
             g[3 * k + c] = basis[k][lane] * v_colour[c];
             rates[3 * k + c] = k == 0 ? a.rates.sh0 : a.rates.sh_rest;
+            first_bias[3 * k + c] = bias[band].first;
+            second_bias[3 * k + c] = bias[band].second;
         }
     }
     const int64_t base = 3 * a.sh_stored * row;
     float *p = a.parameters.sh + base, *m = a.first.sh + base, *s = a.second.sh + base;
     for (int k = 0; k < n; k += kLanes<float>) {
         const int count = n - k < kLanes<float> ? n - k : kLanes<float>;
+        const Bias own = {load(first_bias + k), load(second_bias + k)};
         V pv{}, mv{}, sv{};
         if (count == kLanes<float>) {
             pv = load(p + k), mv = load(m + k), sv = load(s + k);
-            update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
             store(p + k, pv), store(m + k, mv), store(s + k, sv);
         } else {
             const size_t bytes = size_t(count) * sizeof(float);
             std::memcpy(&pv, p + k, bytes), std::memcpy(&mv, m + k, bytes), std::memcpy(&sv, s + k, bytes);
-            update(a.rates, bias, load(g + k), load(rates + k), pv, mv, sv);
+            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
             std::memcpy(p + k, &pv, bytes), std::memcpy(m + k, &mv, bytes), std::memcpy(s + k, &sv, bytes);
         }
     }
@@ -108,8 +119,11 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         const float* gradient = rows + i * row_gradient::size;
         const float weight = gradient[row_gradient::weight];
         if (!(weight > 0)) continue;
-        const int32_t step = ++a.steps[row];
-        const BiasCorrection bias = a.bias[step < a.bias_count ? step : a.bias_count - 1];
+        BiasCorrection bias[kBands];
+        for (int band = 0; band <= a.sh_degree; ++band) {
+            const int32_t step = ++a.steps[kBands * row + band];
+            bias[band] = a.bias[step < a.bias_count ? step : a.bias_count - 1];
+        }
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, basis, lane, gradient + row_gradient::colour);
         });
@@ -118,11 +132,11 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
             rates[row_gradient::mean + k] = a.rates.means * at_most(longer, a.surroundings.most_means);
             rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(longer, a.surroundings.most_log_scales);
         }
-        update_geometry(a, row, bias, gradient, rates);
+        update_geometry(a, row, bias[0], gradient, rates);
 
         const Statistics& s = a.statistics;
         s.abs_grad_px[row] += gradient[row_gradient::abs_grad_px];
-        s.weight[row] += weight;
+        s.weight[row] += weight * s.pixel;
         ++s.count[row];
     }
 }

@@ -1,5 +1,6 @@
 // cotton3dg._native.for_tests: loss and gradients one by one, which the package only takes together in train_step.
 #include "bindings_train.h"
+#include "memory.h"
 #include "threads.h"
 
 namespace cotton {
@@ -63,7 +64,7 @@ py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree,
             gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
         }
         py::dict report = report_of(gradient.report);
-        report["finite"] = gradient.finite;
+        report["finite"] = gradient.finite && gradient.spoilt == 0;
         return py::make_tuple(report, gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
     });
 }
@@ -87,8 +88,8 @@ py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_de
             };
             gradient = view_gradient(frame, scene, view, behind, threads, given);
         }
-        return py::make_tuple(py::bool_(gradient.finite), gradient_arrays(frame, gradient, scene.sh_stored),
-                              counts(frame));
+        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0),
+                              gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
     });
 }
 
@@ -96,6 +97,8 @@ py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_de
 
 void bind_for_tests(py::module_& m) {
     py::module_ tests = m.def_submodule("for_tests", "What only tests call.");
+    tests.def("available_memory", read_available_memory, "root"_a);
+    tests.def("pretend_available_memory", pretend_available_memory, "bytes"_a);
     tests.def("image_loss", image_loss_of, "image"_a, "target"_a, "dssim"_a, "threads"_a);
     tests.def("gradients", gradients, "gaussians"_a, "view"_a, "sh_degree"_a, "background"_a, "target"_a, "dssim"_a,
               "threads"_a);

@@ -13,7 +13,7 @@ GaussianPointers pointers(GaussianArrays<float>& arrays) {
             arrays.opacity_logits.mutable_data(), arrays.sh.mutable_data()};
 }
 
-// What a step changes: the parameters, Adam's two moments of them, and how many steps each row has taken.
+// What a step changes: the parameters, Adam's two moments of them, and how many steps each band of each row has taken.
 struct OptimiserState {
     GaussianArrays<float> parameters, first, second;
     Array<int32_t> steps;
@@ -26,7 +26,7 @@ struct OptimiserState {
             second.sh.shape(1) != parameters.sh.shape(1)) {
             throw py::value_error("the moments must have the shapes of the Gaussians");
         }
-        steps = checked<int32_t>(step_counts, "steps", {n});
+        steps = checked<int32_t>(step_counts, "steps", {n, kBands});
     }
 };
 
@@ -60,7 +60,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     rows.rates = rates;
     rows.surroundings = surroundings;
     rows.statistics = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
-                       statistics.count.mutable_data()};
+                       statistics.count.mutable_data(), float(1 / double(view.pixels()))};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;
@@ -71,6 +71,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     }
     py::dict report = report_of(gradient.report);
     report["finite"] = gradient.finite;
+    report["n_skipped"] = gradient.spoilt;
     const py::dict all_counts = counts(frame);
     for (const auto& item : all_counts) report[item.first] = item.second;
     return report;

@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <new>
 
+#include "memory.h"
+
 namespace cotton {
 
 template <class T>
@@ -19,12 +21,14 @@ class Buffer {
     Buffer& operator=(const Buffer&) = delete;
     ~Buffer() { release(); }
 
-    // Room for at least `count` elements, and one vector beyond them.
+    // Room for at least `count` elements, and one vector beyond them. Throws std::bad_alloc where memory for them would
+    // be promised, but is not there.
     T* reserve(int64_t count) {
         if (count > capacity_) {
             release();
             const int64_t capacity = count + count / 4;  // the next view may need a little more
             const std::size_t bytes = size(capacity);
+            if (bytes >= kPage) check_memory(int64_t(size(count)));  // the rest is not touched
             data_ = static_cast<T*>(::operator new(bytes, alignment(bytes)));
             capacity_ = capacity;
 #if defined(__linux__)

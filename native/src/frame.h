@@ -8,13 +8,13 @@
 
 namespace cotton {
 
-inline constexpr int64_t kChunk = 2048;                 // Gaussians per task
-inline constexpr int64_t kMaxPairs = int64_t(1) << 28;  // of (tile, Gaussian); more is an out-of-memory error
+inline constexpr int64_t kChunk = 2048;                       // Gaussians per task
+inline constexpr int64_t kMaxPairs = (int64_t(1) << 32) - 1;  // of (tile, Gaussian): slots are numbers of 32 bits
 
 template <class Real>
 class Frame {
   public:
-    // Project and bin. Throws std::bad_alloc when there are more than kMaxPairs pairs.
+    // Project and bin. Throws std::bad_alloc when there are more than kMaxPairs pairs, or too many for the memory.
     void prepare(const Scene<Real>& scene, const View& view, int threads);
 
     // Blend all tiles into `planes`, as many as the scene has channels (depth included).

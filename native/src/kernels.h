@@ -29,9 +29,10 @@ struct Kernels {
     void (*backward)(const Tile&, const Real* records, const Plane<const Real>* image, const Plane<const Real>* v_image,
                      Real* rows);
     // Fold the pair gradients of `n` visible Gaussians and carry them on to the parameters: one row_gradient row each.
-    // Returns whether all of it is finite.
-    bool (*project_backward)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n, const Real* records,
-                             int record_stride, const HitRange* ranges, const Real* pair_rows, Real* rows);
+    // Returns how many are not finite; those rows have a weight of 0, so that nothing takes them.
+    int64_t (*project_backward)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n,
+                                const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
+                                Real* rows);
     // Full gradient of the SH coefficients from the row gradients, written to v_sh (N, sh_stored, 3).
     void (*sh_gradient)(const Scene<Real>&, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh);
     // Row band of one channel: sums of |x - y| and SSIM; writes the three derivative maps.

@@ -97,18 +97,32 @@ COTTON_INLINE void colour_backward(const Scene<Real>& scene, const PackRows& row
     });
 }
 
+// Takes the weight of those of `n` rows that are not all finite; returns how many there are.
+template <class Real>
+int64_t drop_spoilt(Real* rows, int64_t n) {
+    int64_t spoilt = 0;
+    for (Real* row = rows; row < rows + n * row_gradient::size; row += row_gradient::size) {
+        bool finite = true;
+        for (int k = 0; k < row_gradient::unit; ++k) finite &= row[k] - row[k] == 0;
+        if (finite) continue;
+        row[row_gradient::weight] = 0;
+        ++spoilt;
+    }
+    return spoilt;
+}
+
 }  // namespace
 
 static_assert(row_gradient::unit % kLanes<float> == 0 && row_gradient::unit + 3 <= row_gradient::size);
 
 template <class Real>
-bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
-                      const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
-                      Real* rows) {
+int64_t project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
+                         const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
+                         Real* rows) {
     const RatioLimits limits(view);
     double centre[3];
     camera_centre(view, centre);
-    Vec<Real> not_finite{};
+    int64_t spoilt = 0;
     for (int64_t first = 0; first < n; first += kPack) {
         const PackRows pack = pack_rows(visible + first, n - first);
         alignas(64) Real sums[kPack][pair_gradient::size];
@@ -148,6 +162,7 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
         PackOf<Real> through_colour[3];
         colour_backward(scene, pack, directions, v_colour, through_colour);
 
+        Vec<Real> doubt{};
         for (int lane = 0; lane < pack.count; ++lane) {
             Real* row = rows + (first + lane) * row_gradient::size;
             for (int k = 0; k < 3; ++k) {
@@ -160,10 +175,11 @@ bool project_backward(const Scene<Real>& scene, const View& view, const uint32_t
             for (int c = 0; c < 3; ++c) row[row_gradient::colour + c] = v_colour[lane][c];
             row[row_gradient::weight] = sums[lane][pg::weight];
             row[row_gradient::abs_grad_px] = Real(abs_grad_px[lane]);
-            for (int k = 0; k < row_gradient::unit; k += kLanes<Real>) not_finite += load(row + k) * Real(0);
+            for (int k = 0; k < row_gradient::unit; k += kLanes<Real>) doubt += load(row + k) * Real(0);
         }
+        if (!(sum<Real>(doubt) == 0)) spoilt += drop_spoilt(rows + first * row_gradient::size, pack.count);
     }
-    return sum<Real>(not_finite) == 0;
+    return spoilt;
 }
 
 template <class Real>

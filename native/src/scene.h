@@ -19,6 +19,7 @@ inline constexpr double kLog2AlphaCut = -7.994353436858858;  // its logarithm, w
 inline constexpr double kStop = 1e-4;      // a pixel takes no further Gaussian once its transmittance is at most this
 inline constexpr double kDilation = 0.3;   // px², added to both variances of every projected Gaussian
 inline constexpr double kMaxColour = 1e6;  // a colour beyond it (1 is white) would overflow in the loss: culled
+inline constexpr int kBands = 4;           // of spherical harmonics: degrees 0 to 3
 inline constexpr double kMaxLogScale = 30.0;  // log scales are clamped to ± this
 
 // Pixel i of a tile lies in block i / 16 (row by row), there at (i % 4, i / 4 % 4).
@@ -123,10 +124,12 @@ namespace row_gradient {
 enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, abs_grad_px, unit, size = 20 };
 }
 
-// Sums over views for density control, (N,) each.
+// Sums over views for density control, (N,) each. Weights count as shares of the image, so that those of a coarse and
+// of a fine one can be compared.
 struct Statistics {
     float *abs_grad_px, *weight;
     int32_t* count;
+    float pixel;  // its share of the image
 };
 
 struct LossSums {
@@ -169,7 +172,7 @@ struct BiasCorrection {
 struct AdamRows {
     GaussianPointers parameters, first, second;
     int sh_stored, sh_degree;
-    int32_t* steps;  // (N,) number of updates so far
+    int32_t* steps;  // (N, kBands) updates so far of each band of the colour; the first is the geometry's, too
     LearningRates rates;
     Surroundings surroundings;
     const BiasCorrection* bias;  // of step t at bias[min(t, bias_count - 1)]

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "threads.h"
 
@@ -21,9 +22,9 @@ Scratch<Real>& scratch() {
     return kept;
 }
 
-// Gradient by the image (planar) -> gradient by the parameters.
+// Gradient by the image (planar) -> gradient by the parameters. Returns how many of its rows are not finite.
 template <class Real>
-bool parameter_gradient(Frame<Real>& frame, const Real* image, const Real* v_image) {
+int64_t parameter_gradient(Frame<Real>& frame, const Real* image, const Real* v_image) {
     const auto& k = kernels<Real>();
     Scratch<Real>& s = scratch<Real>();
     const int64_t pixels = frame.view.pixels();
@@ -35,14 +36,14 @@ bool parameter_gradient(Frame<Real>& frame, const Real* image, const Real* v_ima
     });
     s.rows.reserve(frame.visible_count * row_gradient::size);
     const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
-    std::vector<char> finite(size_t(chunks), 0);
+    std::vector<int64_t> spoilt(size_t(chunks), 0);
     parallel_for(chunks, frame.threads, [&](int64_t c) {
         const int64_t begin = c * kChunk, n = std::min(kChunk, frame.visible_count - begin);
-        finite[size_t(c)] = k.project_backward(frame.scene, frame.view, frame.visible.data() + begin, n,
+        spoilt[size_t(c)] = k.project_backward(frame.scene, frame.view, frame.visible.data() + begin, n,
                                                frame.records.data(), frame.stride(), frame.ranges.data(),
                                                s.pair_rows.data(), s.rows.data() + begin * row_gradient::size);
     });
-    return std::all_of(finite.begin(), finite.end(), [](char f) { return f != 0; });
+    return std::accumulate(spoilt.begin(), spoilt.end(), int64_t(0));
 }
 
 template <class Real>
@@ -121,8 +122,9 @@ ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>& scene, c
     const Real* image = render_planar(frame, scene, view, background, threads);
     Real* v_image = scratch<Real>().v_image.reserve(3 * view.pixels());
     const LossReport report = loss(image, v_image);
-    const bool finite = std::isfinite(report.loss) && parameter_gradient(frame, image, v_image);
-    return {report, finite, scratch<Real>().rows.data()};
+    const bool finite = std::isfinite(report.loss);
+    const int64_t spoilt = finite ? parameter_gradient(frame, image, v_image) : 0;
+    return {report, finite, spoilt, scratch<Real>().rows.data()};
 }
 
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows) {

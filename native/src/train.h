@@ -25,7 +25,8 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
 template <class Real>
 struct ViewGradient {
     LossReport report;
-    bool finite;
+    bool finite;     // the loss is
+    int64_t spoilt;  // rows that are not, and are without a weight
     const Real* rows;
 };
 
@@ -38,7 +39,7 @@ template <class Real>
 ViewGradient<Real> view_gradient(Frame<Real>& frame, const Scene<Real>&, const View&, const Real* background,
                                  int threads, const ImageLoss<Real>& loss);
 
-// Adam update of the Gaussians that the view shows, in place, and their statistics.
+// Adam update of the Gaussians that the view shows and whose gradient is finite, in place, and their statistics.
 void adam_step(const Frame<float>& frame, const ViewGradient<float>& gradient, AdamRows rows);
 
 }  // namespace cotton

@@ -154,7 +154,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     }
     for (auto& sums : statistics) sums.resize(size_t(n));
     const auto photograph = read<uint8_t>(file, 3 * view.pixels());
-    std::vector<int32_t> steps(static_cast<size_t>(n)), count(static_cast<size_t>(n));
+    std::vector<int32_t> steps(static_cast<size_t>(n * kBands)), count(static_cast<size_t>(n));
 
     int degree = 0;
     while ((degree + 1) * (degree + 1) < coefficients) ++degree;
@@ -172,7 +172,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     rows.first = moments(first), rows.second = moments(second);
     rows.steps = steps.data();
     rows.rates = {0, 0, 0, 0, 0, 0, 0.9f, 0.999f, 1e-15f};  // the same work every time
-    rows.statistics = {statistics[0].data(), statistics[1].data(), count.data()};
+    rows.statistics = {statistics[0].data(), statistics[1].data(), count.data(), float(1 / double(view.pixels()))};
 
     const Target target = {photograph.data(), 0.2};
     const ImageLoss<float> loss = [&](const float* image, float* v_image) {

@@ -51,9 +51,11 @@ def main() -> None:
     judging = cpu_judging = 0.0
 
     def watch(step: int, gaussians: Gaussians) -> None:
+        if step % arguments.every == 0 and step != options.steps:
+            judge(step, gaussians)
+
+    def judge(step: int, gaussians: Gaussians) -> None:
         nonlocal judging, cpu_judging
-        if step % arguments.every and step != options.steps:
-            return
         now, cpu_now = time.perf_counter(), time.process_time()
         qualities = [
             view_quality(gaussians, view, orbit, gains)
@@ -74,7 +76,7 @@ def main() -> None:
         judging += time.perf_counter() - now
         cpu_judging += time.process_time() - cpu_now
 
-    fit(start, training, options, watch=watch)
+    judge(options.steps, fit(start, training, options, watch=watch).gaussians)
     print(
         json.dumps(
             {

@@ -147,12 +147,16 @@ CASES = (
     )),
     Case(25, "Adam's epsilon turns noise into full steps", "only what a view shows moves, within Adam's bound", (
         TRAINING + "test_case_25_no_step_of_adam_is_longer_than_its_bound",
+        TRAINING + "test_case_25_the_first_steps_of_a_late_band_are_no_longer_than_its_rate",
+        TRAINING + "test_case_25_a_gradient_that_is_not_finite_stops_its_own_gaussian_only",
         TRAINING + "test_case_25_what_a_view_does_not_show_does_not_move",
         TRAINING + "test_case_25_steps_far_away_keep_their_limit",
         TRAINING + "test_case_25_longest_gradients_leave_finite_moments",
     )),
     Case(26, "densification explosion", "hard budgets, 64-bit counts, a clear error before memory is taken", (
         TRAINING + "test_case_26_more_pairs_than_memory_are_an_error_not_a_crash",
+        TRAINING + "test_case_26_the_limit_follows_the_memory_there_is",
+        TRAINING + "test_case_26_the_memory_there_is_is_read_as_the_system_tells_it",
         TRAINING + "test_case_26_the_budget_holds_when_everything_wants_to_split",
         "tests/unit/test_densify.py::test_the_budget_is_never_exceeded",
     )),

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import shutil
 import subprocess
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,21 @@ def test_case_25_no_step_of_adam_is_longer_than_its_bound() -> None:
         assert (moved <= 1.01 * MOST_ADAM_STEP * limits + 1e-6).all()
 
 
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_case_25_the_first_steps_of_a_late_band_are_no_longer_than_its_rate(degree: int) -> None:
+    """Its moments start at zero however many steps the Gaussian has taken without it."""
+    camera, gaussians = camera_at(24, 18), scene(60, seed=3)
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
+    options = {"target": target_of(camera), "learning_rates": RATES, "near_su": NEAR}
+    for _ in range(150):
+        rasterizer.train_step(gaussians, adam, statistics, camera, sh_degree=degree - 1, **options)
+    band = slice(degree**2, (degree + 1) ** 2)
+    for _ in range(3):
+        before = gaussians.sh[:, band].copy()
+        rasterizer.train_step(gaussians, adam, statistics, camera, sh_degree=degree, **options)
+        assert np.abs(gaussians.sh[:, band] - before).max() <= 1.05 * RATES.sh_rest
+
+
 @pytest.mark.parametrize("distance", [2.0, 1e3, 1e25])
 def test_case_25_steps_far_away_keep_their_limit(distance: float) -> None:
     """However far the region where steps stay short is; squares of the largest distance overflow."""
@@ -165,9 +181,30 @@ def test_case_25_longest_gradients_leave_finite_moments() -> None:
     assert all_finite(*arrays_of(gaussians), *arrays_of(adam.first), *arrays_of(adam.second))
 
 
+def test_case_25_a_gradient_that_is_not_finite_stops_its_own_gaussian_only() -> None:
+    """In the camera's very centre the direction of view, and with it the colour, changes infinitely fast."""
+    camera, gaussians = camera_at(24, 18), scene(40, seed=3)
+    camera = dataclasses.replace(camera, cam_from_scene=np.eye(3, 4))
+    gaussians.means[:, 2] += 3
+    gaussians.means[7], gaussians.opacity_logits[7], gaussians.sh[7] = (0, 0, 2e-38), -1, 300
+    gaussians.log_scales[7] = -30
+    adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(40)
+    options = {"sh_degree": 3, "learning_rates": RATES, "near_su": 1e-38}
+    before = [a.copy() for a in arrays_of(gaussians)]
+    for number in range(1, 21):
+        report = rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
+        assert report.finite
+        assert report.n_skipped == 1
+        assert statistics.count.max() == number
+    assert all(np.array_equal(new[7], old[7]) for new, old in zip(arrays_of(gaussians), before, strict=True))
+    assert adam.steps[7].max() == statistics.count[7] == 0
+    assert all_finite(*arrays_of(gaussians), *arrays_of(adam.first), *arrays_of(adam.second))
+    assert all_finite(*vars(statistics).values())
+
+
 def test_case_26_more_pairs_than_memory_are_an_error_not_a_crash() -> None:
-    """600 Gaussians over each of the 4 million tiles of a 32768 px image."""
-    camera, gaussians = camera_at(32768, 32768), scene(600, seed=0)
+    """1100 Gaussians over each of the 4 million tiles of a 32768 px image: more than 32 bits can number."""
+    camera, gaussians = camera_at(32768, 32768), scene(1100, seed=0)
     gaussians.log_scales[:] = 3
     for call in (
         lambda: rasterizer.accumulate_weights(gaussians, camera, np.zeros((32768, 32768), np.uint16), near_su=NEAR),
@@ -175,6 +212,84 @@ def test_case_26_more_pairs_than_memory_are_an_error_not_a_crash() -> None:
     ):
         with pytest.raises(OutOfResources, match="fewer Gaussians or smaller images"):
             call()
+
+
+@pytest.mark.parametrize(("mib", "enough"), [(20, False), (2000, True)])
+def test_case_26_the_limit_follows_the_memory_there_is(mib: int, enough: bool) -> None:
+    """Some 300,000 pairs take 24 MiB in a training step; the tables of a new thread are empty."""
+    camera, gaussians = camera_at(640, 480), scene(250, seed=0)
+    gaussians.log_scales[:], gaussians.opacity_logits[:] = 1, -4
+    outcome: list[object] = []
+
+    def take_step() -> None:
+        try:
+            outcome.append(step(gaussians, camera)[0])
+        except OutOfResources as error:
+            outcome.append(error)
+
+    _native.for_tests.pretend_available_memory(mib * 2**20)
+    try:
+        thread = threading.Thread(target=take_step)
+        thread.start()
+        thread.join()
+    finally:
+        _native.for_tests.pretend_available_memory(-1)
+    if enough:
+        assert outcome[0].n_pairs > 250_000
+        assert outcome[0].finite
+    else:
+        assert isinstance(outcome[0], OutOfResources)
+        assert "fewer Gaussians or smaller images" in str(outcome[0])
+
+
+def write_files(root: Path, files: dict[str, str]) -> str:
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return str(root)
+
+
+GIB = 2**30
+MEMINFO = {"proc/meminfo": f"MemTotal: {32 * 2**20} kB\nMemFree: 1 kB\nMemAvailable: {16 * 2**20} kB\n"}
+CACHE = f"anon 5\ninactive_file {GIB}\ntotal_inactive_file {GIB}\n"
+OF_THE_MACHINE, OF_THE_JOB, OF_THE_CONTAINER = 16 * GIB, 3 * GIB, 5 * GIB
+
+
+@pytest.mark.parametrize(
+    ("files", "available"),
+    [
+        ({}, 2**63 - 1),
+        (MEMINFO, OF_THE_MACHINE),
+        ({**MEMINFO, "proc/self/cgroup": "0::/job/step\n"}, OF_THE_MACHINE),
+        (
+            {
+                **MEMINFO,
+                "proc/self/cgroup": "0::/job/step\n",
+                "sys/fs/cgroup/job/step/memory.max": "max\n",
+                "sys/fs/cgroup/job/step/memory.current": f"{2 * GIB}\n",
+                "sys/fs/cgroup/job/memory.max": f"{4 * GIB}\n",
+                "sys/fs/cgroup/job/memory.current": f"{2 * GIB}\n",
+                "sys/fs/cgroup/job/memory.stat": CACHE,
+            },
+            OF_THE_JOB,
+        ),
+        (
+            {
+                **MEMINFO,
+                "proc/self/cgroup": "5:cpu,cpuacct:/\n4:memory:/docker/a:b\n0::/\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": f"{6 * GIB}\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": f"{2 * GIB}\n",
+                "sys/fs/cgroup/memory/memory.stat": CACHE,
+            },
+            OF_THE_CONTAINER,
+        ),
+    ],
+)
+def test_case_26_the_memory_there_is_is_read_as_the_system_tells_it(
+    tmp_path: Path, files: dict[str, str], available: int
+) -> None:
+    assert _native.for_tests.available_memory(write_files(tmp_path, files)) == available
+    assert _native.for_tests.available_memory("") > 0
 
 
 def test_case_26_the_budget_holds_when_everything_wants_to_split() -> None:

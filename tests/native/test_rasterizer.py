@@ -11,10 +11,11 @@ import adam as reference
 import numpy as np
 import pytest
 from scenes.differentiation import loss_and_gradients
-from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, target_of
+from scenes.splat_scenes import NEAR, RATES, arrays_of, camera_at, native_view, scene, step, target_of
 from scipy import sparse
 
 from cotton3dg import _native
+from cotton3dg.core.scene import Gaussians
 from cotton3dg.splat import rasterizer
 from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
 
@@ -95,33 +96,51 @@ def test_wrong_arrays_are_refused() -> None:
 
 @pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.0, 3.5, 1.5)])
 def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
-    """Four views, some Gaussians hidden in some of them; from within the radius to where rates are limited."""
+    """Four views, some Gaussians hidden in some of them; from within the radius to where rates are limited.
+
+    A band of the colour joins with each view.
+    """
     rates, gaussians = replace(RATES, surroundings=surroundings), scene(60, seed=12)
     gaussians.means[:20] *= np.float32(0.1)
     gaussians.means[50:, 2] = -9  # behind the first camera
     adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
     moments = [[np.zeros(a.shape) for a in arrays_of(gaussians)] for _ in range(2)]
-    expected, steps = [a.astype(np.float64) for a in arrays_of(gaussians)], np.zeros(60, int)
+    expected, steps = [a.astype(np.float64) for a in arrays_of(gaussians)], np.zeros((60, 4), int)
     for number in range(4):
         camera = camera_at(24, 18, angle=number)
-        options = {"sh_degree": 3, "near_su": NEAR}
+        options = {"sh_degree": number, "near_su": NEAR}
         gradients = loss_and_gradients(gaussians, camera, target_of(camera), **options)
         seen = gradients.weight > 0
-        steps += seen
+        steps[seen, : number + 1] += 1
         start = expected[0].copy()
         for i, name in enumerate(("means", "quats", "log_scales", "opacity_logits", "sh")):
             rate = reference.rates_of_rows(rates, start, "sh0" if name == "sh" else name)
+            counts, rows = steps[:, 0], np.ix_(seen)
             if name == "sh":
                 rate = np.broadcast_to(np.where(np.arange(16) == 0, rates.sh0, rates.sh_rest)[:, None], (60, 16, 3))
+                counts = np.repeat(steps, (1, 3, 5, 7), axis=1)[:, :, None]
+                rows = np.ix_(seen, np.arange(16) < (number + 1) ** 2)
             state = expected[i], getattr(gradients, f"v_{name}").astype(np.float64), moments[0][i], moments[1][i]
-            stepped = reference.adam(*(a[seen] for a in state), steps[seen], rate[seen], rates)
+            stepped = reference.adam(*(a[rows] for a in (*state, counts, rate)), rates)
             for array, new in zip((expected[i], moments[0][i], moments[1][i]), stepped, strict=True):
-                array[seen] = new
+                array[rows] = new
         rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), learning_rates=rates, **options)
         for array, twin in zip(arrays_of(gaussians), expected, strict=True):
             np.testing.assert_allclose(array, twin, rtol=2e-6, atol=2e-6)
             twin[...] = array  # a rounding must not become another gradient in the next view
-    assert 0 < steps.min() < steps.max() == 4
+    assert 0 < steps[:, 0].min() < steps[:, 0].max() == 4
+    assert np.array_equal(adam.steps, steps)
+
+
+def test_the_weight_of_a_gaussian_is_the_same_at_every_size_of_the_image() -> None:
+    """Windows of density control may lie across a change of resolution."""
+    gaussians, weights = scene(60, seed=12), []
+    for width, height in ((160, 120), (320, 240)):
+        statistics = step(Gaussians(*(a.copy() for a in arrays_of(gaussians))), camera_at(width, height))[2]
+        weights.append(statistics.weight)
+    shown = weights[1] > 1e-3
+    assert shown.sum() > 20
+    np.testing.assert_allclose(weights[0][shown], weights[1][shown], rtol=0.1)
 
 
 def test_training_fits_an_image() -> None:
@@ -140,7 +159,8 @@ def test_training_fits_an_image() -> None:
     ]
     assert losses[-1] < 0.4 * losses[0]
     assert adam.steps.max() == 150
-    assert np.array_equal(adam.steps, statistics.count)
+    assert np.array_equal(adam.steps[:, 0], statistics.count)
+    assert not adam.steps[:, 1:].any()
     longer = adam.extended(3)
     assert len(longer.steps) == 63
     assert not longer.first.means[60:].any()

@@ -30,12 +30,17 @@ def adam(
     rate: np.ndarray,
     rates: LearningRates,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter, first and second moment (N, ...) after a step; `steps` (N,) counts it, `rate` is (N, ...) or (N,)."""
-    shape = (-1,) + (1,) * (parameter.ndim - 1)
+    """Parameter, first and second moment (N, ...) after a step; `steps` counts it.
+
+    `steps` and `rate` are (N, ...) or (N,).
+    """
+
+    def spread(rows: np.ndarray) -> np.ndarray:
+        return rows if rows.ndim == parameter.ndim else rows.reshape((-1,) + (1,) * (parameter.ndim - 1))
+
     g = np.clip(gradient, -LONGEST_GRADIENT, LONGEST_GRADIENT)
     first = rates.beta1 * first + (1 - rates.beta1) * g
     second = rates.beta2 * second + (1 - rates.beta2) * g**2
-    unbiased = first / (1 - rates.beta1 ** steps.reshape(shape))
-    scale = np.sqrt(second / (1 - rates.beta2 ** steps.reshape(shape))) + rates.epsilon
-    rate = rate if rate.ndim == parameter.ndim else rate.reshape(shape)
-    return parameter - rate * unbiased / scale, first, second
+    unbiased = first / (1 - rates.beta1 ** spread(steps))
+    scale = np.sqrt(second / (1 - rates.beta2 ** spread(steps))) + rates.epsilon
+    return parameter - spread(rate) * unbiased / scale, first, second

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
+from cotton3dg.options import TrainOptions
 from cotton3dg.splat.exposure import Exposure, correct, estimate_exposure, log_gains
 from cotton3dg.splat.views import View
+from cotton3dg.training.photos import SparseModel, capture_of
 
 N_VIEWS, CELL_PX, COLUMNS, ROWS = 12, 6, 30, 20
 
@@ -124,6 +126,32 @@ def test_corrected_views_look_as_if_nothing_had_changed():
     gains = drift(0.2)
     for plain, changed, gain in zip(views, bright, gains, strict=True):
         assert np.abs(correct(changed, gain).image.astype(int) - plain.image).max() <= 1
+
+
+def test_held_out_images_change_no_image_to_train_on():
+    """Neither the decision nor the gains: a model must not learn from what it is judged by."""
+    views, places, points = capture(drift(0.25))
+    model = SparseModel(
+        [view.camera for view in views],
+        {view.camera.name: (place, ids) for view, place, ids in zip(views, places, points, strict=True)},
+        (np.zeros(0, np.int64), np.zeros((0, 3))),
+    )
+    options = TrainOptions(exposure="auto", holdout=4)
+    darker = [View(view.camera, view.image // 2) if i % 4 == 0 else view for i, view in enumerate(views)]
+    plain, changed = (capture_of(given, model, None, None, options) for given in (views, darker))
+    for one, other in zip(plain.training, changed.training, strict=True):
+        assert np.array_equal(one.image, other.image)
+    assert plain.effects.exposure.spread_pct == changed.effects.exposure.spread_pct
+    ratio = np.array(changed.held_out_gains) / np.array(plain.held_out_gains)
+    assert np.abs(ratio - 0.5).max() < 0.02
+
+
+def test_gains_of_held_out_images_are_found_too():
+    gains, fitted = drift(0.25), np.arange(N_VIEWS) % 4 != 0
+    found = estimate_exposure(*capture(gains), fitted)
+    ratio = np.log(found.gains / gains)
+    assert np.abs(ratio - ratio[fitted].mean(axis=0)).max() < 0.008
+    assert np.log(found.gains[fitted]).mean(axis=0) == pytest.approx(0, abs=1e-12)
 
 
 def test_a_doubtful_spread_is_not_corrected():

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scenes.training_scene import orbit_camera
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
@@ -16,6 +17,7 @@ from cotton3dg.splat.initialise import (
     place_gaussians,
     starting_scales,
 )
+from cotton3dg.splat.trainer import image_order
 from cotton3dg.splat.views import View
 
 
@@ -97,6 +99,23 @@ def test_dense_points_lie_on_the_surface_and_have_its_colour() -> None:
     inside = ((pixels > 1) & (pixels < (239, 159))).all(axis=1)
     columns, rows = pixels[inside].astype(int).T
     assert np.abs(views[2].image[rows, columns, 0].astype(float) - colours[inside, 0]).mean() < 12
+
+
+def test_each_part_of_a_training_draws_numbers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the same ones the filling, say, would follow the order of the images."""
+    views, points = views_of_a_plane(5), np.random.default_rng(4).normal(size=(500, 3))
+    honest, drawn = np.random.default_rng, []
+
+    def open_generator(seed):
+        drawn.append(honest(seed).random())
+        return honest(seed)
+
+    monkeypatch.setattr(np.random, "default_rng", open_generator)
+    find_dense_points(views, np.zeros((4, 3)), 50, seed=0)
+    place_gaussians(points, grey(500), 0, 60, seed=0)
+    fill([orbit_camera(angle) for angle in (0.0, 2.0, 4.0)], 10, 0, seed=0)
+    image_order(len(views), 10, seed=0)
+    assert len(drawn) == len(set(drawn)) == 4
 
 
 def test_flat_or_single_images_give_no_dense_points() -> None:

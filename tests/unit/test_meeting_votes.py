@@ -8,6 +8,7 @@ from cotton3dg.masks.bolls import Maps
 from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.meeting_votes import (
     Middles,
+    Votes,
     cast_votes,
     find_middles,
     measure_agreement,

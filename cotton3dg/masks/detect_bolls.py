@@ -12,11 +12,11 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from .bolls import BollNetwork
 from .group_votes import group_votes
-from .join_parts import join_parts
 from .lint_in_space import gather_lint
 from .looks import see_at_all_looks
-from .meeting_votes import cast_votes, drop_unlikely, find_middles, measure_agreement
+from .meeting_votes import cast_votes, measure_agreement
 from .outline_bolls import outline_bolls
+from .separate_bolls import separate_bolls
 
 
 def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
@@ -61,7 +61,7 @@ def detect_bolls(
         maps.append(network.maps(image))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
-    middles = drop_unlikely(join_parts(find_middles(votes), votes, lint), votes)
+    middles = separate_bolls(votes, lint)
     agreed = measure_agreement(votes, middles)
     for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)

@@ -33,8 +33,12 @@ TAIL = 0.02
 """Share of a part's Gaussians at either end that its width leaves out."""
 
 
-def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> Middles:
-    """The middles with those of one boll made one, the narrowest pair first."""
+def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace, fits: float = FITS) -> Middles:
+    """The middles with those of one boll made one, the narrowest pair first.
+
+    Args:
+        fits: what to take for `FITS`.
+    """
     places = lint.gaussians.means[lint.shares > 0.5]
     places = places[np.isfinite(places).all(axis=1)]
     owners, seen = middles.nearest(places), [middles.nearest(view.surfaces) for view in votes]
@@ -44,7 +48,7 @@ def join_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> M
     borders = measure_borders(contacts, seen)
     widths: dict[tuple[int, int], float] = {}
     while len(middles.centres) > 1:
-        best, pair = FITS, None
+        best, pair = fits, None
         for a, b in find_near_pairs(middles.centres, NEAR * usual):
             if (a + 1, b + 1) not in borders:
                 continue

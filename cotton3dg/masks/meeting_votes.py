@@ -44,14 +44,6 @@ AGREES = 0.15
 """Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
 that the boll is there."""
 ROUNDS = 4
-EXPLAINED = 0.25
-"""Distance, in diameters, from a middle up to which a ray needs no other: twice as far would explain most votes for a
-boll next to it."""
-LOOKS_AGAIN = 3
-HIDDEN_SUPPORT = 0.12
-"""Sum of the votes, in bolls seen whole, a view, for a boll that only unexplained votes are for ..."""
-HIDDEN_APART = 0.5
-"""... and its least distance, in mean diameters, from all others."""
 FAINT = 0.08
 """Sum of the votes for a boll, in bolls seen whole, a view, below which it is none ..."""
 UNSURE = 0.62
@@ -160,35 +152,9 @@ def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
 def find_middles(votes: Sequence[Votes]) -> Middles:
     """Places where the votes of enough views meet.
 
-    The votes for a boll that lies deep in another make a slope of its peak rather than one of their own. So the votes
-    that no middle explains are looked at again by themselves.
-
     Args:
         votes: of each view.
     """
-    middles = _find_where_most_meet(votes)
-    for _ in range(LOOKS_AGAIN):
-        others = _find_where_most_meet([view.take(~find_explained(view, middles)) for view in votes])
-        away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
-        sizes = 0.5 * (others.diameters[:, None] + middles.diameters)
-        hidden = (others.support > HIDDEN_SUPPORT * len(votes)) & (away > HIDDEN_APART * sizes).all(axis=1)
-        if not hidden.any():
-            break
-        middles = middles.and_also(others.take(hidden))
-    return middles
-
-
-def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:
-    """Which rays (N,) pass a middle whose boll their lint may be of."""
-    explained = np.zeros(len(view.rays), bool)
-    for centre, diameter in zip(middles.centres, middles.diameters, strict=True):
-        near = np.flatnonzero(np.linalg.norm(view.surfaces - centre, axis=1) < FARTHEST * diameter)
-        to, rays = centre - view.eye, view.rays[near]
-        explained[near] |= np.linalg.norm(to - (rays @ to)[:, None] * rays, axis=1) < EXPLAINED * diameter
-    return explained
-
-
-def _find_where_most_meet(votes: Sequence[Votes]) -> Middles:
     from scipy.spatial import cKDTree
 
     nothing = Middles(

@@ -15,6 +15,7 @@ from cotton3dg.masks.meeting_votes import (
     meet_rays,
 )
 from cotton3dg.masks.outline_bolls import outline_bolls
+from cotton3dg.masks.separate_bolls import find_hidden, is_crowded
 
 
 def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> Maps:
@@ -147,10 +148,19 @@ def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unex
                 np.full(200, 1 / 200, np.float32),
             )
         )
-    middles = find_middles(votes)
+    first = find_middles(votes)
+    assert len(first.centres) == 1
+    middles = find_hidden(first, votes)
     order = np.argsort(middles.centres[:, 0])
     np.testing.assert_allclose(middles.centres[order], centres, atol=0.12)
     assert middles.support[order[0]] > middles.support[order[1]]
+
+
+@pytest.mark.parametrize("apart, crowded", [(1.1, True), (1.3, False)])
+def test_a_plant_is_crowded_where_many_bolls_may_touch_another(apart, crowded):
+    centres = np.array([[0, 0, 0], [apart, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
+    ones = np.ones(4, np.float32)
+    assert is_crowded(Middles(centres, ones, ones, np.ones(4, int))) == crowded
 
 
 def test_rays_meet_where_they_were_sent_whatever_single_ones_do():

@@ -95,8 +95,8 @@ def split(parents: Gaussians) -> tuple[Gaussians, Gaussians]:
     """Two children of each Gaussian, side by side along its longest axis, of the same opacity and colour.
 
     The mixture has the parent's mean and second moment, and its peak to within 10 %. It hides more than the parent: a
-    quarter more from the side (2 / SPLIT_SHRINKAGE), 1.3 to 1.6 times as much over all directions. Children that hide as
-    much are fainter, and training does worse with them (docs/notes/training_ingredients.md).
+    quarter more from the side (2 / SPLIT_SHRINKAGE), 1.3 to 1.6 times as much over all directions. Children that hide
+    as much are fainter, and training does worse with them (docs/notes/training_ingredients.md).
     """
     n = len(parents)
     longest = np.argmax(parents.log_scales, axis=1)

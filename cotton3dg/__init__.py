@@ -15,6 +15,8 @@ __version__ = "0.1.0"
 _HOMES = {
     "capture.frame_quality": ("blur", "sharpness", "spread_frames"),
     "capture.image_pairs": ("choose_pairs",),
+    "capture.lens": ("undistort",),
+    "capture.reconstruction": ("ReconstructionSettings", "reconstruct"),
     "clustering.agglomerative": ("cluster_objects",),
     "clustering.consensus": ("merge_views",),
     "core.bolls": ("BollInstance", "LiftedMasks", "MaskSet"),
@@ -29,7 +31,6 @@ _HOMES = {
     "files.colmap": ("read_cameras", "read_points"),
     "files.images": ("read_ids", "read_image", "write_ids", "write_image"),
     "files.ply": ("recolour", "read_gaussians", "write_gaussians"),
-    "files.reconstruction": ("ReconstructionSettings", "reconstruct", "undistort"),
     "geometry.camera_orbit": ("azimuths", "evenly_spaced", "fit_orbit"),
     "lifting.lift": ("ViewWeights", "lift", "rim_width_px", "mark_rim", "within_orbit"),
     "masks.bolls": ("open_bolls",),

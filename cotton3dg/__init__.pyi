@@ -4,6 +4,9 @@ from .capture.frame_quality import blur as blur
 from .capture.frame_quality import sharpness as sharpness
 from .capture.frame_quality import spread_frames as spread_frames
 from .capture.image_pairs import choose_pairs as choose_pairs
+from .capture.lens import undistort as undistort
+from .capture.reconstruction import ReconstructionSettings as ReconstructionSettings
+from .capture.reconstruction import reconstruct as reconstruct
 from .clustering.agglomerative import cluster_objects as cluster_objects
 from .clustering.consensus import merge_views as merge_views
 from .core.bolls import BollInstance as BollInstance
@@ -31,9 +34,6 @@ from .files.images import write_image as write_image
 from .files.ply import read_gaussians as read_gaussians
 from .files.ply import recolour as recolour
 from .files.ply import write_gaussians as write_gaussians
-from .files.reconstruction import ReconstructionSettings as ReconstructionSettings
-from .files.reconstruction import reconstruct as reconstruct
-from .files.reconstruction import undistort as undistort
 from .geometry.camera_orbit import azimuths as azimuths
 from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit

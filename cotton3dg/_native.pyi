@@ -33,6 +33,7 @@ def accumulate_weights(
 def ray_weights(
     gaussians: Arrays, view: View, pixels: NDArray[Any], threads: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any]]: ...
+def match_descriptors(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]: ...
 
 class LearningRates:
     def __init__(

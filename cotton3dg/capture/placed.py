@@ -9,12 +9,15 @@ from ..core.outcome import StageOutcome
 from ..core.scene import Camera
 from ..documents.sfm import LensDecision, SfmInfo
 from ..errors import CaptureFailed
-from ..files.reconstruction import NEEDLESS_RISE_PCT, straighten
 from ..geometry.camera_orbit import find_out_of_view, fit_orbit
+from .lens import NEEDLESS_RISE_PCT, straighten
 
 MIN_REGISTERED_PCT = 40.0
 FEW_REGISTERED_PCT = 80.0
 MIN_REGISTERED = 3
+MIN_OBSERVATIONS = 10.0
+"""Points of the model that an image shows, on average; those of a plant show thousands. A model of hardly any point is
+no reconstruction: its cameras are anywhere."""
 MIN_COVERAGE_DEG = 90.0
 """Below it traits would be those of one side; and a camera that only turns on the spot can pass for a short arc, its
 rotation explained by a wrong lens."""
@@ -56,15 +59,21 @@ def describe_cameras(
         models: as pycolmap has them.
         cameras: of the first, undistorted.
     Raises:
-        CaptureFailed: they saw the plant from one side only.
+        CaptureFailed: they saw the plant from one side only, or have next to nothing in common.
     """
+    model = models[0]
+    seen = model.compute_mean_observations_per_reg_image()
+    if not seen >= MIN_OBSERVATIONS:
+        raise CaptureFailed(
+            f"an image shows {seen:.1f} points that others show, too ({MIN_OBSERVATIONS:.0f} needed); film one slow"
+            " full turn, walking around the plant"
+        )
     orbit = fit_orbit(cameras)
     if not orbit.coverage_deg >= MIN_COVERAGE_DEG:
         raise CaptureFailed(
             f"the camera went {orbit.coverage_deg:.0f} degrees around what it saw ({MIN_COVERAGE_DEG:.0f} needed); film"
             " one slow full turn, walking around the plant"
         )
-    model = models[0]
     registered = [camera.name for camera in cameras]
     camera = next(iter(model.cameras.values()))
     return SfmInfo(
@@ -76,7 +85,7 @@ def describe_cameras(
         n_points=model.num_points3D(),
         mean_reprojection_error_px=model.compute_mean_reprojection_error(),
         mean_track_length=model.compute_mean_track_length(),
-        mean_observations=model.compute_mean_observations_per_reg_image(),
+        mean_observations=seen,
         camera_model=camera.model_name,
         camera_params=tuple(camera.params.tolist()),
         focal_length_px=camera.mean_focal_length(),
@@ -90,8 +99,8 @@ def describe_cameras(
     )
 
 
-def outcome_of(info: SfmInfo) -> StageOutcome:
-    """Summary, flags and warnings of the stage."""
+def outcome_of(info: SfmInfo, parts_s: dict[str, float]) -> StageOutcome:
+    """Summary, flags and warnings of the stage, with the seconds of its parts."""
     flags, warnings = [], []
     if info.registered_pct < FEW_REGISTERED_PCT:
         flags.append("few_frames_registered")
@@ -106,4 +115,5 @@ def outcome_of(info: SfmInfo) -> StageOutcome:
         flags.append("plant_out_of_view")
         warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
-    return StageOutcome({key: round(getattr(info, key), 3) for key in keys}, tuple(flags), tuple(warnings))
+    summary = {key: round(getattr(info, key), 3) for key in keys}
+    return StageOutcome(summary, tuple(flags), tuple(warnings), parts_s)

@@ -14,3 +14,5 @@ class StageOutcome:
     """Quality flags in snake_case, e.g. `few_frames_registered`."""
     warnings: tuple[str, ...] = ()
     """One-line sentences for the user: what is doubtful and what to do."""
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """Seconds that its parts took."""

@@ -33,6 +33,8 @@ class Record(Document):
     flags: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """Seconds of its parts, where it tells them."""
     cpu_seconds: float = 0.0
     peak_memory_mib: float = 0.0
     error: str | None = None
@@ -53,4 +55,5 @@ class Record(Document):
             summary=outcome.summary,
             flags=outcome.flags,
             warnings=outcome.warnings,
+            parts_s=outcome.parts_s,
         )

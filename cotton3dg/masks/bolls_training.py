@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..core.machine import one_thread_each
 from ..core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN, TrainingPicture
 from ..errors import BadInput
 from .bolls import OFFSET_PX
@@ -205,17 +206,12 @@ def _batches(
     if not settings.makers:
         yield from ((step, made(step)) for step in steps)
         return
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # pictures are small, and the cores have other work
-    try:
-        with ThreadPoolExecutor(settings.makers) as pool:
-            ahead: deque[Future[tuple[Tensor, Tensor, Tensor, Tensor]]] = deque()
-            waiting = iter(steps)
-            for step in steps:
-                ahead.extend(pool.submit(made, later) for later in islice(waiting, BATCHES_AHEAD - len(ahead)))
-                yield step, ahead.popleft().result()
-    finally:
-        cv2.setNumThreads(threads)
+    with one_thread_each(), ThreadPoolExecutor(settings.makers) as pool:
+        ahead: deque[Future[tuple[Tensor, Tensor, Tensor, Tensor]]] = deque()
+        waiting = iter(steps)
+        for step in steps:
+            ahead.extend(pool.submit(made, later) for later in islice(waiting, BATCHES_AHEAD - len(ahead)))
+            yield step, ahead.popleft().result()
 
 
 def _rate(step: int, steps: int) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.image_pairs import choose_pairs
+from ..capture.lens import undistort
 from ..capture.placed import (
     decide_distortion,
     describe_cameras,
@@ -15,12 +16,13 @@ from ..capture.placed import (
     require_images,
     require_registered,
 )
+from ..capture.reconstruction import ReconstructionSettings, reconstruct
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
+from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
 from ..files import exports
 from ..files.colmap import read_cameras, read_points
-from ..files.reconstruction import ReconstructionSettings, reconstruct, undistort
 from ..files.saving import json_text
 from ..options import SfmOptions
 from ..workspace import Workspace
@@ -51,13 +53,16 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
+        ordered=taken.ordered,
     )
     pairs = choose_pairs(len(names), options.overlap, taken.ordered)
+    watch = Stopwatch()
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
-            models = reconstruct(frames, names, pairs, Path(work), settings, progress)
+            models = reconstruct(frames, names, pairs, Path(work), settings, progress, watch)
             require_registered(models, names)
         models[0], lens = decide_distortion(models[0], options.distortion)
+        watch.lap("deciding the lens")
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
@@ -67,7 +72,8 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
         np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
         info.save(folder / workspace.sfm_json.name)
-    return outcome_of(info)
+    watch.lap("undistorting")
+    return outcome_of(info, watch.parts_s)
 
 
 def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
@@ -87,7 +93,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=6,
+    version=7,
     inputs=inputs,
     run=run,
     cost=_cost,

@@ -1,4 +1,5 @@
-// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py.
+// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py; that of the
+// matching of descriptors is cotton3dg/capture/matching.py.
 #include "bindings.h"
 
 #include "dispatch.h"
@@ -157,5 +158,6 @@ PYBIND11_MODULE(_native, m) {
     m.def("accumulate_weights", accumulate_weights, "gaussians"_a, "view"_a, "mask_ids"_a, "threads"_a);
     m.def("ray_weights", ray_weights_of, "gaussians"_a, "view"_a, "pixels"_a, "threads"_a);
     bind_training(m);
+    bind_matching(m);
     bind_for_tests(m);
 }

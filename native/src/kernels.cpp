@@ -4,6 +4,7 @@
 #include "adam.h"
 #include "hit_tiles.h"
 #include "loss.h"
+#include "match.h"
 #include "project.h"
 #include "project_backward.h"
 #include "rasterize.h"
@@ -17,11 +18,20 @@ namespace {
 // Constant-initialised: nothing of a foreign instruction set may run while the module is loaded.
 template <class Real>
 constexpr Kernels<Real> table() {
-    Kernels<Real> t{project<Real>,          hit_tiles<Real>,   forward<Real>,
-                    values_backward<Real>,  ray_weights<Real>, backward<Real>,
-                    project_backward<Real>, sh_gradient<Real>, loss_forward<Real>,
-                    loss_backward<Real>,    nullptr,           self_test};
-    if constexpr (sizeof(Real) == 4) t.adam = adam;
+    Kernels<Real> t{project<Real>,
+                    hit_tiles<Real>,
+                    forward<Real>,
+                    values_backward<Real>,
+                    ray_weights<Real>,
+                    backward<Real>,
+                    project_backward<Real>,
+                    sh_gradient<Real>,
+                    loss_forward<Real>,
+                    loss_backward<Real>,
+                    nullptr,
+                    nullptr,
+                    self_test};
+    if constexpr (sizeof(Real) == 4) t.adam = adam, t.match = match;
     return t;
 }
 

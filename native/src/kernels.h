@@ -41,6 +41,9 @@ struct Kernels {
     void (*loss_backward)(const LossBand<Real>&);
     // Adam update of `n` visible rows (float only, null otherwise).
     void (*adam)(const AdamRows&, const uint32_t* visible, int64_t n, const float* rows);
+    // Nearest neighbours of each descriptor of `a` among those of `b` and the other way round (float only, null
+    // otherwise). All of `of_b` is -1 before.
+    void (*match)(const Descriptors& a, const Descriptors& b, const Neighbours& of_a, const Neighbours& of_b);
     // Whether NaN and Inf are still recognised in this build.
     bool (*self_test)();
 };

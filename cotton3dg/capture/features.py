@@ -1,0 +1,57 @@
+"""Places in an image that can be found again in another: SIFT (Lowe 2004), by OpenCV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+PEAK_THRESHOLD = 0.002
+"""Least difference of Gaussians, of images from 0 to 1; a third of COLMAP's: a dark room's low contrast then still
+gives features, and where light is plenty `max_features` is the limit anyway."""
+OCTAVE_LAYERS = 3
+ROOT_SIFT_NORM = 512
+"""Length of a descriptor."""
+
+
+@dataclass(frozen=True)
+class Features:
+    places_px: NDArray[np.float32]
+    """(N, 2) x, y; the corner of the first pixel is (0, 0), as COLMAP has it."""
+    descriptors: NDArray[np.uint8]
+    """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long."""
+
+
+def find_features(image: NDArray[np.uint8], max_features: int, max_side: int) -> Features:
+    """The features with the most contrast.
+
+    OpenCV looks at twice the size of what it is given, so half of `max_side` is given; the detail lost by that is finer
+    than the finest feature.
+
+    Args:
+        image: (H, W) grey.
+        max_side: size that is looked at, px of the longer side; but never more than twice that of the image.
+    """
+    height, width = image.shape
+    scale = min(1.0, 0.5 * max_side / max(width, height))
+    size = max(1, round(scale * width)), max(1, round(scale * height))
+    detector = cv2.SIFT.create(
+        nfeatures=max_features,
+        nOctaveLayers=OCTAVE_LAYERS,
+        contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD,
+        enable_precise_upscale=True,
+    )
+    points, descriptors = detector.detectAndCompute(cv2.resize(image, size, interpolation=cv2.INTER_AREA), None)
+    if not points:
+        return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
+    # OpenCV's (0, 0) is the middle of the first pixel.
+    places = (np.asarray(cv2.KeyPoint.convert(points)) + 0.5) * np.array([width, height]) / size
+    return Features(places.astype(np.float32), root_sift(descriptors))
+
+
+def root_sift(descriptors: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Descriptors (N, 128) whose Euclidean distance is the Hellinger distance of the given ones."""
+    shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
+    return np.round(ROOT_SIFT_NORM * np.sqrt(shares)).clip(0, 255).astype(np.uint8)

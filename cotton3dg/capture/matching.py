@@ -1,0 +1,66 @@
+"""Which features of two images show the same place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _native
+from .features import ROOT_SIFT_NORM, Features
+
+MAX_ANGLE = 0.7
+"""rad between descriptors."""
+MAX_RATIO = 0.8
+"""Of the angle to the most similar descriptor by that to the next one (Lowe 2004)."""
+MAX_ERROR_PX = 4.0
+"""Distance from the epipolar line."""
+CONFIDENCE, MAX_TRIALS = 0.999, 2000
+MIN_MATCHES = 15
+
+
+@dataclass(frozen=True)
+class PairMatches:
+    """Matches that one motion of the camera explains."""
+
+    fundamental: NDArray[np.float64]
+    """(3, 3), from the first image to the second, px."""
+    rows: NDArray[np.uint32]
+    """(M, 2) of the features of the first and of the second image."""
+
+
+def match(first: Features, second: Features) -> PairMatches | None:
+    """The matches of two images; None when fewer than `MIN_MATCHES` fit together."""
+    return verify(first.places_px, second.places_px, match_descriptors(first.descriptors, second.descriptors))
+
+
+def match_descriptors(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Rows (M, 2) of descriptors that are each other's nearest and much nearer than the next ones, as COLMAP has it."""
+    of_first, of_second = _native.match_descriptors(first, second)
+    rows = np.flatnonzero(_distinct(of_first))
+    others = of_first[2, rows]
+    mutual = _distinct(of_second)[others] & (of_second[2, others] == rows)
+    return np.column_stack([rows[mutual], others[mutual]]).astype(np.uint32)
+
+
+def _distinct(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whose nearest neighbour is near, and much nearer than the next one."""
+    best, second = np.arccos(np.clip(neighbours[:2] / ROOT_SIFT_NORM**2, 0, 1))
+    return (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
+
+
+def verify(first_px: NDArray, second_px: NDArray, rows: NDArray[np.uint32]) -> PairMatches | None:
+    """The matches that one fundamental matrix explains, by graph-cut RANSAC (Barath and Matas 2018), by OpenCV."""
+    if len(rows) < MIN_MATCHES:
+        return None
+    places = first_px[rows[:, 0]], second_px[rows[:, 1]]
+    try:
+        found, inliers = cv2.findFundamentalMat(*places, cv2.USAC_ACCURATE, MAX_ERROR_PX, CONFIDENCE, MAX_TRIALS)
+    except cv2.error:  # raised by OpenCV 5 where it finds no matrix at all
+        return None
+    if found is None or found.shape != (3, 3) or not np.isfinite(found).all():
+        return None
+    kept = rows[inliers.ravel() > 0]
+    return PairMatches(found, kept) if len(kept) >= MIN_MATCHES else None

@@ -1,0 +1,224 @@
+"""Structure from motion: features found and matched by OpenCV and the core, cameras placed by COLMAP's mapper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..core.machine import one_thread_each, usable_cores
+from ..core.progress import Progress, silent
+from ..core.stopwatch import Stopwatch
+from ..files.images import read_image
+from .features import Features, find_features
+from .matching import MIN_MATCHES, PairMatches, match
+
+CAMERA_MODEL = "SIMPLE_RADIAL"
+"""One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
+KEYFRAMES = 50
+"""Of a film so many images, evenly spaced, are placed one after the other, each with an adjustment of its neighbours;
+the others are then placed by the points that these have given, and all are adjusted together."""
+LEAST_PLACED = 0.95
+"""Share of the keyframes, and then of all images, below which all are placed one after the other."""
+FINAL_TOLERANCE = 1e-6
+"""Relative change of the cost at which the last adjustment stops; at 1e-5 cameras are 1.5 mm off instead of 0.8."""
+
+
+@dataclass(frozen=True)
+class ReconstructionSettings:
+    """What structure from motion may spend, and what is known beforehand."""
+
+    max_features: int
+    max_side: int
+    """Features are looked for at this size, px."""
+    seed: int
+    focal_length_px: float | None = None
+    """A prior, e.g. from EXIF; without one 1.2 times the longer side."""
+    ordered: bool = True
+    """Whether neighbours in the list are neighbours on the camera's way."""
+
+
+def reconstruct(
+    image_folder: Path,
+    names: list[str],
+    pairs: list[tuple[int, int]],
+    work_folder: Path,
+    settings: ReconstructionSettings,
+    progress: Progress = silent,
+    watch: Stopwatch | None = None,
+) -> list[Any]:
+    """Find the cameras of images and a sparse cloud of points; the same bits each time on one machine.
+
+    Args:
+        names: images in `image_folder`, all of one camera and one size.
+        pairs: indices into `names` of the images to match with each other.
+        work_folder: empty; receives the database of matches.
+    Returns:
+        pycolmap.Reconstructions, the one with the most images (then points) first; images without a finite pose are
+        taken out. Empty when no two images fit together.
+    """
+    watch = watch or Stopwatch()
+    database = work_folder / "matches.db"
+    features = _find_all_features(image_folder, names, settings, progress)
+    watch.lap("features")
+    progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
+    matches = _match_pairs(features, pairs)
+    watch.lap("matching")
+    _write_database(database, image_folder, names, features, matches, settings)
+    models = _place_cameras(database, image_folder, names, work_folder, settings, progress)
+    kept = [_drop_lost_images(model) for model in models]
+    watch.lap("mapping")
+    return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+
+
+def _find_all_features(
+    image_folder: Path, names: list[str], settings: ReconstructionSettings, progress: Progress
+) -> list[Features]:
+    def found(name: str) -> Features:
+        grey = cv2.cvtColor(read_image(image_folder / name), cv2.COLOR_RGB2GRAY)
+        return find_features(grey, settings.max_features, settings.max_side)
+
+    features = []
+    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+        for done, of_image in enumerate(threads.map(found, names)):
+            progress(done // 2, 2 * len(names), "finding features")
+            features.append(of_image)
+    return features
+
+
+def _match_pairs(features: list[Features], pairs: list[tuple[int, int]]) -> dict[tuple[int, int], PairMatches]:
+    """The pairs of images that fit together, with their matches."""
+    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+        found = threads.map(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)
+        return {pair: matches for pair, matches in zip(pairs, found, strict=True) if matches is not None}
+
+
+def _write_database(
+    path: Path,
+    image_folder: Path,
+    names: list[str],
+    features: list[Features],
+    matches: dict[tuple[int, int], PairMatches],
+    settings: ReconstructionSettings,
+) -> None:
+    import pycolmap
+
+    pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = CAMERA_MODEL
+    pycolmap.Database.open(path).close()
+    pycolmap.import_images(path, image_folder, pycolmap.CameraMode.SINGLE, names, reader)
+    with pycolmap.Database.open(path) as database:
+        for camera in database.read_all_cameras() if settings.focal_length_px else ():
+            camera.focal_length = settings.focal_length_px
+            camera.has_prior_focal_length = True
+            database.update_camera(camera)
+        ids = [database.read_image_with_name(name).image_id for name in names]
+        for image_id, found in zip(ids, features, strict=True):
+            database.write_keypoints(image_id, found.places_px)
+        for (i, j), pair in matches.items():
+            geometry = pycolmap.TwoViewGeometry()
+            geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+            geometry.F = pair.fundamental
+            geometry.inlier_matches = pair.rows
+            database.write_two_view_geometry(ids[i], ids[j], geometry)
+
+
+def _place_cameras(
+    database: Path,
+    image_folder: Path,
+    names: list[str],
+    work_folder: Path,
+    settings: ReconstructionSettings,
+    progress: Progress,
+) -> list[Any]:
+    """The models that there are, from keyframes first where that does."""
+    import pycolmap
+
+    n_placed = 0
+
+    def placed() -> None:
+        nonlocal n_placed
+        n_placed += 1
+        progress(min(len(names) + n_placed, 2 * len(names)), 2 * len(names), "placing cameras")
+
+    def mapped(chosen: Sequence[str]) -> list[Any]:
+        pycolmap.set_random_seed(settings.seed)
+        options = _mapping_options(settings)
+        options.image_names = list(chosen)
+        found = pycolmap.incremental_mapping(
+            database, image_folder, work_folder, options, next_image_callback=placed
+        ).values()
+        return sorted(found, key=lambda model: -model.num_reg_images())
+
+    keyframes = names[:: max(1, round(len(names) / KEYFRAMES))] if settings.ordered else names
+    if len(keyframes) < len(names):
+        models = mapped(keyframes)
+        if models and models[0].num_reg_images() >= LEAST_PLACED * len(keyframes):
+            whole = _place_others(models[0], database, settings, placed)
+            if whole.num_reg_images() >= LEAST_PLACED * len(names):
+                return [whole, *models[1:]]
+        n_placed = 0
+    return mapped(names)
+
+
+def _place_others(keyframes: Any, database: Path, settings: ReconstructionSettings, placed: Any) -> Any:
+    """The model of the keyframes with the other images, all adjusted together."""
+    import pycolmap
+
+    options = _mapping_options(settings)
+    of_cache = pycolmap.DatabaseCacheOptions()
+    of_cache.min_num_matches = MIN_MATCHES
+    with pycolmap.Database.open(database) as opened:
+        cache = pycolmap.DatabaseCache.create(opened, of_cache)
+    mapper, triangulation = options.get_mapper(), options.get_triangulation()
+    # The keyframes know the lens better than one image does.
+    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
+    adjustment = options.get_global_bundle_adjustment()
+    adjustment.ceres.solver_options.function_tolerance = FINAL_TOLERANCE
+    work = pycolmap.IncrementalMapper(cache)
+    model = pycolmap.Reconstruction(keyframes)
+    work.begin_reconstruction(model)
+    for image_id in sorted(cache.images):
+        if not model.image(image_id).has_pose and work.register_next_image(mapper, image_id):
+            work.triangulate_image(triangulation, image_id)
+            placed()
+    work.iterative_global_refinement(
+        options.ba_global_max_refinements, options.ba_global_max_refinement_change, mapper, adjustment, triangulation
+    )
+    work.end_reconstruction(False)
+    return model
+
+
+def _mapping_options(settings: ReconstructionSettings) -> Any:
+    """COLMAP's defaults, but less patience in between; the last adjustment sets all straight.
+
+    Neighbours are adjusted once for a new image instead of up to twice, all cameras each time the model has grown by
+    80 % instead of 10 %, and adjustments stop when the cost falls by less than 1e-5 (1e-4 among neighbours).
+    """
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions()
+    # The order of sums in bundle adjustment depends on threads; one is hardly slower and gives the same bits each time.
+    options.num_threads = 1
+    options.random_seed = settings.seed
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.8
+    options.ba_global_max_refinements = 2
+    options.ba_global_function_tolerance = 1e-5
+    options.ba_local_max_refinements = 1
+    options.ba_local_function_tolerance = 1e-4
+    return options
+
+
+def _drop_lost_images(model: Any) -> Any:
+    """The model after taking out images whose pose is not finite."""
+    for image_id in list(model.reg_image_ids()):
+        image = model.image(image_id)
+        if not np.isfinite(image.cam_from_world().matrix()).all():
+            model.deregister_frame(image.frame_id)
+    return model

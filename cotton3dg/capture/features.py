@@ -18,6 +18,8 @@ ROOT_SIFT_NORM = 512
 
 @dataclass(frozen=True)
 class Features:
+    """Of one image, the largest first."""
+
     places_px: NDArray[np.float32]
     """(N, 2) x, y; the corner of the first pixel is (0, 0), as COLMAP has it."""
     descriptors: NDArray[np.uint8]
@@ -25,7 +27,7 @@ class Features:
 
 
 def find_features(image: NDArray[np.uint8], max_features: int, max_side: int) -> Features:
-    """The features with the most contrast.
+    """The largest features: these are found again from the farthest.
 
     OpenCV looks at twice the size of what it is given, so half of `max_side` is given; the detail lost by that is finer
     than the finest feature.
@@ -38,14 +40,13 @@ def find_features(image: NDArray[np.uint8], max_features: int, max_side: int) ->
     scale = min(1.0, 0.5 * max_side / max(width, height))
     size = max(1, round(scale * width)), max(1, round(scale * height))
     detector = cv2.SIFT.create(
-        nfeatures=max_features,
-        nOctaveLayers=OCTAVE_LAYERS,
-        contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD,
-        enable_precise_upscale=True,
+        nOctaveLayers=OCTAVE_LAYERS, contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD, enable_precise_upscale=True
     )
-    points, descriptors = detector.detectAndCompute(cv2.resize(image, size, interpolation=cv2.INTER_AREA), None)
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    points = sorted(detector.detect(small), key=lambda point: -point.size)[:max_features]
     if not points:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
+    points, descriptors = detector.compute(small, points)
     # OpenCV's (0, 0) is the middle of the first pixel.
     places = (np.asarray(cv2.KeyPoint.convert(points)) + 0.5) * np.array([width, height]) / size
     return Features(places.astype(np.float32), root_sift(descriptors))

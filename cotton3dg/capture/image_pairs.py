@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+MOST_IN_ALL_PAIRS = 300
+"""45,000 pairs: a minute or two of a quick look at each."""
+
 
 def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
     """Pairs of images to match.
@@ -9,13 +12,13 @@ def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
     Images in order of time are matched with the next `overlap` / 2 and then with ever farther ones, each distance about
     1.4 times the one before, for as many again: near ones give many matches, far ones stiffness. The order is
     taken as a ring, so that a full turn closes without a search for loops. Every `overlap`-th image is matched with
-    every other such one, which ties a second turn, or a walk back, to the first. Unordered images are matched with all
-    others while that is cheap, else as if twice as dense.
+    every other such one, which ties a second turn, or a walk back, to the first. Of unordered images all pairs are
+    returned, of which `matching.find_alike` takes the good ones; of very many, as if ordered and twice as dense.
 
     Returns:
         Ascending (i, j) with i < j, each once.
     """
-    if not ordered and n <= 60:
+    if not ordered and n <= MOST_IN_ALL_PAIRS:
         return [(i, j) for i in range(n) for j in range(i + 1, n)]
     if not ordered:
         overlap *= 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -9,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from ..core.machine import one_thread_each, usable_cores
 from .features import ROOT_SIFT_NORM, Features
 
 MAX_ANGLE = 0.7
@@ -19,6 +22,13 @@ MAX_ERROR_PX = 4.0
 """Distance from the epipolar line."""
 CONFIDENCE, MAX_TRIALS = 0.999, 2000
 MIN_MATCHES = 15
+
+PREVIEWED = 512
+"""Features of an image that tell which others it is like: the largest, which are found again most often."""
+ALIKE = 4
+"""Matches among these from which on images are alike."""
+FEW_ALIKE = 3
+"""An image with fewer like it is matched with all."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,26 @@ class PairMatches:
 def match(first: Features, second: Features) -> PairMatches | None:
     """The matches of two images; None when fewer than `MIN_MATCHES` fit together."""
     return verify(first.places_px, second.places_px, match_descriptors(first.descriptors, second.descriptors))
+
+
+def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:
+    """Those of the pairs that are worth matching whole: of each image the `most` that are most alike.
+
+    Source: preemptive matching (Wu 2013), but the most alike are kept instead of all above a limit.
+    """
+    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+        largest = [of_image.descriptors[:PREVIEWED] for of_image in images]
+        common = list(threads.map(lambda pair: len(match_descriptors(largest[pair[0]], largest[pair[1]])), pairs))
+    of_image: dict[int, list[tuple[int, tuple[int, int]]]] = {}
+    for pair, n in zip(pairs, common, strict=True):
+        for image in pair:
+            of_image.setdefault(image, []).append((n, pair))
+    kept: set[tuple[int, int]] = set()
+    for candidates in of_image.values():
+        alike = sorted((candidate for candidate in candidates if candidate[0] >= ALIKE), reverse=True)
+        chosen = alike[:most] if len(alike) >= FEW_ALIKE else candidates
+        kept.update(pair for _, pair in chosen)
+    return sorted(kept)
 
 
 def match_descriptors(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.uint32]:

@@ -16,7 +16,7 @@ from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
 from ..files.images import read_image
 from .features import Features, find_features
-from .matching import MIN_MATCHES, PairMatches, match
+from .matching import MIN_MATCHES, PairMatches, find_alike, match
 
 CAMERA_MODEL = "SIMPLE_RADIAL"
 """One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
@@ -39,8 +39,8 @@ class ReconstructionSettings:
     seed: int
     focal_length_px: float | None = None
     """A prior, e.g. from EXIF; without one 1.2 times the longer side."""
-    ordered: bool = True
-    """Whether neighbours in the list are neighbours on the camera's way."""
+    partners: int | None = None
+    """Other images that each is matched with, the most alike of `pairs`; None = all of `pairs`, as for a film."""
 
 
 def reconstruct(
@@ -66,6 +66,9 @@ def reconstruct(
     database = work_folder / "matches.db"
     features = _find_all_features(image_folder, names, settings, progress)
     watch.lap("features")
+    if settings.partners is not None:
+        pairs = find_alike(features, pairs, settings.partners)
+        watch.lap("choosing pairs")
     progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
     matches = _match_pairs(features, pairs)
     watch.lap("matching")
@@ -156,7 +159,7 @@ def _place_cameras(
         ).values()
         return sorted(found, key=lambda model: -model.num_reg_images())
 
-    keyframes = names[:: max(1, round(len(names) / KEYFRAMES))] if settings.ordered else names
+    keyframes = names[:: max(1, round(len(names) / KEYFRAMES))] if settings.partners is None else names
     if len(keyframes) < len(names):
         models = mapped(keyframes)
         if models and models[0].num_reg_images() >= LEAST_PLACED * len(keyframes):

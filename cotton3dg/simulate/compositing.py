@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -12,19 +12,12 @@ from numpy.typing import NDArray
 from ..core.training_picture import LINT, UNKNOWN, TrainingPicture
 from .plates import LIGHTS, PLATE_PX, Plate
 from .render import linear
-from .training_scenes import BUR, LEAF_CLASS
 
 Float32 = NDArray[np.float32]
 
 
 BARE = 0.12
 """Share of the pictures without a plant: most of what a camera sees is none."""
-
-
-BLEACHED = 0.4
-"""Share of the plates whose leaves, bracts and burs are made pale: washed out by light, sprayed, dry or downy, they are
-what real photos are mistaken in most."""
-
 
 BACKLIT = (1.7, 12.0)
 """Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
@@ -120,7 +113,7 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
         return cv2.warpAffine(array, shifted, (size, size), flags=flags)
 
     cover = warped(plate.cover.astype(np.float32) / 255, cv2.INTER_LINEAR)
-    layer = Layer(
+    return Layer(
         light=plate.lit(power, np.stack([warped(light, cv2.INTER_LINEAR) for light in plate.light])),
         cover=cover,
         classes=warped(plate.classes, cv2.INTER_NEAREST),
@@ -128,20 +121,6 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
         centres_px=(plate.centres_px @ matrix.T + offset).astype(np.float32),
         diameters_px=(plate.diameters_px * zoom).astype(np.float32),
     )
-    return bleach(rng, layer) if rng.random() < BLEACHED else layer
-
-
-def bleach(rng: np.random.Generator, layer: Layer) -> Layer:
-    """The layer with leaves, bracts and burs nearly grey, and nearly as bright as lint."""
-    pale = np.isin(layer.classes, (BUR, LEAF_CLASS)) & (layer.cover > 0.5)
-    if not pale.any():
-        return layer
-    light = layer.light[pale]
-    grey = light.mean(axis=1, keepdims=True)
-    brighter = rng.uniform(0.3, 0.9) * _reference([layer]) / max(float(np.quantile(grey, 0.95)), 1e-6)
-    bleached = layer.light.copy()
-    bleached[pale] = (grey + (light - grey) * np.float32(rng.uniform(0, 0.7))) * np.float32(max(brighter, 1.0))
-    return replace(layer, light=bleached)
 
 
 def _background(rng: np.random.Generator, picture: NDArray[np.uint8], size: int) -> Float32:

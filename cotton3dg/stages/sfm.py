@@ -53,7 +53,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
-        ordered=taken.ordered,
+        partners=None if taken.ordered else options.overlap,
     )
     pairs = choose_pairs(len(names), options.overlap, taken.ordered)
     watch = Stopwatch()

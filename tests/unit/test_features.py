@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.capture.features import ROOT_SIFT_NORM, Features, find_features, root_sift
-from cotton3dg.capture.matching import match, match_descriptors, verify
+from cotton3dg.capture.matching import find_alike, match, match_descriptors, verify
 
 WIDTH, HEIGHT = 480, 360
 
@@ -48,8 +48,9 @@ def test_places_are_counted_from_the_corner_of_the_first_pixel(texture, max_side
     assert np.abs(np.median(error[near], axis=0)).max() < 0.1
 
 
-def test_most_contrast_comes_first_and_the_limit_holds(texture) -> None:
-    assert 90 <= len(find_features(texture, 100, 480).places_px) <= 110
+def test_the_largest_come_first_and_the_limit_holds(texture) -> None:
+    few = find_features(texture, 100, 480)
+    assert len(few.places_px) == len(few.descriptors) == 100
     many = find_features(texture, 5000, 480)
     assert len(many.places_px) == len(many.descriptors) > 300
     assert (many.places_px >= 0).all() and (many.places_px <= (WIDTH, HEIGHT)).all()
@@ -119,3 +120,35 @@ def test_features_in_one_place_and_none_at_all_do_not_stop_it() -> None:
     nothing = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     assert match(nothing, nothing) is None
     assert match(nothing, Features(same, np.zeros((200, 128), np.uint8))) is None
+
+
+def described(rng, count):
+    return root_sift(rng.exponential(1, (count, 128)).astype(np.float32))
+
+
+def test_images_are_matched_with_those_like_them_only() -> None:
+    """Ten images in a ring that share features with two neighbours on each side; one more shows something else."""
+    rng = np.random.default_rng(5)
+    parts = [described(rng, 60) for _ in range(10)]
+    images = [np.concatenate([parts[(i + k) % 10] for k in range(3)]) for i in range(10)]
+    images.append(described(rng, 180))
+    features = [Features(np.zeros((len(each), 2), np.float32), each) for each in images]
+    pairs = [(i, j) for i in range(11) for j in range(i + 1, 11)]
+    near = {(i, j) for i, j in pairs if j < 10 and min(j - i, 10 - j + i) <= 2}
+    # The stranger is like none: it is matched with all, as the quick look may have missed what they share.
+    assert find_alike(features, pairs, most=8) == sorted(near | {pair for pair in pairs if 10 in pair})
+
+
+def test_alike_images_beyond_the_most_are_left_out() -> None:
+    rng = np.random.default_rng(6)
+    common = described(rng, 100)
+    features = [
+        Features(np.zeros((100, 2), np.float32), np.concatenate([common[: 40 + 5 * i], described(rng, 60 - 5 * i)]))
+        for i in range(8)
+    ]
+    pairs = [(i, j) for i in range(8) for j in range(i + 1, 8)]
+    kept = find_alike(features, pairs, most=3)
+    assert (6, 7) in kept and (0, 1) not in kept
+    degree = [sum(i in pair for pair in kept) for i in range(8)]
+    assert min(degree) == 3
+    assert find_alike(features, pairs, most=7) == pairs

@@ -30,6 +30,6 @@ def test_few_images_give_each_pair_once(n):
     assert len(pairs) == len(set(pairs)) == n * (n - 1) // 2
 
 
-def test_unordered_images_are_all_matched_while_few():
-    assert len(choose_pairs(60, 8, ordered=False)) == 60 * 59 // 2
-    assert len(choose_pairs(100, 8, ordered=False)) < 2000
+def test_unordered_images_give_all_pairs_unless_very_many():
+    assert len(choose_pairs(200, 8, ordered=False)) == 200 * 199 // 2
+    assert len(choose_pairs(400, 8, ordered=False)) < 10_000

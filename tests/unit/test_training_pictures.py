@@ -6,11 +6,11 @@ import pytest
 from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN
 from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from cotton3dg.simulate import plates as plates_module
-from cotton3dg.simulate.compositing import Layer, bleach, compose
+from cotton3dg.simulate.compositing import compose
 from cotton3dg.simulate.mesh import SolidNoise
 from cotton3dg.simulate.plant import Site
 from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
-from cotton3dg.simulate.training_scenes import BUR, LEAF_CLASS, build_scene
+from cotton3dg.simulate.training_scenes import build_scene
 from cotton3dg.simulate.varied_bolls import draw_kind, grow_boll
 
 SEED = 5
@@ -113,22 +113,6 @@ def test_a_picture_moves_its_middles_with_its_bolls(few_plates, backgrounds):
             if len(rows) > 0.4 * picture.diameters_px[boll - 1] ** 2:
                 ways.append(way)
     assert len(ways) > 5 and np.median(ways) < 0.3
-
-
-def test_leaves_are_bleached_and_lint_is_not():
-    classes = np.repeat(np.array([[LINT, LEAF_CLASS, BUR, 0]], np.uint8), 8, axis=0).repeat(8, axis=1)
-    colours = np.array([[0.8, 0.8, 0.7], [0.05, 0.10, 0.02], [0.06, 0.03, 0.02], [0.1, 0.2, 0.3]], np.float32)
-    light = colours[np.array([3, 0, 2, 0, 1])[classes]]
-    nothing = np.zeros((0, 2), np.float32)
-    layer = Layer(
-        light, np.ones(classes.shape, np.float32), classes, np.uint16(classes == LINT), nothing, nothing[:, 0]
-    )
-    for seed in range(5):
-        pale = bleach(np.random.default_rng(seed), layer).light
-        leaves = np.isin(classes, (LEAF_CLASS, BUR))
-        np.testing.assert_array_equal(pale[~leaves], light[~leaves])
-        assert (np.ptp(pale, axis=2) / pale.max(axis=2) < np.ptp(light, axis=2) / light.max(axis=2))[leaves].all()
-        assert 0.2 < pale[leaves].mean(axis=1).max() / 0.77 < 1
 
 
 def annotated() -> AnnotatedPhoto:

@@ -99,8 +99,8 @@ def describe_cameras(
     )
 
 
-def outcome_of(info: SfmInfo, parts_s: dict[str, float]) -> StageOutcome:
-    """Summary, flags and warnings of the stage, with the seconds of its parts."""
+def outcome_of(info: SfmInfo) -> StageOutcome:
+    """Summary, flags and warnings of the stage."""
     flags, warnings = [], []
     if info.registered_pct < FEW_REGISTERED_PCT:
         flags.append("few_frames_registered")
@@ -115,5 +115,4 @@ def outcome_of(info: SfmInfo, parts_s: dict[str, float]) -> StageOutcome:
         flags.append("plant_out_of_view")
         warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
-    summary = {key: round(getattr(info, key), 3) for key in keys}
-    return StageOutcome(summary, tuple(flags), tuple(warnings), parts_s)
+    return StageOutcome({key: round(getattr(info, key), 3) for key in keys}, tuple(flags), tuple(warnings))

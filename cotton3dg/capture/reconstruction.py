@@ -132,6 +132,11 @@ def _write_database(
             database.write_two_view_geometry(ids[i], ids[j], geometry)
 
 
+def keyframe_spacing(images: int) -> int:
+    """Every how many-th image of a film is a keyframe."""
+    return max(1, round(images / KEYFRAMES))
+
+
 def _place_cameras(
     database: Path,
     image_folder: Path,
@@ -159,7 +164,7 @@ def _place_cameras(
         ).values()
         return sorted(found, key=lambda model: -model.num_reg_images())
 
-    keyframes = names[:: max(1, round(len(names) / KEYFRAMES))] if settings.partners is None else names
+    keyframes = names[:: keyframe_spacing(len(names))] if settings.partners is None else names
     if len(keyframes) < len(names):
         models = mapped(keyframes)
         if models and models[0].num_reg_images() >= LEAST_PLACED * len(keyframes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..capture.placed import (
     require_images,
     require_registered,
 )
-from ..capture.reconstruction import ReconstructionSettings, reconstruct
+from ..capture.reconstruction import ReconstructionSettings, keyframe_spacing, reconstruct
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.stopwatch import Stopwatch
@@ -73,7 +74,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
         info.save(folder / workspace.sfm_json.name)
     watch.lap("undistorting")
-    return outcome_of(info, watch.parts_s)
+    return replace(outcome_of(info), parts_s=watch.parts_s)
 
 
 def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
@@ -82,13 +83,18 @@ def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """Features of each image, matches of each pair, and cameras placed one after the other."""
+    """Features of each image, matches of each pair, and cameras placed one after the other, or by keyframes."""
     options, images, ordered = work.options["sfm"], work.images, work.source.is_video
     mp = work.megapixels(VIDEO_FEATURE_SIDE * (1 if ordered else PHOTO_SIZE))
     wanted = options.max_features * (1 if ordered else PHOTO_FEATURES)
     fullness = min(wanted, FEATURES_PER_MP * mp) / 2048
-    pairs = images * options.overlap if ordered else images * (images - 1) / 2
-    return Cost((0.05 + 0.55 * mp) * images + 0.05 * fullness**2 * pairs, 0.005 * fullness**2 * images**2)
+    pairs = images * options.overlap
+    looked_at = 0 if ordered else images * (images - 1) / 2
+    one_by_one = images / keyframe_spacing(images) if ordered else images
+    return Cost(
+        (0.02 + 0.12 * mp) * images + 0.0115 * fullness**2 * pairs + 0.0007 * looked_at,
+        fullness * (0.0028 * one_by_one**2 + 0.2 * (images - one_by_one)) + 0.02 * images,
+    )
 
 
 STAGE = Stage(

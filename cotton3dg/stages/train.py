@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 from .. import __version__, _native
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Gaussians
+from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
 from ..documents.sfm import SfmInfo
 from ..errors import BadInput
@@ -38,10 +40,15 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
+    watch = Stopwatch()
     capture = load_capture(workspace, options)
-    outcome = save_model(workspace, _fitted(workspace, options, capture.training, progress), capture)
+    watch.lap("loading")
+    result = _fitted(workspace, options, capture.training, progress, watch)
+    watch.lap("steps")
+    outcome = save_model(workspace, result, capture)
+    watch.lap("judging")
     workspace.train_checkpoint.unlink(missing_ok=True)
-    return outcome
+    return replace(outcome, parts_s=watch.parts_s)
 
 
 def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
@@ -88,7 +95,9 @@ def save_model(workspace: Workspace, result: Fit, capture: Capture) -> StageOutc
     return outcome_of(found.metrics, capture.effects)
 
 
-def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress) -> Fit:
+def _fitted(
+    workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress, watch: Stopwatch
+) -> Fit:
     """Train, going on where an interrupted training of the same images with the same options was last saved."""
     key = _training_key(workspace, options)
 
@@ -104,6 +113,7 @@ def _fitted(workspace: Workspace, options: TrainOptions, views: list[View], prog
     if start is None:
         workspace.train_rejected.unlink(missing_ok=True)
         start = load_start(workspace, options, views)
+    watch.lap("starting points")
     return fit(start, views, options, progress, save=save, keep_rejected=keep_rejected)
 
 

@@ -78,6 +78,8 @@ def test_sfm_json_tells_the_truth(plant):
     assert told["mean_reprojection_error_px"] < 0.8
     record = plant.read_record("sfm")
     assert record.flags == () and record.warnings == ()
+    assert set(record.parts_s) == {"features", "matching", "mapping", "deciding the lens", "undistorting"}
+    assert sum(record.parts_s.values()) == pytest.approx(record.seconds, rel=0.1, abs=0.5)
 
 
 def test_undistorted_images_fit_their_cameras(plant):

@@ -105,6 +105,7 @@ def test_train_writes_a_good_model_and_its_figures(workspace: Workspace) -> None
     assert metrics["cpu_seconds"] > 0
     assert metrics["rejected_steps"] == []
     assert outcome.summary["psnr_db"] == pytest.approx(metrics["psnr_db"], abs=0.01)
+    assert set(outcome.parts_s) == {"loading", "starting points", "steps", "judging"}
 
     pair = read_image(workspace.folder("train") / "held_out_000008.jpg")
     photo = read_image(workspace.undistorted_image("000008.jpg"))

@@ -18,7 +18,7 @@ ROOT_SIFT_NORM = 512
 
 @dataclass(frozen=True)
 class Features:
-    """Of one image, the largest first."""
+    """Of one image, the best first."""
 
     places_px: NDArray[np.float32]
     """(N, 2) x, y; the corner of the first pixel is (0, 0), as COLMAP has it."""
@@ -26,14 +26,16 @@ class Features:
     """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long."""
 
 
-def find_features(image: NDArray[np.uint8], max_features: int, max_side: int) -> Features:
-    """The largest features: these are found again from the farthest.
+def find_features(image: NDArray[np.uint8], max_features: int, max_side: int, far_apart: bool) -> Features:
+    """The features that are best found again.
 
     OpenCV looks at twice the size of what it is given, so half of `max_side` is given; the detail lost by that is finer
     than the finest feature.
 
     Args:
         image: (H, W) grey.
+        far_apart: whether images are taken far from each other: then the largest features are preferred, which survive
+            a change of view; else those with the most contrast, which are found to a smaller part of a pixel.
         max_side: size that is looked at, px of the longer side; but never more than twice that of the image.
     """
     height, width = image.shape
@@ -43,7 +45,8 @@ def find_features(image: NDArray[np.uint8], max_features: int, max_side: int) ->
         nOctaveLayers=OCTAVE_LAYERS, contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD, enable_precise_upscale=True
     )
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    points = sorted(detector.detect(small), key=lambda point: -point.size)[:max_features]
+    points = sorted(detector.detect(small), key=lambda point: point.size if far_apart else point.response, reverse=True)
+    points = points[:max_features]
     if not points:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     points, descriptors = detector.compute(small, points)

@@ -24,7 +24,7 @@ CONFIDENCE, MAX_TRIALS = 0.999, 2000
 MIN_MATCHES = 15
 
 PREVIEWED = 512
-"""Features of an image that tell which others it is like: the largest, which are found again most often."""
+"""Features of an image that tell which others it is like, the first."""
 ALIKE = 4
 """Matches among these from which on images are alike."""
 FEW_ALIKE = 3

@@ -84,7 +84,7 @@ def _find_all_features(
 ) -> list[Features]:
     def found(name: str) -> Features:
         grey = cv2.cvtColor(read_image(image_folder / name), cv2.COLOR_RGB2GRAY)
-        return find_features(grey, settings.max_features, settings.max_side)
+        return find_features(grey, settings.max_features, settings.max_side, far_apart=settings.partners is not None)
 
     features = []
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:

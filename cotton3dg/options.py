@@ -30,7 +30,9 @@ class FramesOptions:
 class SfmOptions:
     """Structure from motion."""
 
-    max_features: int = option(2048, "SIFT features an image; photos get 4 times as many", at_least=256, at_most=65536)
+    max_features: int = option(
+        2048, "SIFT features an image; photos get 4 times as many, few photos 8 times", at_least=256, at_most=65536
+    )
     overlap: int = option(8, "neighbours in time that each image is matched with", at_least=1)
     distortion: str = option("auto", "model the lens's radial distortion", choices=("auto", "on", "off"))
     seed: int = option(0, "seed of RANSAC and of the mapper", at_least=0)

@@ -23,6 +23,8 @@ MAX_ERROR_PX = 4.0
 CONFIDENCE, MAX_TRIALS = 0.999, 2000
 MIN_MATCHES = 15
 
+ALL_PAIRS = 500
+"""So many pairs, of some 30 images, are all matched whole: images far apart share too little for a quick look."""
 PREVIEWED = 512
 """Features of an image that tell which others it is like, the first."""
 ALIKE = 4
@@ -51,6 +53,8 @@ def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], mos
 
     Source: preemptive matching (Wu 2013), but the most alike are kept instead of all above a limit.
     """
+    if len(pairs) <= ALL_PAIRS:
+        return list(pairs)
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         largest = [of_image.descriptors[:PREVIEWED] for of_image in images]
         common = list(threads.map(lambda pair: len(match_descriptors(largest[pair[0]], largest[pair[1]])), pairs))

@@ -31,9 +31,12 @@ from .stage import Cost, Stage, Work
 
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
-PHOTO_SIZE, PHOTO_FEATURES = 2, 4
-"""Photos are sharper than a video's frames and stand farther apart: they get these factors of size and features. (Twice
-the features place 8 of 16 photos of a turn, four times all.)"""
+PHOTO_SIZE, PHOTO_FEATURES, PHOTO_PARTNERS = 2, 4, 2
+"""Photos are sharper than a video's frames and stand farther apart: they get these factors of size, features and images
+to match with."""
+FEW_PHOTOS, FEATURES_OF_FEW = 32, 8
+"""Up to so many stand farther apart still and get more features. (Four times as many as a frame's place 14 of 16 photos
+of a turn, eight times all.)"""
 FEATURES_PER_MP = 5700
 """Features that a megapixel has, unless there is a limit."""
 FEATURE_BYTES = 200
@@ -50,11 +53,11 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
     names = [path.name for path in workspace.frame_images()]
     require_images(names)
     settings = ReconstructionSettings(
-        max_features=(1 if taken.ordered else PHOTO_FEATURES) * options.max_features,
+        max_features=_max_features(options, len(names), taken.ordered),
         max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
-        partners=None if taken.ordered else options.overlap,
+        partners=None if taken.ordered else PHOTO_PARTNERS * options.overlap,
     )
     pairs = choose_pairs(len(names), options.overlap, taken.ordered)
     watch = Stopwatch()
@@ -77,6 +80,11 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
     return replace(outcome_of(info), parts_s=watch.parts_s)
 
 
+def _max_features(options: SfmOptions, images: int, ordered: bool) -> int:
+    factor = 1 if ordered else FEATURES_OF_FEW if images <= FEW_PHOTOS else PHOTO_FEATURES
+    return factor * options.max_features
+
+
 def _disk_bytes(workspace: Workspace, options: SfmOptions) -> float:
     images = [path.stat().st_size for path in workspace.frame_images()]
     return 2 * sum(images) + len(images) * options.max_features * FEATURE_BYTES
@@ -86,10 +94,10 @@ def _cost(work: Work) -> Cost:
     """Features of each image, matches of each pair, and cameras placed one after the other, or by keyframes."""
     options, images, ordered = work.options["sfm"], work.images, work.source.is_video
     mp = work.megapixels(VIDEO_FEATURE_SIDE * (1 if ordered else PHOTO_SIZE))
-    wanted = options.max_features * (1 if ordered else PHOTO_FEATURES)
-    fullness = min(wanted, FEATURES_PER_MP * mp) / 2048
-    pairs = images * options.overlap
-    looked_at = 0 if ordered else images * (images - 1) / 2
+    fullness = min(_max_features(options, images, ordered), FEATURES_PER_MP * mp) / 2048
+    all_pairs = images * (images - 1) / 2
+    pairs = images * options.overlap if ordered else min(all_pairs, PHOTO_PARTNERS * images * options.overlap)
+    looked_at = 0 if ordered else all_pairs
     one_by_one = images / keyframe_spacing(images) if ordered else images
     return Cost(
         (0.02 + 0.12 * mp) * images + 0.0115 * fullness**2 * pairs + 0.0007 * looked_at,

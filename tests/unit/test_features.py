@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from cotton3dg.capture import matching
 from cotton3dg.capture.features import ROOT_SIFT_NORM, Features, find_features, root_sift
 from cotton3dg.capture.matching import find_alike, match, match_descriptors, verify
 
@@ -127,7 +128,7 @@ def described(rng, count):
     return root_sift(rng.exponential(1, (count, 128)).astype(np.float32))
 
 
-def test_images_are_matched_with_those_like_them_only() -> None:
+def test_images_are_matched_with_those_like_them_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten images in a ring that share features with two neighbours on each side; one more shows something else."""
     rng = np.random.default_rng(5)
     parts = [described(rng, 60) for _ in range(10)]
@@ -135,12 +136,15 @@ def test_images_are_matched_with_those_like_them_only() -> None:
     images.append(described(rng, 180))
     features = [Features(np.zeros((len(each), 2), np.float32), each) for each in images]
     pairs = [(i, j) for i in range(11) for j in range(i + 1, 11)]
+    assert find_alike(features, pairs, most=8) == pairs  # so few are all matched
+    monkeypatch.setattr(matching, "ALL_PAIRS", 0)
     near = {(i, j) for i, j in pairs if j < 10 and min(j - i, 10 - j + i) <= 2}
     # The stranger is like none: it is matched with all, as the quick look may have missed what they share.
     assert find_alike(features, pairs, most=8) == sorted(near | {pair for pair in pairs if 10 in pair})
 
 
-def test_alike_images_beyond_the_most_are_left_out() -> None:
+def test_alike_images_beyond_the_most_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matching, "ALL_PAIRS", 0)
     rng = np.random.default_rng(6)
     common = described(rng, 100)
     features = [

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
-from ..core.machine import one_thread_each, usable_cores
+from ..core.machine import usable_cores
 from .features import ROOT_SIFT_NORM, Features
 
 MAX_ANGLE = 0.7
@@ -55,7 +55,7 @@ def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], mos
     """
     if len(pairs) <= ALL_PAIRS:
         return list(pairs)
-    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+    with ThreadPoolExecutor(len(usable_cores())) as threads:
         largest = [of_image.descriptors[:PREVIEWED] for of_image in images]
         common = list(threads.map(lambda pair: len(match_descriptors(largest[pair[0]], largest[pair[1]])), pairs))
     of_image: dict[int, list[tuple[int, tuple[int, int]]]] = {}

@@ -9,14 +9,6 @@ import pytest
 from cotton3dg import _native
 
 
-@pytest.fixture(params=_native.instruction_sets())
-def instruction_set(request):
-    chosen = _native.instruction_set()
-    _native.use_instruction_set(request.param)
-    yield request.param
-    _native.use_instruction_set(chosen)
-
-
 @pytest.mark.parametrize("rows", [(1, 1), (1, 2), (2, 1), (31, 33), (70, 45), (64, 96), (130, 257)])
 @pytest.mark.parametrize("numbers", [128, 7, 1])
 def test_neighbours_are_exact(instruction_set, rows, numbers) -> None:

@@ -23,14 +23,6 @@ def all_pixels(camera: Camera) -> np.ndarray:
     return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).reshape(-1, 2)
 
 
-@pytest.fixture(params=_native.instruction_sets())
-def instruction_set(request):
-    chosen = _native.instruction_set()
-    _native.use_instruction_set(request.param)
-    yield request.param
-    _native.use_instruction_set(chosen)
-
-
 def test_products_are_renders(instruction_set) -> None:
     camera, gaussians = camera_at(70, 50), scene(400, seed=3)
     rng = np.random.default_rng(1)

@@ -23,6 +23,9 @@ CAMERA_MODEL = "SIMPLE_RADIAL"
 KEYFRAMES = 50
 """Of a film so many images, evenly spaced, are placed one after the other, each with an adjustment of its neighbours;
 the others are then placed by the points that these have given, and all are adjusted together."""
+OUTLIER = 3.0
+"""Times the median error of the points: observations farther off are left out in the end. The mapper keeps all within
+4 px, though most lie within 0.3; without the others cameras are a third nearer to their true places."""
 LEAST_PLACED = 0.95
 """Share of the keyframes, and then of all images, below which all are placed one after the other."""
 FINAL_TOLERANCE = 1e-6
@@ -74,6 +77,8 @@ def reconstruct(
     watch.lap("matching")
     _write_database(database, image_folder, names, features, matches, settings)
     models = _place_cameras(database, image_folder, names, work_folder, settings, progress)
+    for model in models:
+        settle(model)
     kept = [_drop_lost_images(model) for model in models]
     watch.lap("mapping")
     return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
@@ -201,6 +206,28 @@ def _place_others(keyframes: Any, database: Path, settings: ReconstructionSettin
     )
     work.end_reconstruction(False)
     return model
+
+
+def settle(model: Any) -> None:
+    """Adjust all cameras and points of a pycolmap.Reconstruction once more, without observations that are far off."""
+    import pycolmap
+
+    if model.num_points3D() == 0:
+        return
+    model.update_point_3d_errors()
+    limit_px = OUTLIER * float(np.median([point.error for point in model.points3D.values()]))
+    least_angle_deg = pycolmap.IncrementalMapperOptions().filter_min_tri_angle
+    pycolmap.ObservationManager(model).filter_all_points3D(limit_px, least_angle_deg)
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.solver_options.num_threads = 1
+    options.ceres.solver_options.function_tolerance = FINAL_TOLERANCE
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()
 
 
 def _mapping_options(settings: ReconstructionSettings) -> Any:

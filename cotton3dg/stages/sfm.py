@@ -107,7 +107,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=7,
+    version=8,
     inputs=inputs,
     run=run,
     cost=_cost,

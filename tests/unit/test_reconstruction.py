@@ -1,0 +1,57 @@
+"""The last adjustment of cameras and points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pycolmap
+import pytest
+
+from cotton3dg.capture.reconstruction import settle
+
+
+@pytest.fixture
+def seen() -> tuple[np.ndarray, pycolmap.Reconstruction]:
+    """True centres of 12 cameras, and their model with noise and a tenth of the observations wrong."""
+    pycolmap.set_random_seed(3)
+    what = pycolmap.SyntheticDatasetOptions()
+    what.num_rigs, what.num_frames_per_rig, what.num_points3D = 1, 12, 300
+    model = pycolmap.synthesize_dataset(what)
+    true = _centres(model)
+    noise = pycolmap.SyntheticNoiseOptions()
+    noise.point2D_stddev, noise.point3D_stddev, noise.rig_from_world_translation_stddev = 0.3, 0.01, 0.01
+    pycolmap.synthesize_noise(noise, model)
+    rng = np.random.default_rng(3)
+    for image_id in model.reg_image_ids():
+        image = model.image(image_id)
+        for index in rng.choice(len(image.points2D), len(image.points2D) // 10, replace=False):
+            image.points2D[int(index)].xy += [3.0, 1.0]
+    return true, model
+
+
+def test_settling_leaves_out_what_is_far_off(seen: tuple[np.ndarray, pycolmap.Reconstruction]) -> None:
+    true, model = seen
+    plain = pycolmap.Reconstruction(model)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    pycolmap.bundle_adjustment(plain, options)
+    settled = pycolmap.Reconstruction(plain)
+    settle(settled)
+    assert _rms(settled, true) < 0.75 * _rms(plain, true)
+    assert settled.compute_num_observations() < plain.compute_num_observations()
+
+
+def test_settling_a_model_without_points_changes_nothing() -> None:
+    model = pycolmap.Reconstruction()
+    settle(model)
+    assert model.num_points3D() == 0
+
+
+def _centres(model: pycolmap.Reconstruction) -> np.ndarray:
+    return np.array([model.image(i).projection_center() for i in sorted(model.reg_image_ids())])
+
+
+def _rms(model: pycolmap.Reconstruction, true: np.ndarray) -> float:
+    """Of the centres' distances from the true ones, after the best similarity."""
+    centres = _centres(model)
+    best = pycolmap.estimate_sim3d(centres, true)
+    return float(np.sqrt(np.mean(np.sum((best * centres - true) ** 2, axis=1))))

@@ -77,9 +77,9 @@ def reconstruct(
     watch.lap("matching")
     _write_database(database, image_folder, names, features, matches, settings)
     models = _place_cameras(database, image_folder, names, work_folder, settings, progress)
-    for model in models:
-        settle(model)
     kept = [_drop_lost_images(model) for model in models]
+    for model in kept:
+        settle(model)
     watch.lap("mapping")
     return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 

@@ -16,6 +16,7 @@ class View:
         cy: float,
         cam_from_scene: NDArray[Any],
         near_plane: float,
+        window: tuple[int, int, int, int] | None = None,
     ) -> None: ...
 
 def instruction_sets() -> list[str]: ...

@@ -25,6 +25,9 @@ LEAST_WEIGHT = 0.05
 SPLIT_SHRINKAGE = 1.6
 """The paper's φ: by how much the children are shorter than their parent along its longest axis."""
 
+CURVE_BITS = 10
+"""Cells along each axis of the curve that orders Gaussians in memory, as a power of two."""
+
 _SPLIT_OFFSET = np.sqrt(1 - SPLIT_SHRINKAGE**-2)
 """Distance of the children from the parent's mean, in its σ, that keeps the second moment along the axis."""
 
@@ -36,8 +39,8 @@ class Densified:
     gaussians: Gaussians
     rows: NDArray[np.int64]
     """(M,) row of the former Gaussians that each one continues or was split from."""
-    n_continued: int
-    """The first so many go on unchanged; the others are children of splits, whose optimiser starts afresh."""
+    continued: NDArray[np.bool_]
+    """(M,) which go on unchanged; the others are children of splits, whose optimiser starts afresh."""
     n_pruned: int
     n_split: int
 
@@ -49,6 +52,8 @@ def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
         keep: (N,) which Gaussians stay; more than `count` of them are cut to the neediest.
         need: (N,) how much a Gaussian should be split; not finite or not positive = never.
         count: the number of Gaussians aimed at, never exceeded; reached unless too few can be split.
+    Returns:
+        The Gaussians in `order_along_curve`: a step on neighbours in memory costs a tenth less.
     """
     need = np.where(np.isfinite(need) & (need > 0), need, 0.0)
     kept = np.flatnonzero(keep & gaussians.finite_rows)
@@ -59,10 +64,13 @@ def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
     chosen_mask = np.zeros(len(gaussians), bool)
     chosen_mask[chosen] = True
     whole, parents = kept[~chosen_mask[kept]], np.sort(chosen)
-    rows = np.concatenate([whole, parents, parents])
-    first, second = split(gaussians[parents])
-    parts = [gaussians[whole], first, second]
-    return Densified(concatenate(parts), rows, len(whole), len(gaussians) - len(kept), len(parents))
+    children = concatenate(list(split(gaussians[parents])))
+    order = order_along_curve(np.concatenate([gaussians.means[whole], children.means]))
+    rows, is_child = np.concatenate([whole, parents, parents])[order], order >= len(whole)
+    result, child = gaussians[rows], order[is_child] - len(whole)
+    result.means[is_child] = children.means[child]
+    result.log_scales[is_child] = children.log_scales[child]
+    return Densified(result, rows, ~is_child, len(gaussians) - len(kept), len(parents))
 
 
 def find_worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:
@@ -121,6 +129,21 @@ def concatenate(parts: list[Gaussians]) -> Gaussians:
         np.concatenate([part.opacity_logits for part in parts]),
         np.concatenate([part.sh for part in parts]),
     )
+
+
+def order_along_curve(means: NDArray) -> NDArray[np.int64]:
+    """(N,) the rows along a Z-order curve (Morton 1966) through the (N, 3) means: near in the list, near in space.
+
+    The grid spans all but the outermost percents, so that a far floater does not make it coarse; equal cells keep
+    their order.
+    """
+    if not len(means):
+        return np.zeros(0, np.int64)
+    low, high = np.quantile(means, [0.01, 0.99], axis=0)
+    cells = np.clip((means - low) / np.maximum(high - low, 1e-30), 0, 1) * (2**CURVE_BITS - 1)
+    bits = (cells.astype(np.uint32)[:, :, None] >> np.arange(CURVE_BITS, dtype=np.uint32)) & 1
+    places = 3 * np.arange(CURVE_BITS, dtype=np.uint32) + np.arange(3, dtype=np.uint32)[:, None]
+    return np.argsort((bits << places).sum(axis=(1, 2)), kind="stable")
 
 
 def growth_score(abs_grad_px: NDArray, count: NDArray) -> NDArray[np.float64]:

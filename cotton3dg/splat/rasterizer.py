@@ -28,6 +28,8 @@ from cotton3dg.splat.state import AdamState, DensityStatistics, LearningRates, a
 T = TypeVar("T")
 Background = tuple[float, float, float] | NDArray[Any]
 BLACK = (0.0, 0.0, 0.0)
+Window = tuple[int, int, int, int]
+"""Part of an image: left, top, width, height, px."""
 _CHANNELS = (1, 3, 4, 16, 32)
 _NEAR_PER_DEPTH = 0.02
 
@@ -196,8 +198,12 @@ def train_step(
     dssim: float = 0.2,
     threads: int = 0,
     near_su: float | None = None,
+    window: Window | None = None,
 ) -> StepReport:
     """Render one view, compare it with its photograph (H, W, 3) uint8 and update what it shows, all in place.
+
+    With a `window` only that part of the photograph is rendered and compared, at the cost of that part. Its pixels
+    weigh what they do in the whole image; the loss that is reported is their mean.
 
     The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels; SSIM as in Kerbl et al.: 11 x 11
     Gaussian window, sigma 1.5, zero padding. When the loss is not finite nothing is changed, and a Gaussian whose
@@ -217,7 +223,7 @@ def train_step(
             steps=adam.steps,
         ),
         statistics=_native.Statistics(**vars(statistics)),
-        view=_view(gaussians, camera, near_su),
+        view=_view(gaussians, camera, near_su, window),
         sh_degree=sh_degree,
         background=np.array(background, np.float32),
         target=np.ascontiguousarray(target),
@@ -234,10 +240,10 @@ def _contiguous(gaussians: Gaussians) -> _native.Arrays:
     return means, quats, log_scales, opacity_logits, sh
 
 
-def _view(gaussians: Gaussians, camera: Camera, near_su: float | None) -> _native.View:
+def _view(gaussians: Gaussians, camera: Camera, near_su: float | None, window: Window | None = None) -> _native.View:
     pose = np.ascontiguousarray(camera.cam_from_scene, np.float64)
     near = near_plane(gaussians, camera) if near_su is None else near_su
-    return _native.View(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, pose, near)
+    return _native.View(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, pose, near, window)
 
 
 def _within_memory(compute: Callable[[], T]) -> T:

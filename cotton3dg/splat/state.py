@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,18 +72,12 @@ class AdamState:
         first, second = (Gaussians(*(np.zeros_like(a) for a in arrays_of(gaussians))) for _ in range(2))
         return AdamState(first, second, np.zeros((len(gaussians), BANDS), np.int32))
 
-    def __getitem__(self, rows: NDArray | slice) -> AdamState:
-        """The state of the Gaussians at `rows`."""
-        return AdamState(self.first[rows], self.second[rows], self.steps[rows])
-
-    def extended(self, count: int) -> AdamState:
-        """The state with `count` new Gaussians, which start from zero, at the end."""
-
-        def extend(array: NDArray[Any]) -> NDArray[Any]:
-            return np.concatenate([array, np.zeros((count, *array.shape[1:]), array.dtype)])
-
-        first, second = (Gaussians(*map(extend, arrays_of(moments))) for moments in (self.first, self.second))
-        return AdamState(first, second, extend(self.steps))
+    def carried_over(self, rows: NDArray[np.int64], continued: NDArray[np.bool_]) -> AdamState:
+        """The state of the Gaussians at `rows`, those that are not `continued` at zero."""
+        state = AdamState(self.first[rows], self.second[rows], self.steps[rows])
+        for array in (*arrays_of(state.first), *arrays_of(state.second), state.steps):
+            array[~continued] = 0
+        return state
 
 
 @dataclass

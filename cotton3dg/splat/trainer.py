@@ -23,7 +23,7 @@ from ..options import TrainOptions
 from . import densify
 from .metrics import PLANT_REGION
 from .random_streams import open_stream
-from .rasterizer import StepReport, train_step
+from .rasterizer import StepReport, Window, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
 
@@ -64,6 +64,10 @@ MOST_REJECTED = 0.02
 
 FEWEST_REJECTED = 10
 """So many rejected steps are tolerated in the shortest training."""
+
+WHOLE_EVERY = 4
+"""Once the number of Gaussians is settled, a view is trained on whole in one of so many epochs, else on the window that
+shows the plant."""
 
 RECORDED_EVERY = 50
 """Steps between two entries of the history."""
@@ -145,6 +149,7 @@ def fit(
     views: Sequence[View],
     options: TrainOptions,
     progress: Progress = silent,
+    windows: Sequence[Window | None] | None = None,
     watch: Watch | None = None,
     save: Save | None = None,
     keep_rejected: Keep | None = None,
@@ -154,6 +159,9 @@ def fit(
     A `Training` that `save` was given at any step, with otherwise the same arguments, leads to the same result too;
     it is used up.
 
+    Args:
+        windows: what of each view shows the plant (plant_windows.py), None = all of it. They take most of the last
+            steps, after the last densification: before it every view has to show what it does not need.
     Raises:
         ValueError: `start` is larger than the budget.
         StageFailed: the loss was not finite in more than MOST_REJECTED of the steps, or every Gaussian was lost.
@@ -161,7 +169,7 @@ def fit(
     training = Training.of(start) if isinstance(start, Gaussians) else start
     if training.n_start > options.max_gaussians:
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
-    result, schedule = training.fit, _Schedule.of(views, options)
+    result, schedule = training.fit, _Schedule.of(views, options, windows or [None] * len(views))
     saved = time.perf_counter()
     began, cpu_began = saved - training.seconds, time.process_time() - training.cpu_seconds
 
@@ -205,9 +213,11 @@ class _Schedule:
     order: list[int]
     """Index of the view of each step."""
     densifications: range
+    windows: Sequence[Window | None]
+    """Of the views at the finest resolution."""
 
     @staticmethod
-    def of(views: Sequence[View], options: TrainOptions) -> _Schedule:
+    def of(views: Sequence[View], options: TrainOptions, windows: Sequence[Window | None]) -> _Schedule:
         cameras = [view.camera for view in views]
         orbit = fit_orbit(cameras)
         return _Schedule(
@@ -218,10 +228,21 @@ class _Schedule:
             resolutions(views, options.steps),
             image_order(len(views), options.steps, options.seed),
             densification_steps(options.steps, len(views)),
+            windows,
         )
 
     def view(self, step: int) -> View:
         return next(level for until, level in self.levels if step < until)[self.order[step]]
+
+    def window(self, step: int) -> Window | None:
+        """What of its view a step looks at; None = all of it."""
+        settled = max(
+            [self.densifications[-1] if self.densifications else 0, *(until for until, _ in self.levels[:-1])]
+        )
+        if step < settled:
+            return None
+        index, epoch = self.order[step], step // len(self.cameras)
+        return None if (epoch + index) % WHOLE_EVERY == 0 else self.windows[index]
 
 
 def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -> StepReport:
@@ -236,6 +257,7 @@ def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -
         background=(0.0, 0.0, 0.0),
         learning_rates=learning_rates(step, options.steps, schedule.orbit.distance, schedule.around),
         dssim=options.dssim,
+        window=schedule.window(step),
     )
 
 
@@ -250,7 +272,7 @@ def _control_density(training: Training, done: int, schedule: _Schedule) -> None
     result.n_pruned += densified.n_pruned
     result.n_split += densified.n_split
     result.gaussians = densified.gaussians
-    training.adam = training.adam[densified.rows[: densified.n_continued]].extended(2 * densified.n_split)
+    training.adam = training.adam.carried_over(densified.rows, densified.continued)
     training.statistics = DensityStatistics.zeros(len(result.gaussians))
 
 

@@ -23,6 +23,7 @@ from ..option_rules import as_dict
 from ..options import TrainOptions
 from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
+from ..splat.plant_windows import find_plant_windows
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..training.photos import Capture, SparseModel, capture_of
@@ -113,8 +114,9 @@ def _fitted(
     if start is None:
         workspace.train_rejected.unlink(missing_ok=True)
         start = load_start(workspace, options, views)
+    windows = find_plant_windows(read_points(workspace.undistorted / "sparse")[0], [view.camera for view in views])
     watch.lap("starting points")
-    return fit(start, views, options, progress, save=save, keep_rejected=keep_rejected)
+    return fit(start, views, options, progress, windows, save=save, keep_rejected=keep_rejected)
 
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:

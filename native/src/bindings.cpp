@@ -8,6 +8,9 @@
 
 #include <pybind11/stl.h>
 
+#include <array>
+#include <optional>
+
 namespace cotton {
 
 std::string shape_text(const std::vector<int64_t>& shape) {
@@ -20,13 +23,22 @@ std::string shape_text(const std::vector<int64_t>& shape) {
 
 namespace {
 
+// `window`: left, top, width and height in the image, or none for all of it.
 View make_view(int width, int height, double fx, double fy, double cx, double cy, const py::object& cam_from_scene,
-               double near_plane) {
+               double near_plane, const std::optional<std::array<int, 4>>& window) {
     const auto pose = checked<double>(cam_from_scene, "cam_from_scene", {3, 4});
     if (width < 1 || height < 1 || width > 32768 || height > 32768)
         throw py::value_error("image size must be 1..32768");
     if (!(fx > 0) || !(fy > 0) || !(near_plane > 0)) throw py::value_error("fx, fy and near_plane must be positive");
-    View view = {width, height, fx, fy, cx, cy, {}, {}, near_plane};
+    View view = {width, height, fx, fy, cx, cy, {}, {}, near_plane, width, height, 0, 0};
+    if (window) {
+        const auto [left, top, window_width, window_height] = *window;
+        if (left < 0 || top < 0 || window_width < 1 || window_height < 1 || window_width > width - left ||
+            window_height > height - top)
+            throw py::value_error("the window must lie in the image");
+        view.left = left, view.top = top, view.width = window_width, view.height = window_height;
+        view.cx -= left, view.cy -= top;
+    }
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) view.rotation[3 * i + j] = pose.at(i, j);
         view.translation[i] = pose.at(i, 3);
@@ -152,7 +164,7 @@ PYBIND11_MODULE(_native, m) {
     m.def("instruction_set", instruction_set);
     m.def("use_instruction_set", use_instruction_set, "name"_a);
     py::class_<View>(m, "View").def(py::init(&make_view), "width"_a, "height"_a, "fx"_a, "fy"_a, "cx"_a, "cy"_a,
-                                    "cam_from_scene"_a, "near_plane"_a);
+                                    "cam_from_scene"_a, "near_plane"_a, "window"_a = py::none());
     m.def("render", render, "gaussians"_a, "view"_a, "sh_degree"_a, "background"_a, "threads"_a);
     m.def("render_values", render_values, "gaussians"_a, "values"_a, "view"_a, "background"_a, "threads"_a);
     m.def("accumulate_weights", accumulate_weights, "gaussians"_a, "view"_a, "mask_ids"_a, "threads"_a);

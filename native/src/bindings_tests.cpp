@@ -12,8 +12,10 @@ py::tuple image_loss_of(const py::object& image, const py::object& target, doubl
         const auto pixels = checked<Real>(image, "image", {-1, -1, 3});
         const int height = int(pixels.shape(0)), width = int(pixels.shape(1));
         if (height < 1 || width < 1) throw py::value_error("image must not be empty");
-        const Target photograph = checked_target(target, dssim, width, height);
-        const int64_t n = int64_t(width) * height;
+        View view = {};
+        view.width = view.image_width = width, view.height = view.image_height = height;
+        const Target photograph = checked_target(target, dssim, view);
+        const int64_t n = view.pixels();
         Buffer<Real> planar, v_planar;
         planar.reserve(3 * n), v_planar.reserve(3 * n);
         Array<Real> v_image({int64_t(height), int64_t(width), int64_t(3)});
@@ -54,7 +56,7 @@ py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree,
         using Real = decltype(real);
         const GaussianArrays<Real> arrays(gaussians);
         const auto backdrop = checked<Real>(background, "background", {3});
-        const Target photograph = checked_target(target, dssim, view.width, view.height);
+        const Target photograph = checked_target(target, dssim, view);
         const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
         const Real* behind = backdrop.data();
         Frame<Real>& frame = scratch_frame<Real>();

@@ -48,7 +48,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     if (statistics.count.shape(0) != state.parameters.count())
         throw py::value_error("the statistics must have as many rows as there are Gaussians");
     const auto backdrop = checked<float>(background, "background", {3});
-    const Target photograph = checked_target(target, dssim, view.width, view.height);
+    const Target photograph = checked_target(target, dssim, view);
     const Scene<float> scene = state.parameters.scene_with_sh(sh_degree);
     AdamRows rows = {};
     rows.parameters = pointers(state.parameters);
@@ -60,7 +60,7 @@ py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const V
     rows.rates = rates;
     rows.surroundings = surroundings;
     rows.statistics = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
-                       statistics.count.mutable_data(), float(1 / double(view.pixels()))};
+                       statistics.count.mutable_data(), float(1 / double(view.image_pixels()))};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;

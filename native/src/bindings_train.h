@@ -6,10 +6,11 @@
 
 namespace cotton {
 
-// The photograph; its array must be kept by the caller.
-inline Target checked_target(const py::object& image, double dssim, int width, int height) {
+// The whole photograph, of which the view's window is compared; its array must be kept by the caller.
+inline Target checked_target(const py::object& image, double dssim, const View& view) {
     if (!(dssim >= 0 && dssim <= 1)) throw py::value_error("dssim must be between 0 and 1");
-    return {checked<uint8_t>(image, "target", {height, width, 3}).data(), dssim};
+    const auto photograph = checked<uint8_t>(image, "target", {view.image_height, view.image_width, 3});
+    return Target::of(photograph.data(), view, dssim);
 }
 
 inline py::dict report_of(const LossReport& report) {

@@ -42,8 +42,8 @@ struct RatioLimits {
     double low[2], high[2];
 
     explicit RatioLimits(const View& view) {
-        const double size[2] = {double(view.width), double(view.height)}, focal[2] = {view.fx, view.fy},
-                     centre[2] = {view.cx, view.cy};
+        const double size[2] = {double(view.image_width), double(view.image_height)}, focal[2] = {view.fx, view.fy},
+                     centre[2] = {view.cx + view.left, view.cy + view.top};
         for (int k = 0; k < 2; ++k) {
             const double margin = 0.3 * 0.5 * size[k] / focal[k];
             low[k] = -centre[k] / focal[k] - margin;

@@ -149,7 +149,7 @@ int64_t project_backward(const Scene<Real>& scene, const View& view, const uint3
         const Pack logit = gather(scene.opacity_logits, 1, 0, pack);
         const Pack odds = odds_against(logit);
         const Pack v_logit = moment(pg::g) * (odds / (1 + odds));
-        const double half[2] = {0.5 * view.width, 0.5 * view.height};
+        const double half[2] = {0.5 * view.image_width, 0.5 * view.image_height};
         const Pack ax = 2 * kLn2 * moment(pg::abs_x) * half[0], ay = 2 * kLn2 * moment(pg::abs_y) * half[1];
         const Pack abs_grad_px = sqrt(ax * ax + ay * ay);
 

@@ -29,16 +29,19 @@ COTTON_SHARED constexpr int pixel_index(int x, int y) {
     return (y / kBlock * 4 + x / kBlock) * kBlockPixels + y % kBlock * kBlock + x % kBlock;
 }
 
-// A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn.
+// A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn. What is drawn
+// may be a window of the camera's image: sizes and principal point are the window's, `image_` the whole image's.
 struct View {
     int width, height;
     double fx, fy, cx, cy;
     double rotation[9], translation[3];  // cam_from_scene, row major
     double near_plane;
+    int image_width, image_height, left, top;  // of the window in the image
 
     COTTON_SHARED int tiles_x() const { return (width + kTile - 1) / kTile; }
     COTTON_SHARED int tiles_y() const { return (height + kTile - 1) / kTile; }
     COTTON_SHARED int64_t pixels() const { return int64_t(width) * height; }
+    COTTON_SHARED int64_t image_pixels() const { return int64_t(image_width) * image_height; }
 };
 
 // What is drawn: the colours of the spherical harmonics, or rows of `values`, or (both null) nothing but weights.

@@ -84,11 +84,15 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
     s.d_mean.reserve(maps), s.d_square.reserve(maps), s.d_product.reserve(maps);
     s.bands.reserve(3 * bands * loss_scratch_size(width));
 
-    const double norm = 1 / (3 * double(pixels));
+    const double norm = 1 / (3 * double(pixels)), weight = target.share * norm;
     parallel_for(bands, threads, [&](int64_t b) {
-        const int64_t end = std::min<int64_t>(pixels, (b + 1) * kBandRows * width);
-        for (int64_t i = b * kBandRows * width; i < end; ++i) {
-            for (int c = 0; c < 3; ++c) s.target[c * pixels + i] = Real(target.rgb[3 * i + c]) * Real(1.0 / 255.0);
+        const int64_t end = std::min<int64_t>(height, (b + 1) * kBandRows);
+        for (int64_t y = b * kBandRows; y < end; ++y) {
+            const uint8_t* rgb = target.rgb + 3 * y * target.row;
+            Real* to = s.target.data() + y * width;
+            for (int64_t x = 0; x < width; ++x) {
+                for (int c = 0; c < 3; ++c) to[c * pixels + x] = Real(rgb[3 * x + c]) * Real(1.0 / 255.0);
+            }
         }
     });
     const auto band = [&](int64_t task) {
@@ -104,8 +108,8 @@ LossReport image_loss(const Real* image, const Target& target, int width, int he
                               s.d_product.data() + map,
                               v_image + channel * pixels,
                               s.bands.data() + task * loss_scratch_size(width),
-                              Real((1 - target.dssim) * norm),
-                              Real(-target.dssim * norm)};
+                              Real((1 - target.dssim) * weight),
+                              Real(-target.dssim * weight)};
     };
     std::vector<LossSums> sums(size_t(3 * bands));
     parallel_for(3 * bands, threads, [&](int64_t task) { sums[size_t(task)] = k.loss_forward(band(task)); });

@@ -11,13 +11,21 @@ struct LossReport {
     double loss, l1, ssim;
 };
 
-// The photograph that an image is compared with.
+// The photograph that an image, or a window of it, is compared with.
 struct Target {
-    const uint8_t* rgb;  // (H, W, 3)
+    const uint8_t* rgb;  // of the first pixel
+    int64_t row;         // pixels from row to row
+    double share;        // of the photograph that is compared
     double dssim;        // λ
+
+    static Target of(const uint8_t* photograph, const View& view, double dssim) {
+        const int64_t first = int64_t(view.top) * view.image_width + view.left;
+        return {photograph + 3 * first, view.image_width, double(view.pixels()) / double(view.image_pixels()), dssim};
+    }
 };
 
-// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W) and its gradient, as large.
+// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W), and the gradient, as large, of the target's share of it: so a
+// pixel weighs the same in a window as in the whole image.
 template <class Real>
 LossReport image_loss(const Real* image, const Target& target, int width, int height, int threads, Real* v_image);
 

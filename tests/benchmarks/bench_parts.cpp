@@ -144,7 +144,8 @@ void benchmark(FILE* file, int threads, int repeats) {
     const auto sizes = read<int32_t>(file, 4);
     const auto camera = read<double>(file, 17);
     const int64_t n = sizes[0], coefficients = sizes[1], widths[5] = {3, 4, 3, 1, 3 * coefficients};
-    View view = {sizes[2], sizes[3], camera[0], camera[1], camera[2], camera[3], {}, {}, camera[16]};
+    View view = {sizes[2], sizes[3], camera[0], camera[1], camera[2], camera[3], {}, {}, camera[16],
+                 sizes[2], sizes[3], 0, 0};
     std::copy_n(camera.begin() + 4, 9, view.rotation);
     std::copy_n(camera.begin() + 13, 3, view.translation);
     std::vector<float> parameters[5], first[5], second[5], statistics[2];
@@ -174,7 +175,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     rows.rates = {0, 0, 0, 0, 0, 0, 0.9f, 0.999f, 1e-15f};  // the same work every time
     rows.statistics = {statistics[0].data(), statistics[1].data(), count.data(), float(1 / double(view.pixels()))};
 
-    const Target target = {photograph.data(), 0.2};
+    const Target target = Target::of(photograph.data(), view, 0.2);
     const ImageLoss<float> loss = [&](const float* image, float* v_image) {
         return image_loss(image, target, view.width, view.height, threads, v_image);
     };

@@ -177,3 +177,30 @@ def test_all_of_a_training_step_matches_autograd() -> None:
     ]
     for key in NAMES:
         assert relative(single[key], gradients[key]) < 1e-4, key
+
+
+@pytest.mark.parametrize("name", hard_scenes())
+@pytest.mark.parametrize("window", [(16, 0, 16, 16), (5, 3, 11, 14), (0, 0, 33, 18)])
+def test_a_window_is_that_part_of_the_image(name: str, window: tuple[int, int, int, int]) -> None:
+    gaussians, camera = hard_scenes()[name]
+    left, top, width, height = window
+    part = np.s_[top : top + height, left : left + width]
+    target = np.random.default_rng(3).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
+    parameters = tensors(gaussians)
+    background = np.array([0.0, 0.3, 0.8])
+    image = splatting.render(*parameters, camera, 2, torch.from_numpy(background), NEAR)
+    expected = splatting.loss(image[part], target[part], 0.2)
+    (expected * (width * height / (camera.width * camera.height))).backward()
+    view = native_view(camera, window=window)
+    native_image = _native.render(double(gaussians), view, 2, background, 2)[0]
+    assert np.abs(native_image - image[part].detach().numpy()).max() < 1e-11
+    report, gradients, _ = _native.for_tests.gradients(double(gaussians), view, 2, background, target, 0.2, 2)
+    assert report["loss"] == pytest.approx(expected.item(), rel=1e-12)
+    for key, parameter in zip(NAMES, parameters, strict=True):
+        assert relative(gradients[key], parameter.grad.numpy()) < (1e-9 if name in ORDINARY else 1e-8), key
+
+
+@pytest.mark.parametrize("window", [(-1, 0, 5, 5), (0, 0, 0, 5), (30, 0, 4, 5), (0, 15, 5, 4)])
+def test_a_window_beyond_the_image_is_refused(window: tuple[int, int, int, int]) -> None:
+    with pytest.raises(ValueError, match="window"):
+        native_view(camera_at(33, 18), window=window)

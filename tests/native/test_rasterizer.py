@@ -161,7 +161,9 @@ def test_training_fits_an_image() -> None:
     assert adam.steps.max() == 150
     assert np.array_equal(adam.steps[:, 0], statistics.count)
     assert not adam.steps[:, 1:].any()
-    longer = adam.extended(3)
-    assert len(longer.steps) == 63
-    assert not longer.first.means[60:].any()
-    assert np.array_equal(longer[:60].second.sh, adam.second.sh)
+    rows, continued = np.array([5, 5, 3, 59]), np.array([False, True, True, False])
+    later = adam.carried_over(rows, continued)
+    assert np.array_equal(later.steps[1:3], adam.steps[[5, 3]])
+    assert np.array_equal(later.second.sh[1:3], adam.second.sh[[5, 3]])
+    assert not later.first.means[~continued].any()
+    assert not later.steps[~continued].any()

@@ -58,9 +58,9 @@ def camera_at(width: int, height: int, angle: float = 0.0, distance: float = 3.0
     return Camera("view", width, height, focal, 0.97 * focal, 0.48 * width, 0.53 * height, pose)
 
 
-def native_view(camera: Camera, near_su: float = NEAR) -> _native.View:
+def native_view(camera: Camera, near_su: float = NEAR, window: tuple[int, int, int, int] | None = None) -> _native.View:
     return _native.View(
-        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_scene, near_su
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_scene, near_su, window
     )
 
 

@@ -10,6 +10,7 @@ from cotton3dg.splat.densify import (
     find_contributing,
     find_worth_keeping,
     growth_score,
+    order_along_curve,
     scheduled_count,
     split,
 )
@@ -43,9 +44,15 @@ def test_the_neediest_are_split_until_the_count_is_met() -> None:
     densified = densify(gaussians, np.ones(10, bool), need, 13)
     assert len(densified.gaussians) == 13
     assert (densified.n_split, densified.n_pruned) == (3, 0)
-    assert sorted(set(densified.rows[densified.n_continued :])) == [7, 8, 9]
-    np.testing.assert_array_equal(densified.gaussians.means[: densified.n_continued], gaussians.means[:7])
+    assert sorted(densified.rows[~densified.continued]) == [7, 7, 8, 8, 9, 9]
+    kept = densified.rows[densified.continued]
+    np.testing.assert_array_equal(densified.gaussians.means[densified.continued], gaussians.means[kept])
     np.testing.assert_array_equal(densified.gaussians.sh, gaussians.sh[densified.rows])
+    children = densified.gaussians[densified.rows == 9]
+    first, second = split(gaussians[9:])
+    np.testing.assert_array_equal(np.sort(children.means, axis=0), np.sort([first.means[0], second.means[0]], axis=0))
+    np.testing.assert_array_equal(children.log_scales, np.tile(first.log_scales, (2, 1)))
+    assert np.array_equal(order_along_curve(densified.gaussians.means), np.arange(13))
 
 
 @pytest.mark.parametrize("count", [0, 1, 5, 10, 11, 20, 100])
@@ -97,3 +104,20 @@ def test_hidden_gaussians_go_and_nothing_goes_unseen() -> None:
     weight = np.array([10.0, 12.0, 8.0, 0.1, 0.0, np.nan], np.float32)
     assert find_contributing(weight, np.array([1, 1, 1, 1, 0, 1])).tolist() == [True, True, True, False, False, False]
     assert find_contributing(np.zeros(3), np.zeros(3)).all()
+
+
+def test_neighbours_in_space_become_neighbours_in_memory() -> None:
+    rng = np.random.default_rng(0)
+    means = rng.normal(size=(4000, 3)).astype(np.float32)
+    means[7] = 1e6  # a floater makes the grid of the others no coarser
+    order = order_along_curve(means)
+    assert np.array_equal(np.sort(order), np.arange(len(means)))
+    steps = [np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)) for points in (means, means[order])]
+    assert steps[1] < 0.2 * steps[0]
+
+
+def test_the_curve_visits_the_eight_cells_of_a_cube_in_morton_order() -> None:
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float32)
+    shuffled = np.array([5, 2, 7, 0, 6, 1, 4, 3])
+    assert np.array_equal(shuffled[order_along_curve(corners[shuffled])], np.arange(8))
+    assert np.array_equal(order_along_curve(np.ones((5, 3), np.float32)), np.arange(5))

@@ -8,11 +8,12 @@ import pytest
 from scenes.documents import effects
 from scenes.training_scene import OPTIONS, orbit_camera, quality_db, training_scene
 
+from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import StageFailed
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.splat import densify, trainer
 from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.metrics import PLANT_REGION, to_uint8
+from cotton3dg.splat.metrics import PLANT_REGION, psnr_db, to_uint8
 from cotton3dg.splat.rasterizer import StepReport, render
 from cotton3dg.splat.trainer import (
     DENSIFY_FROM,
@@ -222,3 +223,31 @@ def test_what_is_far_from_the_centre_takes_longer_steps(monkeypatch: pytest.Monk
     monkeypatch.setattr(trainer, "train_step", step)
     fit(start, views, dataclasses.replace(OPTIONS, steps=500))
     assert seen == {around}
+
+
+def test_windows_take_three_of_four_epochs_once_the_count_is_settled() -> None:
+    _, views, _ = training_scene()
+    options = dataclasses.replace(OPTIONS, steps=40 * len(views))
+    schedule = trainer._Schedule.of(views, options, [(0, 0, 16, 16)] * len(views))
+    settled = max(schedule.densifications[-1], *(until for until, _ in schedule.levels[:-1]), 0)
+    looks = [(schedule.order[step], schedule.window(step)) for step in range(options.steps)]
+    assert not any(window for _, window in looks[:settled])
+    for view in range(len(views)):
+        whole = "".join("." if window else "W" for index, window in looks[settled:] if index == view)
+        assert "...." not in whole
+        assert whole.count("W") < 0.35 * len(whole)
+
+
+def test_windows_cost_quality_nowhere_but_outside_of_them() -> None:
+    start, views, held_out = training_scene()
+    whole = fit(start, views, OPTIONS).gaussians
+    windows = [(16, 0, 32, 48)] * len(views)
+    windowed = fit(start, views, OPTIONS, windows=windows).gaussians
+    inside = np.zeros((48, 64), bool)
+    inside[:, 16:48] = True
+
+    def error_db(gaussians: Gaussians) -> float:
+        return psnr_db(to_uint8(render(gaussians, held_out.camera).image), held_out.image, inside)
+
+    assert error_db(windowed) > error_db(whole) - 0.5
+    assert not np.array_equal(windowed.means[: len(whole.means)], whole.means[: len(windowed.means)])

@@ -28,7 +28,7 @@ LARGEST_SCALE = 10.0
 """Cap of a starting scale relative to the median one: lone outliers would else cover the whole image."""
 
 
-START_SHARE = 0.5
+START_SHARE = 0.3
 """Share of the budget that training starts with. The rest is for densification to place: a larger start shows more of
 the room sooner, a smaller one leaves more for thin branches and lint that flow does not find."""
 

@@ -33,8 +33,9 @@ COARSEST_SIDE_PX = 200
 LEVEL_SHARES = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
 """Share of the steps at each resolution, coarse to fine, by the number of resolutions."""
 
-DENSIFY_FROM, DENSIFY_UNTIL = 0.05, 0.6
-"""Shares of the steps between which the number of Gaussians changes."""
+DENSIFY_FROM, DENSIFY_UNTIL = 0.05, 0.4
+"""Shares of the steps between which the number of Gaussians changes: it is settled when the finest images come, so that
+most of the costly steps can look at the plant alone."""
 
 N_DENSIFICATIONS = 25
 """How often it changes, unless that would be more than once for each image."""
@@ -236,10 +237,8 @@ class _Schedule:
 
     def window(self, step: int) -> Window | None:
         """What of its view a step looks at; None = all of it."""
-        settled = max(
-            [self.densifications[-1] if self.densifications else 0, *(until for until, _ in self.levels[:-1])]
-        )
-        if step < settled:
+        coarse = [until for until, _ in self.levels[:-1]]
+        if step < max([*coarse, *self.densifications[-1:]], default=0):
             return None
         index, epoch = self.order[step], step // len(self.cameras)
         return None if (epoch + index) % WHOLE_EVERY == 0 else self.windows[index]

@@ -43,7 +43,7 @@ class TrainOptions:
     """Training of the Gaussian model."""
 
     max_side: int = option(960, "longer side of the training images", unit="px", paper="960", at_least=64)
-    steps: int = option(3000, "optimisation steps, one image each", paper="30000", at_least=1)
+    steps: int = option(2500, "optimisation steps, one image each", paper="30000", at_least=1)
     max_gaussians: int = option(150_000, "hard budget of Gaussians", at_least=100, at_most=20_000_000)
     sh_degree: int = option(3, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
     dssim: float = option(0.2, "weight λ of D-SSIM in the loss", paper="0.2", at_least=0.0, at_most=1.0)

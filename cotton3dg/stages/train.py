@@ -155,4 +155,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.05 + 0.22 * full_mp) * work.images + steps_s)
 
 
-STAGE = Stage("train", version=10, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)
+STAGE = Stage("train", version=11, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)

@@ -44,6 +44,51 @@ bool write_values(const Scene<Real>& scene, const PackOf<Real>* basis, int lane,
     return usable;
 }
 
+constexpr double kSurelyInImage = -5.5;  // logits above it are of opacities above the alpha cut
+constexpr double kWidest = 3.33;         // standard deviations from which on the most opaque is below the alpha cut
+
+// Whether a pack shows nothing, told before the costly work: neighbours in space are neighbours in memory, so that most
+// packs are wholly in view or out of it. Counts their rows. Anything unusual goes the long way.
+template <class Real>
+COTTON_INLINE bool is_unseen(const Scene<Real>& scene, const View& view, const RatioLimits& limits,
+                             const PackRows& rows, ProjectionCount& count) {
+    Pack position[3], cam[3], unusual{}, log_scale = Pack{} - kMaxLogScale;
+    for (int k = 0; k < 3; ++k) {
+        position[k] = gather(scene.means, 3, k, rows);
+        const Pack scale = gather(scene.log_scales, 3, k, rows);
+        unusual += position[k] * 0.0 + scale * 0.0;
+        log_scale = maximum(log_scale, scale);
+    }
+    const double* w = view.rotation;
+    for (int k = 0; k < 3; ++k) {
+        cam[k] = w[3 * k] * position[0] + w[3 * k + 1] * position[1] + w[3 * k + 2] * position[2] + view.translation[k];
+    }
+    const PackMask behind = cam[2] < view.near_plane;
+    const Pack sigma = exp2<double>(minimum(log_scale, Pack{} + kMaxLogScale) * kLog2E), inv_z = 1 / cam[2];
+    const double focal[2] = {view.fx, view.fy}, centre[2] = {view.cx, view.cy};
+    const int tiles[2] = {view.tiles_x(), view.tiles_y()};
+    PackMask unseen = behind;
+    for (int k = 0; k < 2; ++k) {
+        const Pack ratio = cam[k] * inv_z, mean = focal[k] * ratio + centre[k];
+        const Pack frozen = minimum(maximum(ratio, Pack{} + limits.low[k]), Pack{} + limits.high[k]);
+        const Pack spread = focal[k] * inv_z * sqrt(1 + frozen * frozen) * sigma;  // the longest axis, face on
+        const Pack half = kWidest * (spread + 1) + 1;  // 1 px: more than dilation and rounding add
+        unseen |= (mean + half < 0.0) | (mean - half > double(tiles[k] * kTile));
+    }
+    if (any(~unseen)) return false;
+    Pack largest{};
+    for (int k = 0; k < 4; ++k) {
+        const Pack quat = gather(scene.quats, 4, k, rows);
+        unusual += quat * 0.0;
+        largest = maximum(largest, absolute(quat));
+    }
+    const Pack logit = gather(scene.opacity_logits, 1, 0, rows);
+    unusual += logit * 0.0;
+    if (any(~((unusual == 0.0) & (behind | ((largest > 1e-30) & (logit > kSurelyInImage)))))) return false;
+    for (int lane = 0; lane < rows.count; ++lane) ++count.culled[behind[lane] ? kBehind : kOutside];
+    return true;
+}
+
 }  // namespace
 
 template <class Real>
@@ -58,6 +103,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         PackRows rows;
         rows.count = int(end - first < kPack ? end - first : kPack);
         for (int lane = 0; lane < kPack; ++lane) rows.row[lane] = lane < rows.count ? first + lane : end - 1;
+        if (is_unseen(scene, view, limits, rows, count)) continue;
         const Footprint f = footprint(scene, view, limits, rows);
 
         const Pack logit = gather(scene.opacity_logits, 1, 0, rows);

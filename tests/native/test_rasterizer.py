@@ -167,3 +167,28 @@ def test_training_fits_an_image() -> None:
     assert np.array_equal(later.second.sh[1:3], adam.second.sh[[5, 3]])
     assert not later.first.means[~continued].any()
     assert not later.steps[~continued].any()
+
+
+def test_packs_out_of_view_are_counted_as_one_by_one() -> None:
+    """The core skips packs of neighbours that are all out of view; mixed with others nothing may be told otherwise."""
+    camera = camera_at(64, 48)
+    gaussians = scene(800, seed=21)
+    groups = np.split(np.arange(800), 8)
+    gaussians.means[groups[1]] += camera.centre.astype(np.float32) * 3  # behind the camera
+    gaussians.means[groups[2], 0] += 50  # outside, far
+    gaussians.means[groups[3], 0] = np.linspace(-6, 6, 100)  # across the edges
+    gaussians.means[groups[4], 0] += 50
+    gaussians.opacity_logits[groups[4]] = -9  # faint
+    gaussians.means[groups[5], 1] += 50
+    gaussians.quats[groups[5]] = 0  # without a direction
+    gaussians.means[groups[6], 1] += 50
+    gaussians.log_scales[groups[6][::3]] = np.nan
+    gaussians.means[groups[7], 0] += 50
+    gaussians.log_scales[groups[7]] = 4  # so large that they reach into the image
+    mixed = np.random.default_rng(0).permutation(800)
+    grouped, shuffled = (rasterizer.render(g, camera, near_su=NEAR) for g in (gaussians, gaussians[mixed]))
+    assert grouped.culled == shuffled.culled
+    assert all(grouped.culled.values())
+    assert grouped.n_visible == shuffled.n_visible
+    alone = [rasterizer.render(gaussians[k : k + 1], camera, near_su=NEAR).culled for k in range(800)]
+    assert grouped.culled == {reason: sum(each[reason] for each in alone) for reason in grouped.culled}

@@ -34,6 +34,10 @@ from .stage import Cost, Stage, Work
 COST_SLICES = 20
 """Parts of a training over which its cost takes the number of Gaussians as constant."""
 
+WINDOWED = 0.6
+"""What a step costs on average, relative to one on the whole image, once most look at the plant alone: the plant's
+window is a third of the image."""
+
 
 def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted]
@@ -143,16 +147,17 @@ def _cost(work: Work) -> Cost:
     full_mp = work.megapixels(options.max_side)
     ends = levels(min(options.max_side, max(work.size)), options.steps)
     start = (START_SHARE + FILL_SHARE) * options.max_gaussians
-    # A fifth of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
-    per_million = 0.4 + 0.006 * (options.sh_degree + 1) ** 2
+    # A quarter of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
+    per_million = 0.2 + 0.0044 * (options.sh_degree + 1) ** 2
     steps_s = 0.0
     for i in range(COST_SLICES):
         share = (i + 0.5) / COST_SLICES
         factor = next(factor for until, factor in ends if share * options.steps < until or factor == 1)
         grown = (share - DENSIFY_FROM) / (DENSIFY_UNTIL - DENSIFY_FROM)
         millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
-        steps_s += options.steps / COST_SLICES * (0.15 * full_mp / factor**2 + per_million * millions)
-    return Cost((0.05 + 0.22 * full_mp) * work.images + steps_s)
+        of_whole = WINDOWED if factor == 1 and share > DENSIFY_UNTIL else 1.0
+        steps_s += options.steps / COST_SLICES * of_whole * (0.1 * full_mp / factor**2 + per_million * millions)
+    return Cost((0.03 + 0.17 * full_mp) * work.images + steps_s)
 
 
 STAGE = Stage("train", version=11, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)

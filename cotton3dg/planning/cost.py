@@ -1,8 +1,8 @@
 """What a run will take: seconds of each stage from the number of images, their size, steps and Gaussians.
 
 Each stage has a model of its own, in its module. Every term is work (images, pixels, pairs, steps) times what a unit of
-it took on the machine that the constants were measured on, 2 cores of an AMD EPYC (Zen 4) with AVX2. Another machine
-differs by two factors, which `calibrate` measures: one for the splatting core, one for everything else.
+it took on 2 cores of a server: a Xeon (Sapphire Rapids, AVX-512) for the training, an AMD EPYC (Zen 4) for all else.
+Another machine differs by two factors, which `calibrate` measures: one for the splatting core, one for everything else.
 """
 
 from __future__ import annotations

@@ -47,6 +47,9 @@ class TrainOptions:
     max_gaussians: int = option(150_000, "hard budget of Gaussians", at_least=100, at_most=20_000_000)
     sh_degree: int = option(3, "degree of the view-dependent colour", paper="3", at_least=0, at_most=3)
     dssim: float = option(0.2, "weight λ of D-SSIM in the loss", paper="0.2", at_least=0.0, at_most=1.0)
+    plant_window: bool = option(
+        True, "look at the plant alone in most of the last steps; off = at whole images", paper="off"
+    )
     exposure: str = option(
         "auto", "bring images of varying exposure and white balance to a common one", choices=("auto", "on", "off")
     )
@@ -363,7 +366,7 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     "standard": {},
     "paper": {
         "frames": {"count": 150},
-        "train": {"steps": 30_000, "max_gaussians": 1_000_000},
+        "train": {"steps": 30_000, "max_gaussians": 1_000_000, "plant_window": False},
     },
 }
 

@@ -118,7 +118,8 @@ def _fitted(
     if start is None:
         workspace.train_rejected.unlink(missing_ok=True)
         start = load_start(workspace, options, views)
-    windows = find_plant_windows(read_points(workspace.undistorted / "sparse")[0], [view.camera for view in views])
+    points, cameras = read_points(workspace.undistorted / "sparse")[0], [view.camera for view in views]
+    windows = find_plant_windows(points, cameras) if options.plant_window else None
     watch.lap("starting points")
     return fit(start, views, options, progress, windows, save=save, keep_rejected=keep_rejected)
 
@@ -155,7 +156,7 @@ def _cost(work: Work) -> Cost:
         factor = next(factor for until, factor in ends if share * options.steps < until or factor == 1)
         grown = (share - DENSIFY_FROM) / (DENSIFY_UNTIL - DENSIFY_FROM)
         millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
-        of_whole = WINDOWED if factor == 1 and share > DENSIFY_UNTIL else 1.0
+        of_whole = WINDOWED if options.plant_window and factor == 1 and share > DENSIFY_UNTIL else 1.0
         steps_s += options.steps / COST_SLICES * of_whole * (0.1 * full_mp / factor**2 + per_million * millions)
     return Cost((0.03 + 0.17 * full_mp) * work.images + steps_s)
 

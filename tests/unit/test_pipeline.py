@@ -155,7 +155,7 @@ def test_plan_names_the_first_reason_and_its_consequences(workspace, stages):
     options = pipeline.stage_options(workspace, overrides={"train": {"steps": 7}})
     reasons = {step.stage: step.reason for step in pipeline.plan(workspace, options, pipeline.STAGES)}
     assert reasons["sfm"] == ""
-    assert reasons["train"] == "option steps 3000 -> 7"
+    assert reasons["train"] == "option steps 2500 -> 7"
     assert reasons["masks"] == "after train"
 
 

@@ -68,6 +68,6 @@ def _window(camera: Camera, plant: NDArray[np.float64]) -> Window | None:
     size = np.array([camera.width, camera.height])
     low = np.clip(np.floor((pixels.min(axis=0) - margin) / GRID_PX) * GRID_PX, 0, size).astype(int)
     high = np.clip(np.ceil((pixels.max(axis=0) + margin) / GRID_PX) * GRID_PX, 0, size).astype(int)
-    left, top, width, height = *low.tolist(), *(high - low).tolist()
+    width, height = (int(length) for length in high - low)
     share = width * height / (camera.width * camera.height)
-    return (left, top, width, height) if 0 < share <= LARGEST_SHARE else None
+    return (int(low[0]), int(low[1]), width, height) if 0 < share <= LARGEST_SHARE else None

@@ -150,10 +150,10 @@ def fit(
     views: Sequence[View],
     options: TrainOptions,
     progress: Progress = silent,
-    windows: Sequence[Window | None] | None = None,
     watch: Watch | None = None,
     save: Save | None = None,
     keep_rejected: Keep | None = None,
+    windows: Sequence[Window | None] | None = None,
 ) -> Fit:
     """Train `start` on `views`; the same arguments give the same result, bit by bit, on one machine and build.
 

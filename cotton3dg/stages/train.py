@@ -24,6 +24,7 @@ from ..options import TrainOptions
 from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
 from ..splat.plant_windows import find_plant_windows
+from ..splat.rasterizer import Window
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
 from ..training.photos import Capture, SparseModel, capture_of
@@ -88,6 +89,14 @@ def load_start(workspace: Workspace, options: TrainOptions, views: list[View]) -
     return start_gaussians(points, colours, views, options)
 
 
+def load_windows(workspace: Workspace, options: TrainOptions, views: list[View]) -> list[Window | None]:
+    """What of each view shows the plant; None = all of it."""
+    if not options.plant_window:
+        return [None] * len(views)
+    points, _, _, _ = read_points(workspace.undistorted / "sparse")
+    return find_plant_windows(points, [view.camera for view in views])
+
+
 def save_model(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
     """Judge the model by the held-out views and write the stage's folder."""
     found = judged(result, capture)
@@ -118,10 +127,9 @@ def _fitted(
     if start is None:
         workspace.train_rejected.unlink(missing_ok=True)
         start = load_start(workspace, options, views)
-    points, cameras = read_points(workspace.undistorted / "sparse")[0], [view.camera for view in views]
-    windows = find_plant_windows(points, cameras) if options.plant_window else None
+    windows = load_windows(workspace, options, views)
     watch.lap("starting points")
-    return fit(start, views, options, progress, windows, save=save, keep_rejected=keep_rejected)
+    return fit(start, views, options, progress, windows=windows, save=save, keep_rejected=keep_rejected)
 
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:

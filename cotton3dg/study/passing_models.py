@@ -10,7 +10,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Gaussians
 from ..options import TrainOptions
 from ..splat.trainer import Fit, fit
-from ..stages.train import load_capture, load_start, save_model
+from ..stages.train import load_capture, load_start, load_windows, save_model
 from ..workspace import Workspace
 
 
@@ -43,7 +43,9 @@ def save_passing_models(
         outcomes[step] = save_model(targets[step], Fit(gaussians, [reached]), capture)
         began, cpu_began = began + time.perf_counter() - now, cpu_began + time.process_time() - cpu_now
 
-    result = fit(load_start(workspace, options, capture.training), capture.training, options, progress, watch)
+    start = load_start(workspace, options, capture.training)
+    windows = load_windows(workspace, options, capture.training)
+    result = fit(start, capture.training, options, progress, watch, windows=windows)
     if options.steps in targets:
         result.history[-1] |= {
             "seconds": round(time.perf_counter() - began, 3),

@@ -26,7 +26,7 @@ from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import densify, initialise, trainer
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.views import View
-from cotton3dg.stages.train import load_capture
+from cotton3dg.stages.train import load_capture, load_windows
 from cotton3dg.training.photos import Capture
 from cotton3dg.workspace import Workspace
 
@@ -50,19 +50,20 @@ def no_dense_points(views: Any, points: Any, count: int, seed: int) -> tuple[Any
 INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
     "coarse to fine": [(trainer, "resolutions", at_full_size)],
     "early splitting": [(densify, "scheduled_count", evenly)],
-    "hidden ones pruned": [(densify, "contributing", all_contribute)],
+    "hidden ones pruned": [(densify, "find_contributing", all_contribute)],
     "plant first": [(trainer, "PLANT_NEED", 1.0)],
     "size limits": [(trainer, "LARGEST_IN_PLANT", np.inf), (trainer, "LARGEST_IN_ROOM", np.inf)],
     "rates for short runs": [(trainer, "PAPER_STEPS", 1)],
     "settling late": [(trainer, "SETTLING_FROM", 0.0), (trainer, "SETTLED", 0.25)],
     "longer steps far away": [(trainer, "SURROUNDINGS_GROWTH", 0.0)],
-    "dense points from flow": [(initialise, "dense_points", no_dense_points)],
+    "dense points from flow": [(initialise, "find_dense_points", no_dense_points)],
     "filling of the plant region": [(initialise, "FILL_SHARE", 0.0)],
     "opaque start": [(initialise, "START_OPACITY", 0.1)],
 }
 """Name -> what replaces it."""
 
 OPTIONS: dict[str, dict[str, Any]] = {
+    "whole images": {"plant_window": False},
     "SH degree 0": {"sh_degree": 0},
     "SH degree 1": {"sh_degree": 1},
     "half the budget": {"max_gaussians": 0.5},
@@ -77,7 +78,8 @@ def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, f
     training = capture.training
     points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
     began = time.process_time()
-    result = trainer.fit(initialise.start_gaussians(points, colours, training, options), training, options)
+    start = initialise.start_gaussians(points, colours, training, options)
+    result = trainer.fit(start, training, options, windows=load_windows(Workspace(plant), options, training))
     cpu_s = time.process_time() - began
     orbit = fit_orbit([view.camera for view in capture.views])
     qualities = [

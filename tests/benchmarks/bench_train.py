@@ -24,7 +24,7 @@ from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
 from cotton3dg.splat.initialise import start_gaussians
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.trainer import fit
-from cotton3dg.stages.train import load_capture
+from cotton3dg.stages.train import load_capture, load_windows
 from cotton3dg.workspace import Workspace
 
 
@@ -76,7 +76,8 @@ def main() -> None:
         judging += time.perf_counter() - now
         cpu_judging += time.process_time() - cpu_now
 
-    judge(options.steps, fit(start, training, options, watch=watch).gaussians)
+    windows = load_windows(workspace, options, training)
+    judge(options.steps, fit(start, training, options, watch=watch, windows=windows).gaussians)
     print(
         json.dumps(
             {

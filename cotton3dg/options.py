@@ -201,20 +201,31 @@ class SegmentOptions:
 
 @dataclass(frozen=True)
 class DbscanOptions:
-    """Bolls as DBSCAN clusters of the views' objects."""
+    """Bolls as DBSCAN clusters of the points of the views' objects, as Cotton3DGaussians has it."""
 
     eps: float = option(
-        0.6, "farthest distance of two objects, in median widths of a mask", paper="0.3 su", at_least=0.0
+        0.3, "radius that has to hold min-samples points, in median widths of an object", paper="0.3 su", at_least=0.0
     )
+    min_samples: int = option(10, "points within eps of a core point, itself among them", paper="10", at_least=1)
+
+
+@dataclass(frozen=True)
+class AgglomerativeOptions:
+    """Bolls as the nearest objects of different views."""
+
+    reach: float = option(0.6, "farthest distance of two objects, in median widths of a mask", at_least=0.0)
 
 
 @dataclass(frozen=True)
 class ClusterOptions:
     """From the selections of single views to bolls."""
 
-    method: str = option("consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan"))
+    method: str = option(
+        "consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan", "agglomerative")
+    )
     boll_plys: bool = option(False, "save each boll's Gaussians as a PLY of its own")
     dbscan: DbscanOptions = options_of(DbscanOptions, "dbscan")
+    agglomerative: AgglomerativeOptions = options_of(AgglomerativeOptions, "agglomerative")
 
 
 MARKER_DICTIONARIES = (
@@ -254,7 +265,7 @@ class ScaleOptions:
         "table",
         "the reference of known size; all = every one there is, reconciled",
         paper="sections",
-        choices=("table", "sections", "aruco", "distance", "all", "none"),
+        choices=("table", "sections", "all-sections", "aruco", "distance", "all", "none"),
     )
     table_length_cm: float = option(
         120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0, idle_with=("none",)

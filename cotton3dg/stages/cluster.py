@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clustering.agglomerative import cluster_objects
+from ..clustering.agglomerative import join_objects
 from ..clustering.boll_masks import assign_masks, weigh_agreement
 from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
+from ..clustering.dbscan import cluster_objects
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, describe_bolls, read_lifted
@@ -38,7 +39,9 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     if options.method == "dbscan":
-        bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps)
+        bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps, options.dbscan.min_samples)
+    elif options.method == "agglomerative":
+        bolls = join_objects(lifted, gaussians.means, up, options.agglomerative.reach)
     else:
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = flag_close(bolls)
@@ -61,11 +64,10 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     }
     if bolls:
         return StageOutcome(summary)
-    return StageOutcome(
-        summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
-    )
+    seen = "no view shows a boll" if options.method == "dbscan" else "no boll was seen alike by two views"
+    return StageOutcome(summary, ("no_bolls",), (f"{seen}; look at masks/ and at --views of masks",))
 
 
 STAGE = Stage(
-    "cluster", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -46,7 +46,7 @@ def test_probabilities_become_bolls(workspace):
     maps = sorted(workspace.folder("segment").glob("probability_*.png"))
     assert len(maps) == 4 and read_image(maps[0]).shape == (200, 240, 3)
     assert read_image(maps[0]).max() > 200
-    for method in ("consensus", "dbscan"):
+    for method in ("consensus", "dbscan", "agglomerative"):
         cluster.run(workspace, ClusterOptions(method=method))
         assert {0, 1, 4} <= found(workspace)
 

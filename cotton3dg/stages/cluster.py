@@ -11,12 +11,14 @@ from ..clustering.boll_masks import assign_masks, weigh_agreement
 from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
 from ..clustering.dbscan import cluster_objects
+from ..clustering.view_picture import draw_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, describe_bolls, read_lifted
 from ..documents.masks import MasksInfo
 from ..errors import BadInput
 from ..files.colmap import read_cameras
+from ..files.images import write_image
 from ..files.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
@@ -29,8 +31,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none) and bolls.ply, coloured by boll; on request
-    a PLY a boll."""
+    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none), bolls.ply, coloured by boll, and views.jpg, what
+    one view shows beside what all do; on request a PLY a boll."""
     lifted = read_lifted(workspace.require(workspace.selections_npz, "segment"))
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     if lifted.gaussians_sha256 != gaussians.sha256():
@@ -55,6 +57,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
             write_gaussians(folder / workspace.boll_ply(boll.boll_id).name, gaussians[boll.indices])
+        if (picture := draw_views(gaussians, cameras, lifted, bolls)) is not None:
+            write_image(folder / workspace.views_jpg.name, picture)
     doubtful = sum(bool(boll.flags) for boll in bolls)
     summary = {
         "bolls": len(bolls),

@@ -7,8 +7,9 @@ from .capture.image_pairs import choose_pairs as choose_pairs
 from .capture.lens import undistort as undistort
 from .capture.reconstruction import ReconstructionSettings as ReconstructionSettings
 from .capture.reconstruction import reconstruct as reconstruct
-from .clustering.agglomerative import cluster_objects as cluster_objects
+from .clustering.agglomerative import join_objects as join_objects
 from .clustering.consensus import merge_views as merge_views
+from .clustering.dbscan import cluster_objects as cluster_objects
 from .core.bolls import BollInstance as BollInstance
 from .core.bolls import LiftedMasks as LiftedMasks
 from .core.bolls import MaskSet as MaskSet

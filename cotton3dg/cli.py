@@ -27,7 +27,7 @@ from .cli_arguments import (
     report_errors,
 )
 from .core.state import State
-from .errors import SOME_FAILED, BadUsage
+from .errors import SOME_FAILED, BadUsage, MissingInput
 from .options import (
     STAGE_OPTIONS,
     MarkersOptions,
@@ -235,11 +235,14 @@ def evaluate(
     masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
     cloud: Annotated[Path | None, typer.Option(help="point cloud as truth, z up (.ply, .pcd, .xyz)")] = None,
     cloud_unit: Annotated[str, typer.Option(help="of the cloud: m | cm | mm")] = "m",
-    out: Annotated[Path, typer.Option(help="of tables: folder for the scores and plots")] = Path("evaluation"),
+    out: Annotated[Path, typer.Option(help="folder for scores and plots of tables, and for masks.csv")] = Path(
+        "evaluation"
+    ),
 ) -> None:
     """Measured beside true: errors of a plant's traits and its bolls, or scores and plots over many plants."""
     from . import display
-    from .evaluation.masks import evaluate_masks
+    from .evaluation.mask_table import add_to_table
+    from .evaluation.masks import MaskCounts, evaluate_masks
     from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
     from .evaluation.plant import evaluate as compare
     from .evaluation.tables import evaluate_tables, evaluation_text, write_evaluation
@@ -255,13 +258,31 @@ def evaluate(
             return
         workspace = Workspace(measured)
         if masks:
-            display.print_mask_scores(*evaluate_masks(workspace, masks))
+            counts, record = evaluate_masks(workspace, masks), workspace.read_record("masks")
+            add_to_table(out / "masks.csv", workspace.plant_id, record.options["backend"] if record else "", counts)
+            display.print_mask_scores(sum(counts.values(), MaskCounts()), len(counts))
+            typer.echo(f"saved in {out / 'masks.csv'}")
         elif cloud:
             if cloud_unit not in CM_PER_UNIT:
                 raise BadUsage(f"--cloud-unit {cloud_unit} is unknown; use {', '.join(CM_PER_UNIT)}")
             display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
         else:
             display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
+
+
+@app.command("evaluate-weights", rich_help_panel="Trying it out")
+def evaluate_weights(
+    measured: Annotated[Path, typer.Argument(help="table of many plants, as batch.csv")],
+    truth: Annotated[Path | None, typer.Option(help="table with boll_weight_g; default: the same table")] = None,
+    out: Annotated[Path, typer.Option(help="folder for weights.json and the plots")] = Path("evaluation"),
+) -> None:
+    """Seed-cotton weight by boll volume and count, fitted to weighed plants, for traits --weight-model."""
+    from .evaluation.weights import fit_weights, weights_text, write_weights
+
+    with report_errors(measured):
+        model, points = fit_weights(measured, truth or measured)
+        write_weights(out, model, points)
+        typer.echo(f"{weights_text(model)}\nsaved as {out / 'weights.json'}")
 
 
 @app.command(rich_help_panel="Trying it out")
@@ -274,6 +295,8 @@ def study(
     time_budget: TimeBudget = None,
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's")] = None,
     standard: Annotated[bool, typer.Option("--standard", help="on a simulated plant, made in the folder")] = False,
+    lpips: Annotated[Path | None, typer.Option(help="network of LPIPS, TorchScript; none = no LPIPS")] = None,
+    local: Annotated[Path | None, typer.Option(help="the same plant filmed close by, for the sweep style")] = None,
     set_: Set = None,
 ) -> None:
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
@@ -290,8 +313,18 @@ def study(
         if standard:
             film_standard_plant(plant_dir, watcher.watched("simulate"))
         plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
+        if lpips and not lpips.is_file():
+            raise MissingInput(f"{lpips} is not there; docs/papers.md says how to make the network of LPIPS")
         work = Study(
-            plant, preset, parse_overrides(set_), budget_s=budget_s, truth_json=truth, watcher=watcher, tell=tell
+            plant,
+            preset,
+            parse_overrides(set_),
+            budget_s=budget_s,
+            truth_json=truth,
+            lpips=lpips,
+            local=Workspace(local) if local else None,
+            watcher=watcher,
+            tell=tell,
         )
         typer.echo(f"{summary(work.run(sweeps))}\nsaved in {plant.study_csv.parent}")
 

@@ -21,7 +21,7 @@ from .pipeline import Step, Watcher
 if TYPE_CHECKING:
     from .batch import Result
     from .commands.doctor import Finding
-    from .evaluation.masks import MaskScore
+    from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
     from .stages.staleness import StageState
 
@@ -187,14 +187,15 @@ def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
 
 def print_trait_errors(errors: list[TraitError]) -> None:
     """Measured beside true, one trait a line."""
-    print(f"{'trait':<22}{'measured':>10}{'truth':>10}{'error':>9}")
+    print(f"{'trait':<27}{'measured':>10}{'truth':>10}{'error':>9}")
     for item in errors:
-        print(f"{item.trait:<22}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
+        print(f"{item.trait:<27}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
 
 
-def print_mask_scores(scores: list[MaskScore], mean_iou: float, n_images: int) -> None:
+def print_mask_scores(counts: MaskCounts, n_images: int) -> None:
     """Precision, recall and F1, one IoU a line, and mIoU."""
     print(f"{'IoU':<6}{'precision':>10}{'recall':>8}{'F1':>8}")
-    for score in scores:
+    for score in counts.scores:
         print(f"{score.iou:<6.2f}{score.precision:>10.3f}{score.recall:>8.3f}{score.f1:>8.3f}")
-    print(f"mIoU {mean_iou:.3f}, {n_images} images judged")
+    print(f"mIoU {counts.miou_hits:.3f} of the hits at 0.5, {counts.miou_all:.3f} of all {counts.n_true} true masks")
+    print(f"{n_images} images judged")

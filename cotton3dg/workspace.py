@@ -71,12 +71,16 @@ class Workspace:
     """What the segmentation took, and how its maps agree with the masks."""
     probabilities_npy = _Below("segment/probabilities.npy")
     """(N,) float32: how likely each Gaussian is lint."""
+    lint_ply = _Below("segment/lint.ply")
+    """The Gaussians whose probability is above the threshold."""
     features_npy = _Below("segment/features.npy")
     """(N, C) float32: smoothed affinity features, zero where there is none; alike within a boll."""
     bolls_json = _Below("cluster/bolls.json")
     labels_npy = _Below("cluster/labels.npy")
     bolls_ply = _Below("cluster/bolls.ply")
     """The model with each boll in a colour of its own and the rest in grey, for viewers."""
+    views_jpg = _Below("cluster/views.jpg")
+    """Bolls as one view shows them, beside all views together."""
     scale_json = _Below("scale/scale.json")
     traits_csv = _Below("traits/traits.csv")
     bolls_csv = _Below("traits/bolls.csv")
@@ -145,6 +149,11 @@ class Workspace:
     def undistorted_image(self, name: str) -> Path:
         return self.undistorted / "images" / name
 
+    def named_file(self, text: str) -> Path:
+        """A path that an option names: from the plant's folder or, where there is none, from where the command runs."""
+        beside = self.root / text
+        return beside if beside.exists() else Path(text)
+
     def mask_png(self, image_name: str) -> Path:
         """Instance ids of an undistorted image."""
         return self.root / "masks" / f"{Path(image_name).stem}.png"
@@ -152,6 +161,14 @@ class Workspace:
     def probability_png(self, image_name: str) -> Path:
         """Rendered probabilities of a view, grey; white = 1."""
         return self.root / "segment" / f"probability_{Path(image_name).stem}.png"
+
+    def lint_jpg(self, image_name: str) -> Path:
+        """A view of lint.ply alone."""
+        return self.root / "segment" / f"lint_{Path(image_name).stem}.jpg"
+
+    def training_jpg(self, image_name: str) -> Path:
+        """A view's rendered probabilities over the training."""
+        return self.root / "segment" / f"training_{Path(image_name).stem}.jpg"
 
     def boll_ply(self, boll_id: int) -> Path:
         """The Gaussians of one boll."""

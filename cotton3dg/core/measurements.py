@@ -51,6 +51,7 @@ class Scale:
 NO_SCALE = "no scale"
 NO_PLANT = "no scale; no plant on the table"
 NO_BODY = "no scale; too few Gaussians for a body (flagged)"
+NO_WEIGHT = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
 NO_VOLUME = "no scale; bolls, but none with a volume"
 
 
@@ -88,6 +89,13 @@ class BollTraits:
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
+    )
+    volume_published_cm3: float = column(
+        "cm3",
+        "volume of the convex hull of the boll's Gaussians' middles, as published",
+        2,
+        blank_when=NO_BODY,
+        later=True,
     )
 
 
@@ -175,6 +183,39 @@ class PlantTraits:
     )
     canopy_size_error_cm: float = column(
         "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+    )
+    boll_volume_published_cm3: float = column(
+        "cm3", "sum of volume_published_cm3 over the measured bolls", 2, blank_when=NO_VOLUME, later=True
+    )
+    plant_height_published_cm: float = column(
+        "cm",
+        "upright side of the oriented box around the middles of the plant's Gaussians and its foot, as published",
+        2,
+        blank_when=NO_PLANT,
+        later=True,
+    )
+    canopy_size_published_cm: float = column(
+        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_PLANT, later=True
+    )
+    seed_cotton_g: float = column(
+        "g",
+        "weight of the seed cotton, predicted by the fit of traits.weight_model",
+        1,
+        blank_when=NO_WEIGHT,
+        later=True,
+    )
+    seed_cotton_low_g: float = column(
+        "g", "lower end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, later=True
+    )
+    seed_cotton_high_g: float = column(
+        "g", "upper end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, later=True
+    )
+    lint_g: float = column(
+        "g",
+        "lint in seed_cotton_g, by the lint percentage of the weighed plants",
+        1,
+        blank_when=f"{NO_WEIGHT}; no lint percentage",
+        later=True,
     )
 
 

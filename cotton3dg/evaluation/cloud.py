@@ -59,8 +59,8 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
         for boll in np.unique(labels[labels > 0]):
             volumes.append(convex_volume(points[labels == boll]).value)
     if not len(plant):
-        return CloudTraits(PlantSize(*[np.nan] * 5), np.array(volumes), level is not None)
-    return CloudTraits(measure_places(plant, plant[:, 2]), np.array(volumes), level is not None)
+        return CloudTraits(PlantSize(), np.array(volumes), level is not None)
+    return CloudTraits(measure_places(plant, plant[:, 2], plant), np.array(volumes), level is not None)
 
 
 def find_table_height(heights: NDArray) -> float | None:

@@ -29,7 +29,11 @@ TRUTH_OF_TRAIT = {
     "boll_volume_cm3": "total_boll_convex_volume_cm3",
     "plant_height_cm": "plant_height_cm",
     "canopy_size_cm": "canopy_size_cm",
+    "boll_volume_published_cm3": "total_boll_convex_volume_cm3",
+    "plant_height_published_cm": "plant_height_cm",
+    "canopy_size_published_cm": "canopy_size_cm",
 }
+"""Those as published stand beside the defaults; tables of older versions lack them."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,11 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
         raise MissingInput(f"{truth_json.name} is missing; give the plant's truth with --truth FILE")
     truth = Truth.load(truth_json)
     row = _read_plant_row(workspace)
-    errors = [TraitError(trait, parse_number(row[trait]), getattr(truth, key)) for trait, key in TRUTH_OF_TRAIT.items()]
+    errors = [
+        TraitError(trait, parse_number(row[trait]), getattr(truth, key))
+        for trait, key in TRUTH_OF_TRAIT.items()
+        if trait in row
+    ]
     bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
     measured_cm = np.array([[parse_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
     measured_cm3 = np.array([parse_number(boll["volume_cm3"]) for boll in bolls])

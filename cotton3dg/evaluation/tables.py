@@ -102,8 +102,8 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
         MissingInput: a table is not there.
         BadInput: a table has no plant_id, the tables have no plant or no trait in common.
     """
-    measured, measured_twice = _read_by_plant(measured_csv)
-    truth, truth_twice = _read_by_plant(truth_csv)
+    measured, measured_twice = read_by_plant(measured_csv)
+    truth, truth_twice = read_by_plant(truth_csv)
     repeated = tuple(sorted({*measured_twice, *truth_twice}))
     plants = [plant for plant in truth if plant in measured and plant not in repeated]
     if not plants:
@@ -113,7 +113,7 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
     traits = [name for name in _columns(truth) if name in _columns(measured) and name not in NOT_TRAITS]
     scores, pairs, blank = [], {}, {}
     for trait in traits:
-        values = np.array([[_parse_finite(table[plant][trait]) for table in (truth, measured)] for plant in plants])
+        values = np.array([[parse_finite(table[plant][trait]) for table in (truth, measured)] for plant in plants])
         true, found = values.T
         if not np.isfinite(true).any():
             continue
@@ -125,7 +125,7 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
             blank[trait] = tuple(plant for plant, lacks in zip(plants, lacking, strict=True) if lacks)
     weight_error_pct = math.nan
     if WEIGHT in _columns(truth) and VOLUME in _columns(measured):
-        values = np.array([[_parse_finite(truth[p][WEIGHT]), _parse_finite(measured[p][VOLUME])] for p in plants])
+        values = np.array([[parse_finite(truth[p][WEIGHT]), parse_finite(measured[p][VOLUME])] for p in plants])
         weights, volumes = values[np.isfinite(values).all(axis=1)].T
         predicted = predict_left_out(volumes, weights)
         if np.isfinite(predicted).any():
@@ -195,7 +195,7 @@ def evaluation_text(evaluation: TableEvaluation) -> str:
     return "\n".join(lines)
 
 
-def _read_by_plant(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
+def read_by_plant(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
     """Rows by plant, and the plants that have several."""
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with a column {ID}")
@@ -211,7 +211,7 @@ def _columns(table: dict[str, dict[str, str]]) -> Sequence[str]:
     return [name for name in next(iter(table.values()), {}) if name]
 
 
-def _parse_finite(cell: str) -> float:
+def parse_finite(cell: str) -> float:
     """A cell's number; NaN also of one that is not finite."""
     value = parse_number(cell)
     return value if math.isfinite(value) else math.nan

@@ -48,30 +48,43 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
         file.write(table.astype("<f4", copy=False).tobytes())
 
 
-def read_gaussians(path: Path) -> Gaussians:
+def read_gaussians(path: Path, remedy: str = "make it again with `cotton3dg train`") -> Gaussians:
     """Read Gaussians from `path`. Columns may come in any order and extra scalar columns are ignored.
 
     Rows are never dropped, because per-Gaussian labels in other files refer to them by number: a file with a
     value that is not finite is refused as a whole.
 
+    Args:
+        remedy: what to do about a file that cannot be used.
     Raises:
         BadInput: not a binary PLY of Gaussians, shorter than its header says, or with non-finite values.
     """
+    try:
+        return _read_table(path)
+    except _Unusable as error:
+        raise BadInput(f"{path.name} {error}; {remedy}") from error
+
+
+class _Unusable(ValueError):
+    """What is wrong with a file."""
+
+
+def _read_table(path: Path) -> Gaussians:
     size = path.stat().st_size
     with path.open("rb") as file:
-        lines, start = _read_header(path, file.read(_HEADER_LIMIT))
-        count, layout = _parse_layout(path, lines)
+        lines, start = _read_header(file.read(_HEADER_LIMIT))
+        count, layout = _parse_layout(lines)
         # Compared as Python integers before anything is allocated, so that an absurd count costs nothing.
         if count * layout.itemsize > size - start:
-            raise _bad(path, f"is shorter than the {count} Gaussians of its header")
+            raise _Unusable(f"is shorter than the {count} Gaussians of its header")
         file.seek(start)
         table = np.frombuffer(file.read(count * layout.itemsize), layout)
     n_rest = sum(name.startswith("f_rest_") for name in layout.names or ())
     if n_rest not in (0, 9, 24, 45):
-        raise _bad(path, f"has {n_rest} f_rest columns instead of 0, 9, 24 or 45")
+        raise _Unusable(f"has {n_rest} f_rest columns instead of 0, 9, 24 or 45")
     missing = set(_property_names(n_rest // 3 + 1)) - {"nx", "ny", "nz"} - set(layout.names or ())
     if missing:
-        raise _bad(path, f"has no column {min(missing)}")
+        raise _Unusable(f"has no column {min(missing)}")
 
     def columns(prefix: str, n: int) -> NDArray[np.float32]:
         with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is refused below
@@ -87,7 +100,7 @@ def read_gaussians(path: Path) -> Gaussians:
     )
     broken = ~gaussians.finite_rows
     if broken.any():
-        raise _bad(path, f"has non-finite values in {broken.sum()} of {count} Gaussians")
+        raise _Unusable(f"has non-finite values in {broken.sum()} of {count} Gaussians")
     return gaussians
 
 
@@ -103,37 +116,33 @@ def _property_names(n_coefficients: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _read_header(path: Path, head: bytes) -> tuple[list[list[str]], int]:
+def _read_header(head: bytes) -> tuple[list[list[str]], int]:
     """Words of each header line, and where the header ends, bytes."""
     end = head.find(b"end_header")
     newline = head.find(b"\n", end)
     if not head.startswith(b"ply") or end < 0 or newline < 0:
-        raise _bad(path, "has no PLY header")
+        raise _Unusable("has no PLY header")
     try:
         lines = [line.split() for line in head[:end].decode("ascii").splitlines()]
     except UnicodeDecodeError as error:
-        raise _bad(path, "has no PLY header") from error
+        raise _Unusable("has no PLY header") from error
     return [words for words in lines if words and words[0] not in ("comment", "obj_info")], newline + 1
 
 
-def _parse_layout(path: Path, lines: list[list[str]]) -> tuple[int, np.dtype]:
+def _parse_layout(lines: list[list[str]]) -> tuple[int, np.dtype]:
     """Number of vertices and the layout of one, from the words of the header lines."""
     if [*lines, [], []][1][:2] != ["format", "binary_little_endian"]:
-        raise _bad(path, "is not a binary little-endian PLY")
+        raise _Unusable("is not a binary little-endian PLY")
     elements = [i for i, words in enumerate(lines) if words[0] == "element"]
     count = lines[elements[0]][2] if elements and len(lines[elements[0]]) == 3 else ""
     if not (count.isdecimal() and len(count) < 20) or lines[elements[0]][1] != "vertex":
-        raise _bad(path, "does not begin with its vertices")
+        raise _Unusable("does not begin with its vertices")
     stop = elements[1] if len(elements) > 1 else len(lines)
     fields = []
     for words in lines[elements[0] + 1 : stop]:
         if len(words) != 3 or words[0] != "property" or words[1] not in _SCALARS:
-            raise _bad(path, f"has a property that is not a number: {' '.join(words)[:60]}")
+            raise _Unusable(f"has a property that is not a number: {' '.join(words)[:60]}")
         fields.append((words[2], _SCALARS[words[1]]))
     if not fields or len({name for name, _ in fields}) < len(fields):
-        raise _bad(path, "has no columns or names one twice")
+        raise _Unusable("has no columns or names one twice")
     return int(count), np.dtype(fields)
-
-
-def _bad(path: Path, what: str) -> BadInput:
-    return BadInput(f"{path.name} {what}; make it again with `cotton3dg train`")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -46,11 +44,12 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]], *, ex
     Raises:
         KeyError: a row lacks a column.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\r\n")
-    writer.writerow([column.name for column in columns])
-    writer.writerows([[_cell(row[column.name], column.digits) for column in columns] for row in rows])
-    return (BYTE_ORDER_MARK if excel else "") + text.getvalue()
+    import pandas as pd
+
+    # Cells are text already: each column has digits of its own, and pandas would write what a spreadsheet computes.
+    cells = [[_cell(row[column.name], column.digits) for column in columns] for row in rows]
+    table = pd.DataFrame(cells, columns=[column.name for column in columns], dtype=object)
+    return (BYTE_ORDER_MARK if excel else "") + table.to_csv(index=False, lineterminator="\r\n")
 
 
 def columns_text(tables: Mapping[str, Sequence[Column]], *, excel: bool = False) -> str:

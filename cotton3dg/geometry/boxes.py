@@ -57,7 +57,18 @@ def oriented_box(points: NDArray) -> Box:
     """
     points = _check(points, 3)
     corners = _hull_corners(points - points.mean(axis=0))
-    axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=True)[2]
+    return _box_along(points, _principal_axes(corners))
+
+
+def standing_box(points: NDArray) -> Box:
+    """The box around (N, 3) points, N > 0, that has a side along z and else the least area seen along it.
+
+    Of a flat and level cloud this is the tightest box. Principal axes of its hull's corners turn where one corner of
+    the cloud is frayed: around a table by degrees.
+    """
+    points = _check(points, 3)
+    axes = np.eye(3)
+    axes[:2, :2] = min_area_rectangle(points[:, :2]).axes
     return _box_along(points, axes)
 
 
@@ -84,18 +95,31 @@ def _box_along(points: NDArray[np.float64], axes: NDArray[np.float64]) -> Box:
 
 
 def _hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners of the convex hull, in the plane counter-clockwise; sets without area or volume come back as they are."""
+    """Corners of the convex hull, in the plane counter-clockwise; those of a set without area or volume are the corners
+    within its line or plane."""
+    return points[_hull_rows(points)]
+
+
+def _hull_rows(points: NDArray[np.float64]) -> NDArray[np.int64]:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return points[ConvexHull(points).vertices]
+        return ConvexHull(points).vertices.astype(np.int64)
     except (QhullError, ValueError):
-        # A segment between the extremes says all about a collinear set, and a flat set in space is small enough.
-        if points.shape[1] == 2 and len(points) > 1:
-            direction = np.linalg.svd(points - points.mean(axis=0))[2][0]
-            ends = points @ direction
-            return points[[int(ends.argmin()), int(ends.argmax())]]
-        return points
+        if len(points) < 3:
+            return np.arange(len(points))
+        axes = _principal_axes(points)
+        if points.shape[1] == 3:
+            return _hull_rows(points @ axes[:2].T)
+        # A segment between the extremes says all about a collinear set.
+        along = points @ axes[0]
+        return np.array([int(along.argmin()), int(along.argmax())])
+
+
+def _principal_axes(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(D, D) rows: unit axes, that of the widest spread first."""
+    # The triangle of a QR decomposition has the same axes and no more than D rows.
+    return np.linalg.svd(np.linalg.qr(points - points.mean(axis=0), mode="r"), full_matrices=True)[2]
 
 
 def _check(points: NDArray, dimensions: int) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 Rendering is linear in the Gaussians' values, so one forward pass a view tells for each Gaussian how many pixels' worth
 of weight it has in every mask; a vote over the views then needs no optimisation. Idea: FlashSplat (Shen et al. 2024),
 Eq. 5-7. Departures: a rim around mask edges counts neither for nor against a mask, because that is where detectors and
-depth discontinuities disagree; identities are not taken from the masks, they are found by `merge` or `dbscan`.
+depth discontinuities disagree; identities are not taken from the masks, the stage cluster finds them.
 """
 
 from __future__ import annotations

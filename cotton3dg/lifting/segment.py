@@ -28,6 +28,7 @@ from .lift import (
     within_orbit,
 )
 from .probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, sample_view, train_probabilities
+from .probability_pictures import PICTURED_STEPS, draw_lint, draw_training
 from .prompts import PromptView, lift_prompts
 
 SHOWN_VIEWS = 4
@@ -46,6 +47,10 @@ class Segmented:
     """affinity: (N, C), alike within a boll."""
     maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     """probability: image -> (H, W) rendered probabilities, of a few views."""
+    over_training: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
+    """probability: image -> picture of its map over the steps, of the same views."""
+    lint_alone: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
+    """probability: image -> picture of the lint alone."""
 
 
 def segmented(
@@ -73,11 +78,7 @@ def segmented(
     info = replace(info, rim_px=rim_px, weights_seconds=time.perf_counter() - begin_s)
     if options.method == "lift" or not cameras:
         return Segmented(lift(views, allowed, gaussians.sha256(), None, FOREGROUND_SHARE), info)
-    own = options.probability
-    probabilities, maps, info = _probabilities(gaussians, cameras, id_images, views, own, progress, info)
-    return Segmented(
-        lift(views, allowed, gaussians.sha256(), probabilities, own.threshold), info, probabilities, maps=maps
-    )
+    return _by_probabilities(gaussians, cameras, id_images, allowed, views, options.probability, progress, info)
 
 
 def _weights(
@@ -97,15 +98,16 @@ def _weights(
     return views
 
 
-def _probabilities(
+def _by_probabilities(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     id_images: Sequence[NDArray[np.uint16]],
+    allowed: NDArray[np.bool_],
     weights: Sequence[ViewWeights],
     options: ProbabilityOptions,
     progress: Progress,
     info: SegmentInfo,
-) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]], SegmentInfo]:
+) -> Segmented:
     """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote.
 
     Every `holdout`-th view neither trains nor votes, and has an mBIoU of its own.
@@ -118,14 +120,16 @@ def _probabilities(
     rays_seconds = time.perf_counter() - begin_s
     reached: list[tuple[int, float]] = []
     kept = []
-    for step, probabilities in train_probabilities(
-        views, np.full(len(gaussians), 0.5, np.float32), options.steps, options.seed
-    ):
+    start = np.full(len(gaussians), 0.5, np.float32)
+    pictured = {0: start}
+    for step, probabilities in train_probabilities(views, start, options.steps, options.seed):
         if step % 100 == 0:
             progress(step, options.steps, "probabilities")
         if step in REPORTED_STEPS or step == options.steps:
             reached.append((step, time.perf_counter() - begin_s))
             kept.append(probabilities.copy())
+        if step in PICTURED_STEPS or step == options.steps:
+            pictured[step] = probabilities.copy()
     voting = [weights[k] for k in training]
     vote = vote_foreground(voting, sum_seen_weights(voting, len(gaussians)))
     columns = np.stack([*kept, vote.astype(np.float32)], axis=1)
@@ -151,7 +155,16 @@ def _probabilities(
         vote=MeanIous(**ious[-1]),
         by_steps=tuple(by_steps),
     )
-    return kept[-1], shown, info
+    lint = gaussians[kept[-1] > options.threshold]
+    pictures = [camera for camera in cameras if camera.name in shown]
+    return Segmented(
+        lift(weights, allowed, gaussians.sha256(), kept[-1], options.threshold),
+        info,
+        kept[-1],
+        maps=shown,
+        over_training={camera.name: draw_training(gaussians, camera, pictured) for camera in pictures},
+        lint_alone={camera.name: draw_lint(lint, camera) for camera in pictures},
+    )
 
 
 def _by_features(

@@ -18,13 +18,14 @@ from ..options import ScaleOptions
 from .markers import MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
-from .sections import scale_from_sections
+from .sections import cut_table, draw_sections, scale_from_all_sections, scale_from_central_section
 from .table import NoTable, TableFit, find_table, outline_table, scale_from_table
 from .two_points import scale_from_distance
 
 VIEWS = 40
 """Photos in which the rim of the table is measured."""
 PICTURES = 3
+NO_GROUND = NoReference("no level plane is bounded like a table")
 Pictures = dict[str, NDArray[np.uint8]]
 
 
@@ -133,10 +134,20 @@ def _table(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
 
 def _sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
     if scene.ground is None:
-        return NoReference("no level plane is bounded like a table"), {}
+        return NO_GROUND, {}
+    cut = cut_table(scene.points, scene.ground, fit_orbit(scene.plant.cameras).radius)
+    if isinstance(cut, NoReference):
+        return cut, {}
+    pictures = _table_pictures(scene, scene.ground) | {"sections.jpg": draw_sections(cut)}
+    return scale_from_central_section(cut, options.table_width_cm), pictures
+
+
+def _all_sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    if scene.ground is None:
+        return NO_GROUND, {}
     radius = fit_orbit(scene.plant.cameras).radius
     sides = options.table_length_cm, options.table_width_cm
-    return scale_from_sections(scene.points, scene.ground, *sides, radius), _table_pictures(scene, scene.ground)
+    return scale_from_all_sections(scene.points, scene.ground, *sides, radius), _table_pictures(scene, scene.ground)
 
 
 def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
@@ -159,13 +170,20 @@ def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
     return reference, {f"points_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
-_FIND = {"table": _table, "sections": _sections, "aruco": _aruco, "distance": _distance}
+_FIND = {
+    "table": _table,
+    "sections": _sections,
+    "all-sections": _all_sections,
+    "aruco": _aruco,
+    "distance": _distance,
+}
 _TABLE_REMEDY = (
     "film so that all of the table top is seen, or give its size with --table-length-cm and --table-width-cm"
 )
 _REMEDY = {
     "table": _TABLE_REMEDY,
     "sections": _TABLE_REMEDY,
+    "all-sections": _TABLE_REMEDY,
     "aruco": "lay printed markers (cotton3dg markers) of at least 10 cm flat beside the plant and give --marker-cm",
     "distance": "pick both points in more images of sfm/undistorted/images",
     "all": "film so that all of the table top is seen, or lay printed markers (cotton3dg markers) beside the plant",

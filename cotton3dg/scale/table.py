@@ -138,10 +138,11 @@ def find_table(
 def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     """The scale at which a table has its known size, by least squares over both sides.
 
-    Edges are found equally well on all sides, so the longer one tells more; the seed paper's plain mean of the two
-    ratios would be led by the short side. The error is half their disagreement, as for a mean of two, and at least
-    `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may agree by chance. A side that ends in an unclear
-    edge, such as that of a wooden table before a wooden floor, is left out.
+    Edges are found equally well on all sides, so the longer one tells more: a plain mean of the two ratios would be led
+    by the short side. (Cotton3DGaussians uses the short side alone, see `sections`.) The error is half their
+    disagreement, as for a mean of two, and at least `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may
+    agree by chance. A side that ends in an unclear edge, such as that of a wooden table before a wooden floor, is left
+    out.
     """
     measured, known = np.array([fit.rectangle.length, fit.rectangle.width]), np.array([length_cm, width_cm])
     least = LEAST_ERROR if fit.rim else LEAST_ERROR_OF_POINTS

@@ -14,6 +14,10 @@ FOCAL = 0.82
 """Focal length in image widths: the main camera of a phone, about 26 mm in 35 mm terms with a video's crop."""
 
 
+LOCAL_RADIUS_M = 0.55
+"""Of local shots: a third to a half of the plant is in view."""
+
+
 @dataclass(frozen=True)
 class Orbit:
     """A smooth path of the camera, defined between the frames too."""
@@ -23,8 +27,10 @@ class Orbit:
     radius: float
     height: float
     """m above the table, on average."""
+    rises: Float64
+    """(L,) m by which position and aim are higher in each of so many turns."""
     turn: float
-    """rad from the first frame to the last."""
+    """rad of one turn."""
     start: float
     """rad."""
     sway: Float64
@@ -41,10 +47,13 @@ class Orbit:
         """The camera at a frame; fractions lie between frames."""
         t = frame / max(self.frames - 1, 1)
         sway = (self.sway * np.sin(2 * np.pi * self.cycles[:, None] * t + self.phases)).sum(axis=0)
-        angle = self.start + self.turn * t + sway[1]
+        done = len(self.rises) * t
+        # The last tenth of a turn leads to the height of the next.
+        rise = (0, 0, float(np.interp(done, *_steps(self.rises))))
+        angle = self.start + self.turn * done + sway[1]
         out = np.array([np.cos(angle), np.sin(angle), 0.0])
-        position = self.centre * (1, 1, 0) + (self.radius + sway[0]) * out + (0, 0, self.height + sway[2])
-        forward = unit(self.centre + sway[3:6] - position)
+        position = self.centre * (1, 1, 0) + (self.radius + sway[0]) * out + (0, 0, self.height + sway[2]) + rise
+        forward = unit(self.centre + rise + sway[3:6] - position)
         level = unit(np.cross(forward, (0, 0, 1.0)))
         right = np.cos(sway[6]) * level + np.sin(sway[6]) * np.cross(forward, level)
         rotation = np.stack([right, np.cross(forward, right), forward])
@@ -64,11 +73,20 @@ class Orbit:
         return [self.at(frame) for frame in range(self.frames)]
 
 
+def _steps(rises: Float64) -> tuple[Float64, Float64]:
+    """Turns done and the rise there: level, but for the last tenth of every turn before another one."""
+    turns = np.arange(len(rises))
+    return np.stack([turns, turns + 0.9], 1).ravel(), np.repeat(rises, 2)
+
+
 def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     """The path of a seed: as near as 1.1 m, or as far as it takes to keep the whole plant in view.
 
+    Local shots, as Table 4 of Cotton3DGaussians has them, make a turn each at the lower, middle and upper third of the
+    plant, 0.55 m from it.
+
     Args:
-        options: `seed`, `frames`, `width`, `height`.
+        options: `seed`, `frames`, `width`, `height`, `shot`.
         vertices: (V, 3) m of the plant.
     """
     rng = np.random.default_rng([options.seed, 3])
@@ -88,12 +106,25 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     start, phases = rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi, (3, 7))
     probe = vertices[:: max(1, len(vertices) // 4000)]
     probe = np.concatenate([probe, vertices[np.argmin(vertices, axis=0)], vertices[np.argmax(vertices, axis=0)]])
-    radius = 1.10
+    thirds = (high[2] - low[2]) / 3 * np.array([-1.0, 0.0, 1.0])
+    rises = thirds if options.shot == "local" else np.zeros(1)
+    radius = LOCAL_RADIUS_M if options.shot == "local" else 1.10
     while True:
         path = Orbit(
-            centre, radius, height, turn, start, sway, cycles, phases, options.frames, options.width, options.height
+            centre,
+            radius,
+            height,
+            rises,
+            turn,
+            start,
+            sway,
+            cycles,
+            phases,
+            options.frames,
+            options.width,
+            options.height,
         )
-        if all(_in_view(camera, probe) for camera in path.cameras()):
+        if options.shot == "local" or all(_in_view(camera, probe) for camera in path.cameras()):
             return path
         radius += 0.02
 

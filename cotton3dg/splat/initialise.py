@@ -41,6 +41,11 @@ FILL_REACH = 0.4
 FILL_OPACITY = 0.1
 """As in Kerbl et al. 2023: most of the filling stands in thin air and has to vanish."""
 
+POINT_OPACITY = 0.1
+"""Of the points of structure from motion alone, as in Kerbl et al. 2023. Cotton3DGaussians writes opacity 1 and unit
+covariance: the logit of 1 is infinite and has no gradient, and opaque Gaussians of 1 su, a third of a metre, hide all
+behind the first one from every ray."""
+
 
 def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:
     """Gaussians at the points of structure from motion, at dense points from the training views, and a thin filling.
@@ -48,7 +53,13 @@ def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], op
     Neither features nor flow find a lone white boll in front of a textured wall, and splitting cannot reach it from
     elsewhere in a short training. The filling leaves something there to grow. (Measured on a simulated plant at
     640x360, 2000 steps: 7 instead of 5 of its 8 bolls.)
+
+    `options.start = "points"`: the points of structure from motion alone.
     """
+    if options.start == "points":
+        return place_gaussians(
+            points, colours, options.sh_degree, options.max_gaussians, options.seed, opacity=POINT_OPACITY
+        )
     n_filling = round(FILL_SHARE * options.max_gaussians)
     n_dense = max(0, round(START_SHARE * options.max_gaussians) - len(points))
     dense, dense_colours = find_dense_points(views, points, n_dense, options.seed)
@@ -81,7 +92,14 @@ def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Ga
     )
 
 
-def place_gaussians(points: NDArray, colours: NDArray, sh_degree: int, max_gaussians: int, seed: int) -> Gaussians:
+def place_gaussians(
+    points: NDArray,
+    colours: NDArray,
+    sh_degree: int,
+    max_gaussians: int,
+    seed: int,
+    opacity: float = START_OPACITY,
+) -> Gaussians:
     """One isotropic Gaussian a point (Kerbl et al. 2023, section 5.1).
 
     The standard deviation is the root of the mean squared distance to the three nearest neighbours. Departures from the
@@ -112,7 +130,7 @@ def place_gaussians(points: NDArray, colours: NDArray, sh_degree: int, max_gauss
         points.astype(np.float32),
         quats,
         np.repeat(np.log(starting_scales(points)).astype(np.float32)[:, None], 3, axis=1),
-        np.full(n, np.log(START_OPACITY / (1 - START_OPACITY)), np.float32),
+        np.full(n, np.log(opacity / (1 - opacity)), np.float32),
         sh,
     )
 

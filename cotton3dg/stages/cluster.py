@@ -6,16 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clustering.agglomerative import cluster_objects
+from ..clustering.agglomerative import join_objects
 from ..clustering.boll_masks import assign_masks, weigh_agreement
 from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
+from ..clustering.dbscan import cluster_objects
+from ..clustering.view_picture import draw_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, describe_bolls, read_lifted
 from ..documents.masks import MasksInfo
 from ..errors import BadInput
 from ..files.colmap import read_cameras
+from ..files.images import write_image
 from ..files.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
@@ -28,8 +31,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none) and bolls.ply, coloured by boll; on request
-    a PLY a boll."""
+    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none), bolls.ply, coloured by boll, and views.jpg, what
+    one view shows beside what all do; on request a PLY a boll."""
     lifted = read_lifted(workspace.require(workspace.selections_npz, "segment"))
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     if lifted.gaussians_sha256 != gaussians.sha256():
@@ -38,7 +41,9 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     if options.method == "dbscan":
-        bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps)
+        bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps, options.dbscan.min_samples)
+    elif options.method == "agglomerative":
+        bolls = join_objects(lifted, gaussians.means, up, options.agglomerative.reach)
     else:
         bolls = merge_views(lifted, gaussians.means, up)
     bolls = flag_close(bolls)
@@ -52,6 +57,8 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
         write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
             write_gaussians(folder / workspace.boll_ply(boll.boll_id).name, gaussians[boll.indices])
+        if (picture := draw_views(gaussians, cameras, lifted, bolls)) is not None:
+            write_image(folder / workspace.views_jpg.name, picture)
     doubtful = sum(bool(boll.flags) for boll in bolls)
     summary = {
         "bolls": len(bolls),
@@ -61,11 +68,10 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     }
     if bolls:
         return StageOutcome(summary)
-    return StageOutcome(
-        summary, ("no_bolls",), ("no boll was seen alike by two views; look at masks/ and at --views of masks",)
-    )
+    seen = "no view shows a boll" if options.method == "dbscan" else "no boll was seen alike by two views"
+    return StageOutcome(summary, ("no_bolls",), (f"{seen}; look at masks/ and at --views of masks",))
 
 
 STAGE = Stage(
-    "cluster", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +38,7 @@ def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
     """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks; and
     the model, where `bolls` and `lint` look at it."""
     chosen = as_dict(options)
-    named = [_found_file(workspace, chosen[name]) for name in (*WEIGHTS, "prompts", "source") if chosen.get(name)]
+    named = [workspace.named_file(chosen[name]) for name in (*WEIGHTS, "prompts", "source") if chosen.get(name)]
     if options.backend == "bolls" and not options.bolls.weights:
         named.append(SHIPPED_FILE)
     return [*named, workspace.gaussians_ply] if _looks_at_model(options) else named
@@ -96,14 +95,8 @@ def _load(workspace: Workspace, options: MasksOptions) -> Plant:
         allowed=None if model is None else within_orbit(model.means, cameras, fit_orbit(cameras)),
         filmed=workspace.sfm_model,
         own_masks=workspace.masks_input,
-        file=partial(_found_file, workspace),
+        file=workspace.named_file,
     )
-
-
-def _found_file(workspace: Workspace, text: str) -> Path:
-    """A path relative to the plant's folder or, where there is none, to where the command runs."""
-    beside = workspace.root / text
-    return beside if beside.exists() else Path(text)
 
 
 def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
@@ -111,7 +104,7 @@ def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, st
     sums: dict[str, str] = {}
     chosen = as_dict(options)
     for text in (chosen[name] for name in WEIGHTS if chosen.get(name)):
-        path = _found_file(workspace, text)
+        path = workspace.named_file(text)
         files = [path] if path.is_file() else sorted([*path.glob("*.safetensors"), *path.glob("*.bin")])
         sums |= {f"{path.name}/{file.name}" if path.is_dir() else file.name: file_sha256(file) for file in files}
     return sums

@@ -22,7 +22,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes scale.json and photos that show the reference: table_<n>.jpg, markers_<n>.jpg or points_<n>.jpg.
+    """Writes scale.json and photos that show the reference: table_<n>.jpg, sections.jpg, markers_<n>.jpg,
+    points_<n>.jpg.
 
     Raises:
         NoScale: no reference was found although `require_scale` is set.
@@ -66,4 +67,4 @@ def _load(workspace: Workspace, options: ScaleOptions) -> Plant:
     )
 
 
-STAGE = Stage("scale", version=5, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))
+STAGE = Stage("scale", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

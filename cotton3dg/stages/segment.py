@@ -15,7 +15,7 @@ from ..documents.bolls import write_lifted
 from ..errors import BadInput
 from ..files.colmap import read_cameras
 from ..files.images import fit_size, read_ids, write_image
-from ..files.ply import read_gaussians
+from ..files.ply import read_gaussians, write_gaussians
 from ..lifting.lift import resize_ids
 from ..lifting.segment import segmented
 from ..options import SegmentOptions
@@ -31,7 +31,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
     """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them; and segment.json.
 
-    The method `probability` also writes probabilities.npy and rendered maps, `affinity` features.npy.
+    The method `probability` also writes probabilities.npy, lint.ply (the Gaussians above the threshold), and of a few
+    views the rendered map, its way over the training and the lint alone; `affinity` writes features.npy.
     """
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
@@ -42,10 +43,16 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         found.info.save(folder / workspace.segment_json.name)
         if found.probabilities is not None:
             np.save(folder / workspace.probabilities_npy.name, found.probabilities)
+            lint = gaussians[found.probabilities > options.probability.threshold]
+            write_gaussians(folder / workspace.lint_ply.name, lint)
         if found.features is not None:
             np.save(folder / workspace.features_npy.name, found.features)
         for name, image in found.maps.items():
             write_image(folder / workspace.probability_png(name).name, np.repeat(to_uint8(image)[..., None], 3, axis=2))
+        for name, picture in found.over_training.items():
+            write_image(folder / workspace.training_jpg(name).name, picture)
+        for name, picture in found.lint_alone.items():
+            write_image(folder / workspace.lint_jpg(name).name, picture)
     summary = {
         "views": len(found.lifted.views),
         "masks": len(found.lifted.selections),
@@ -90,4 +97,4 @@ def _cost(work: Work) -> Cost:
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 
-STAGE = Stage("segment", version=4, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)
+STAGE = Stage("segment", version=5, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -13,6 +13,7 @@ from ..core.scene import Gaussians
 from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
 from ..documents.sfm import SfmInfo
+from ..documents.train import TrainMetrics
 from ..errors import BadInput
 from ..files.checkpoint import read_training, write_training
 from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
@@ -27,6 +28,7 @@ from ..splat.plant_windows import find_plant_windows
 from ..splat.rasterizer import Window
 from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
 from ..splat.views import View
+from ..training.foreign_model import as_fit, explained, read_foreign
 from ..training.photos import Capture, SparseModel, capture_of
 from ..training.quality import judged, outcome_of
 from ..workspace import Workspace
@@ -44,11 +46,20 @@ def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted]
 
 
+def named_files(workspace: Workspace, options: TrainOptions) -> list[Path]:
+    return [workspace.named_file(text) for text in (options.model, options.transforms) if text]
+
+
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
     watch = Stopwatch()
     capture = load_capture(workspace, options)
     watch.lap("loading")
+    if options.model:
+        model = read_foreign(*named_files(workspace, options))
+        outcome = save_model(workspace, as_fit(model), capture)
+        watch.lap("judging")
+        return replace(explained(outcome, TrainMetrics.load(workspace.metrics_json)), parts_s=watch.parts_s)
     result = _fitted(workspace, options, capture.training, progress, watch)
     watch.lap("steps")
     outcome = save_model(workspace, result, capture)
@@ -154,6 +165,9 @@ def _cost(work: Work) -> Cost:
     """Loading the images, and all steps: each costs by its pixels and by the Gaussians there are by then."""
     options: TrainOptions = work.options["train"]
     full_mp = work.megapixels(options.max_side)
+    judging = Cost((0.03 + 0.17 * full_mp) * work.images)
+    if options.model:
+        return judging
     ends = levels(min(options.max_side, max(work.size)), options.steps)
     start = (START_SHARE + FILL_SHARE) * options.max_gaussians
     # A quarter of a Gaussian's time, at degree 3, goes into its colour and the optimiser of it.
@@ -166,7 +180,16 @@ def _cost(work: Work) -> Cost:
         millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
         of_whole = WINDOWED if options.plant_window and factor == 1 and share > DENSIFY_UNTIL else 1.0
         steps_s += options.steps / COST_SLICES * of_whole * (0.1 * full_mp / factor**2 + per_million * millions)
-    return Cost((0.03 + 0.17 * full_mp) * work.images + steps_s)
+    return Cost(judging.shared_s + steps_s)
 
 
-STAGE = Stage("train", version=11, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, splats=True)
+STAGE = Stage(
+    "train",
+    version=11,
+    inputs=inputs,
+    run=run,
+    cost=_cost,
+    disk_bytes=_disk_bytes,
+    named_files=named_files,
+    splats=True,
+)

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
 from ..core.columns import cells_of
-from ..core.measurements import PlantEvidence, Scale
+from ..core.measurements import PlantEvidence, PlantTraits, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.bolls import read_bolls
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.train import TrainMetrics
+from ..documents.weights import WeightModel
 from ..errors import BadInput
 from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import TraitsOptions
 from ..traits.measure import measure_plant
+from ..traits.weight import predict_weight
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
@@ -39,6 +42,10 @@ def inputs(workspace: Workspace) -> list[Path]:
     ]
 
 
+def named_files(workspace: Workspace, options: TraitsOptions) -> list[Path]:
+    return [workspace.named_file(options.weight_model)] if options.weight_model else []
+
+
 def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silent) -> StageOutcome:
     """Writes traits.csv, bolls.csv, columns.csv (what each column means) and plant.npy (rows of the plant)."""
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
@@ -49,6 +56,8 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
+    if weights := named_files(workspace, options):
+        measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
     evidence = _evidence(workspace, scale, metrics, measured.flags)
     whose = {"plant_id": options.plant_id or workspace.plant_id}
     tables = {
@@ -64,6 +73,18 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         np.save(folder / workspace.plant_npy.name, rows_of_plant)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
     return StageOutcome({key: getattr(measured.traits, key) for key in keys}, measured.flags, measured.warnings)
+
+
+def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
+    """The traits with the weight that a fit predicts."""
+    weight = predict_weight(model, cells_of(traits))
+    return replace(
+        traits,
+        seed_cotton_g=weight.seed_cotton_g,
+        seed_cotton_low_g=weight.low_g,
+        seed_cotton_high_g=weight.high_g,
+        lint_g=weight.lint_g,
+    )
 
 
 def _evidence(
@@ -89,4 +110,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 1.5 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=6, inputs=inputs, run=run, cost=_cost)
+STAGE = Stage("traits", version=7, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import pipeline
 from ..errors import BadUsage
-from ..options import PRESETS, resolve
+from ..options import FINER_PRESETS, PRESETS, resolve
 from ..stages.stage import Footage
 from ..workspace import Workspace
 from .tables import TITLES
@@ -24,6 +24,9 @@ FACTORS: dict[str, tuple[str, str, tuple[Any, ...]]] = {
     "method": ("segment", "method", ("lift", "probability", "affinity")),
 }
 """Sweep -> stage, option and values, coarse to fine. Besides, there are `style` and `preset`."""
+
+CLUSTERED_BY = {"affinity": "dbscan"}
+"""Method of segment -> that of cluster which belongs to it, as published; others go with the base's."""
 
 CHEAP = ("resolution", "steps", "views")
 """They share the cameras, which take longest."""
@@ -73,6 +76,8 @@ def settings_of(
     overrides: Mapping[str, Mapping[str, Any]],
     source: Footage,
     values: Sequence[str] = (),
+    *,
+    local: bool = False,
 ) -> list[Setting]:
     """The settings of a sweep, coarse to fine, that of the base among them.
 
@@ -80,21 +85,25 @@ def settings_of(
 
     Args:
         values: those to try instead of the usual ones.
+        local: the plant was also filmed close by, so that no crop has to stand for it.
     Raises:
         BadUsage: a value that the option does not take.
     """
     given = {stage: dict(own) for stage, own in overrides.items()}
     base = pipeline.stage_options(plant, preset, given)
     if sweep == "preset":
-        names = [name for name in PRESETS if not values or name in (*values, preset)]
+        # Other methods are tried when they are named; the finest comes last, as what changes are told against.
+        ordered = [*(name for name in PRESETS if name not in FINER_PRESETS), *FINER_PRESETS]
+        names = [name for name in ordered if name in (*(values or FINER_PRESETS), preset)]
         own = {name: pipeline.stage_options(plant, name, given) for name in names}
         return [
             Setting(sweep, name, options, obstacle_of(options, base, source), is_base=name == preset)
             for name, options in own.items()
         ]
     if sweep == "style":
-        obstacle = "" if source.is_video else "only a video can be cropped"
-        return [Setting(sweep, "partial", base, obstacle, partial=True), Setting(sweep, "whole", base, is_base=True)]
+        obstacle = "" if source.is_video or local else "only a video can be cropped"
+        near = Setting(sweep, "local" if local else "partial", base, obstacle, partial=True)
+        return [near, Setting(sweep, "whole", base, is_base=True)]
     stage, option, usual = FACTORS[sweep]
     base_value = getattr(base[stage], option)
     wanted = tuple(getattr(resolve(stage, {option: value}), option) for value in values) or usual
@@ -109,6 +118,11 @@ def settings_of(
     found = []
     for value in wanted if isinstance(base_value, str) else sorted(wanted):
         options = {**base, stage: replace(base[stage], **{option: value})}
+        if sweep == "resolution" and value > base["frames"].max_side:
+            # Frames are taken at the size of the row, else it would train on smaller ones than its name says.
+            options["frames"] = replace(base["frames"], max_side=value)
+        if sweep == "method" and "method" not in given.get("cluster", {}):
+            options["cluster"] = replace(base["cluster"], method=CLUSTERED_BY.get(value, base["cluster"].method))
         obstacle = obstacle_of(options, base, source)
         found.append(Setting(sweep, str(value), options, obstacle, is_base=value == base_value))
     return found
@@ -122,7 +136,8 @@ def obstacle_of(options: Mapping[str, Any], base: Mapping[str, Any], source: Foo
         return f"there are only {source.frames} images"
     if views > count and views != base["masks"].views:
         return f"only {count} images are taken"
-    # Sizes beyond that of the images are that of the images; the first of them stays.
-    if side >= 2 * longer and side != base["train"].max_side:
+    # Sizes beyond that of the images are that of the images; the first of them stays, unless it asks for larger frames.
+    too_large = side > longer if side > base["frames"].max_side else side >= 2 * longer
+    if too_large and side != base["train"].max_side:
         return f"the images have only {longer} px"
     return ""

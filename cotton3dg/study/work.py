@@ -49,11 +49,14 @@ class Study:
         *,
         budget_s: float = math.inf,
         truth_json: Path | None = None,
+        lpips: Path | None = None,
+        local: Workspace | None = None,
         watcher: Watcher | None = None,
         tell: Tell = print,
     ):
         self.plant, self.preset, self.overrides = plant, preset, overrides or {}
         self.watcher, self.tell = watcher or Watcher(), tell
+        self.lpips, self.local = lpips, local
         self.source = examine_footage(plant)
         options = pipeline.stage_options(plant, preset, {stage: dict(own) for stage, own in self.overrides.items()})
         self.base = Setting("base", preset, options)
@@ -73,7 +76,9 @@ class Study:
             Cotton3dgError: the base setting fails or does not fit into the time.
         """
         tables = {
-            sweep: settings_of(sweep, self.plant, self.preset, self.overrides, self.source, values)
+            sweep: settings_of(
+                sweep, self.plant, self.preset, self.overrides, self.source, values, local=self.local is not None
+            )
             for sweep, values in sweeps.items()
         }
         with self.plant.locked():
@@ -132,6 +137,9 @@ class Study:
     def _workspace(self, setting: Setting) -> Workspace:
         """The setting's folder, with what other folders have finished for it."""
         workspace = self.plant.study_setting(setting.sweep, setting.value)
+        if setting.partial and self.local:
+            self.local.share_inputs(workspace)
+            return workspace
         if setting.partial:
             cropped = workspace.root / "partial.mp4"
             if not cropped.exists():
@@ -218,7 +226,7 @@ class Study:
             record = workspace.read_record(stage)
             if record and not (setting.passing and stage == "train"):
                 self.timed[stage].append((record.seconds, modelled[stage].seconds(len(usable_cores()))))
-        row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"])
+        row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"], self.lpips)
         self.rows[setting.sweep, setting.value] = row
 
     def _told_rows(self) -> list[dict[str, Any]]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
 from ..core.measurements import BollTraits, PlantTraits, Scale
@@ -13,6 +15,7 @@ from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .isolate import Plant, isolate_plant
+from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
 from .surface import SAMPLES, as_drawn, sample_surface_of_volume, sample_visible_surface, surface_rows
 
@@ -99,8 +102,8 @@ def measure_bolls(
     traits = []
     for boll in bolls:
         cm = scale.cm_per_su if scale else np.nan
-        own = drawn[boll.indices]
-        own = own[surface_rows(own)]
+        whole = drawn[boll.indices]
+        own = whole[surface_rows(whole)]
         body = opaque_hull(own)
         volume, diameter = convex_volume(body), calliper_diameter(body)
         rolled = volume
@@ -126,6 +129,7 @@ def measure_bolls(
                 flags=tuple(doubt for doubt in doubts if doubt),
                 volume_error_cm3=volume.value * cm**3 * volume_error(diameter.value, len(boll.views), scale, pixel_su),
                 projected_area_cm2=projected_area(body).value * cm**2,
+                volume_published_cm3=hull_of_means(whole).value * cm**3,
             )
         )
     return traits
@@ -148,18 +152,19 @@ def volume_error(diameter_su: float, n_views: int, scale: Scale | None, pixel_su
 class PlantSize:
     """Size of a plant, cm and cm³."""
 
-    height_cm: float
-    height_obb_cm: float
-    length_cm: float
-    width_cm: float
-    hull_volume_cm3: float
+    height_cm: float = nan
+    height_obb_cm: float = nan
+    length_cm: float = nan
+    width_cm: float = nan
+    hull_volume_cm3: float = nan
+    published: PublishedSize = NO_PUBLISHED_SIZE
 
 
 def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSize | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
     The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
-    most upright (seed paper).
+    most upright.
 
     Returns:
         None when nothing of the plant is opaque.
@@ -167,22 +172,29 @@ def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSiz
     surface = sample_visible_surface(drawn[plant.rows], TIP_OPACITY)
     if not len(surface):
         return None
-    places = (surface - plant.foot) @ scale.table_frame.T * scale.cm_per_su
-    return measure_places(places, places[:, 2].reshape(-1, SAMPLES).max(axis=1))
+
+    def in_plant_frame(points: NDArray) -> Float64:
+        return (points.astype(np.float64) - plant.foot) @ scale.table_frame.T * scale.cm_per_su
+
+    places = in_plant_frame(surface)
+    return measure_places(
+        places, places[:, 2].reshape(-1, SAMPLES).max(axis=1), in_plant_frame(drawn.means[plant.rows])
+    )
 
 
-def measure_places(places: Float64, tops: Float64) -> PlantSize:
+def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:
     """Size of a plant whose surface is given in the plant frame.
 
     Args:
         places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
+        middles: (M, 3) cm, places of these.
     """
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())
     length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull)
+    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, box_of_means(middles))
 
 
 def summarise_plant(
@@ -201,13 +213,15 @@ def summarise_plant(
     if bolls and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE:
         flags.append("doubtful_bolls")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
-    size = silhouette or PlantSize(*[np.nan] * 5)
+    size = silhouette or PlantSize()
     canopy_cm = (size.length_cm + size.width_cm) / 2
     shared = scale.relative_error if scale else np.nan
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
     errors = np.array([boll.volume_error_cm3 for boll in bolls])[np.isfinite(volumes)]
     own = np.maximum(errors**2 - (3 * shared * known) ** 2, 0.0)
     areas = np.array([boll.projected_area_cm2 for boll in bolls])
+    hulls = np.array([boll.volume_published_cm3 for boll in bolls])
+    hulls = hulls[np.isfinite(hulls)]
     heights = np.array([boll.centre_cm[2] for boll in bolls])
     heights = heights[np.isfinite(heights)]
     confidences = np.array([boll.confidence for boll in bolls])
@@ -236,4 +250,7 @@ def summarise_plant(
         boll_volume_error_cm3=float(np.hypot(3 * shared * known.sum(), np.sqrt(own.sum()))) if measured else np.nan,
         plant_height_error_cm=float(np.hypot(size.height_cm * shared, pixel_cm)),
         canopy_size_error_cm=float(np.hypot(canopy_cm * shared, pixel_cm)),
+        boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,
+        plant_height_published_cm=size.published.height_cm,
+        canopy_size_published_cm=size.published.canopy_cm,
     )

@@ -96,11 +96,13 @@ def test_distance_without_points_or_length_says_what_to_do(workspace):
         scale.run(workspace, resolve("scale", {"method": "distance", "distance_cm": 100.0}))
 
 
-def test_sections_give_the_scale_of_the_points(workspace):
-    scale.run(workspace, ScaleOptions(method="sections"))
+@pytest.mark.parametrize("method", ["sections", "all-sections"])
+def test_sections_give_the_scale_of_the_points(workspace, method):
+    scale.run(workspace, ScaleOptions(method=method))
     found = read_scale(workspace.scale_json)
-    assert found.source == "sections"
+    assert found.source == method
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.02)
+    assert (workspace.scale_json.parent / "sections.jpg").is_file() == (method == "sections")
 
 
 def test_no_marker_is_said(workspace):

@@ -11,6 +11,7 @@ from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.files.images import read_image
+from cotton3dg.files.ply import read_gaussians
 from cotton3dg.options import ClusterOptions, resolve
 from cotton3dg.stages import cluster, segment
 from cotton3dg.workspace import Workspace
@@ -46,7 +47,10 @@ def test_probabilities_become_bolls(workspace):
     maps = sorted(workspace.folder("segment").glob("probability_*.png"))
     assert len(maps) == 4 and read_image(maps[0]).shape == (200, 240, 3)
     assert read_image(maps[0]).max() > 200
-    for method in ("consensus", "dbscan"):
+    assert len(read_gaussians(workspace.lint_ply)) == (probabilities > 0.75).sum()
+    for kind in ("training", "lint"):
+        assert len(list(workspace.folder("segment").glob(f"{kind}_*.jpg"))) == 4
+    for method in ("consensus", "dbscan", "agglomerative"):
         cluster.run(workspace, ClusterOptions(method=method))
         assert {0, 1, 4} <= found(workspace)
 

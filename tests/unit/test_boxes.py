@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box
+from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box, standing_box
 
 
 def test_rectangle_of_a_turned_rectangle():
@@ -56,3 +56,26 @@ def test_a_box_needs_points():
     for points in (np.zeros((0, 3)), np.zeros((4, 2)), np.full((3, 3), np.nan)):
         with pytest.raises(ValueError, match="finite points"):
             oriented_box(points)
+
+
+def test_a_flat_set_of_many_points_has_a_box_along_its_rim():
+    """100,000 points of a 6 x 4 table, half of them in one corner, turned in space."""
+    rng = np.random.default_rng(7)
+    flat = np.vstack(
+        [rng.uniform(-1, 1, (50_000, 2)), rng.uniform(0.8, 1, (50_000, 2)), [[x, y] for x in (-1, 1) for y in (-1, 1)]]
+    )
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    box = oriented_box(np.column_stack([3 * flat[:, 0], 2 * flat[:, 1], np.zeros(len(flat))]) @ turn.T)
+    assert box.sides == pytest.approx([6, 4, 0], rel=1e-3, abs=1e-9)
+
+
+def test_a_frayed_corner_does_not_turn_the_standing_box():
+    """Three corners of a table and many points around where the fourth was: the rim is where the rectangle lies."""
+    angles = np.linspace(0, np.pi / 2, 60)
+    rounded = np.column_stack([2 + np.cos(angles), 1 + np.sin(angles), np.full(60, 0.02)])
+    cloud = np.vstack([rounded, [[-3, -2, 0], [3, -2, 0], [-3, 2, 0]]])
+    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    box = standing_box(cloud @ turn.T)
+    assert box.sides == pytest.approx([6, 4, 0.02])
+    assert abs(box.axes[0] @ turn[:, 0]) == pytest.approx(1)
+    assert abs(oriented_box(cloud @ turn.T).axes[0] @ turn[:, 0]) != pytest.approx(1, abs=1e-3)

@@ -99,9 +99,12 @@ def test_points_on_the_line_lie_on_the_diagonal():
     figure = plot_scatter("x", true, measured, ["n = 3"])
     figure.draw_without_rendering()
     (axes,) = figure.axes
-    (dots,), (diagonal,) = axes.collections, axes.lines
+    (dots,), (diagonal, regression) = axes.collections, axes.lines
     np.testing.assert_array_equal(dots.get_offsets(), np.column_stack([true, measured]))
     np.testing.assert_array_equal(*diagonal.get_data())
+    # By hand: slope 32 / 32, and 1/3 lower, for the middle point lies 1 below the line.
+    x, y = regression.get_data()
+    assert y - x == pytest.approx(np.full(2, -1 / 3))
     assert axes.get_xlim() == axes.get_ylim() == pytest.approx((0.6, 9.4))
     box = axes.get_window_extent()
     assert box.width == pytest.approx(box.height)

@@ -7,6 +7,7 @@ from scenes.training_scene import orbit_camera
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput
+from cotton3dg.options import TrainOptions
 from cotton3dg.splat.flow_points import find_dense_points, find_neighbouring_pairs
 from cotton3dg.splat.initialise import (
     FILL_OPACITY,
@@ -15,6 +16,7 @@ from cotton3dg.splat.initialise import (
     START_OPACITY,
     fill,
     place_gaussians,
+    start_gaussians,
     starting_scales,
 )
 from cotton3dg.splat.trainer import image_order
@@ -28,6 +30,16 @@ def grey(n: int) -> np.ndarray:
 def test_scale_is_the_root_mean_square_distance_to_three_neighbours() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [-4, 0, 0]])
     assert starting_scales(points)[0] == pytest.approx(np.sqrt((1 + 4 + 9) / 3))
+
+
+def test_a_gaussian_a_point_and_no_more_where_that_is_asked_for() -> None:
+    """The points of structure from motion, faint as in Kerbl et al.; no dense points, no filling."""
+    points = np.random.default_rng(2).normal(size=(30, 3))
+    views = [View(orbit_camera(k), np.zeros((48, 64, 3), np.uint8)) for k in range(3)]
+    gaussians = start_gaussians(points, grey(30), views, TrainOptions(start="points", max_gaussians=1000))
+    np.testing.assert_allclose(gaussians.means, points, rtol=1e-6)
+    np.testing.assert_allclose(gaussians.opacities, 0.1, rtol=1e-5)
+    np.testing.assert_allclose(gaussians.scales[:, 0], starting_scales(points), rtol=1e-5)
 
 
 def test_colour_opacity_and_rotation_of_the_start() -> None:

@@ -160,3 +160,20 @@ def test_a_record_of_all_methods_is_read():
         for method in next(places(kind)).item.metadata["choices"] or (None,):
             options = resolve(stage, {next(places(kind)).name: method} if method else {})
             assert recorded(stage, as_dict(options)) == options
+
+
+def test_the_papers_presets_are_what_is_published():
+    first, second = PRESET_VALUES["paper1"], PRESET_VALUES["paper2"]
+    segment = resolve("segment", first["segment"])
+    assert (segment.method, segment.probability.steps, segment.probability.threshold) == ("probability", 7000, 0.75)
+    assert segment.probability.spacing == 1
+    assert list(first) == ["segment"]  # the model is what it was
+    assert resolve("frames", second["frames"]).count == 100
+    train = resolve("train", second["train"])
+    assert (train.steps, train.start, train.max_side, train.dssim) == (30_000, "points", 960, 0.2)
+    assert resolve("masks", second["masks"]).views == 4
+    affinity = resolve("segment", second["segment"]).affinity
+    assert (affinity.views, affinity.features, affinity.feature_steps) == (4, 32, 10_000)
+    dbscan = resolve("cluster", second["cluster"]).dbscan
+    assert (dbscan.eps, dbscan.min_samples) == (0.3, 10)
+    assert resolve("scale", second["scale"]).method == "sections"

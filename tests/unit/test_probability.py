@@ -7,7 +7,7 @@ import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
 from scenes.boll_scene import cameras, masks_of, model
-from scenes.splat_scenes import arrays_of, native_view
+from scenes.splat_scenes import arrays_of, native_view, round_gaussians
 
 from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
@@ -20,6 +20,7 @@ from cotton3dg.lifting.probability import (
     sample_view,
     train_probabilities,
 )
+from cotton3dg.lifting.probability_pictures import draw_lint, draw_training
 from cotton3dg.splat.rasterizer import near_plane, render_values
 
 SIZE = (60, 50)
@@ -135,3 +136,18 @@ def test_mean_ious():
     ious = mean_binary_ious([image, image * 0], [inside, nothing])
     np.testing.assert_allclose(ious, [[1, 0.75, 0.5, 0.25], [1 / 3] * 4])
     assert np.isnan(mean_binary_ious([image * 0], [nothing])).all()
+
+
+def test_the_picture_of_a_training_has_a_map_for_each_step():
+    """One Gaussian before the camera: dark at p = 0, the brightest yellow of the map at p = 1."""
+    gaussians = round_gaussians(np.array([[0, 0, 2.0]]), 0.4, logit=7.0)
+    camera = Camera("a.jpg", 64, 48, 60.0, 60.0, 32.0, 24.0, np.eye(4)[:3])
+    steps = {n: np.full(1, p, np.float32) for n, p in ((0, 0.0), (500, 0.5), (1000, 1.0), (2000, 1.0), (3000, 1.0))}
+    picture = draw_training(gaussians, camera, steps)
+    assert picture.shape == (720, 1920, 3)  # two rows of four, the last three blank
+    middles = picture[180::360, 240::480].reshape(-1, 3).astype(int)
+    assert middles[:3].sum(axis=1).tolist() == sorted(middles[:3].sum(axis=1).tolist())
+    assert middles[2].tolist() == pytest.approx([253, 231, 37], abs=12)
+    assert (middles[5:] == 255).all()
+    lint = draw_lint(gaussians, camera)
+    assert lint.shape == (48, 64, 3) and lint[24, 32].max() > 100 and lint[0, 0].max() < 5

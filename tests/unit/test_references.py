@@ -9,8 +9,13 @@ from cotton3dg.files.picks import read_picks
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.triangulation import triangulate
 from cotton3dg.scale.rectangle import Rectangle
-from cotton3dg.scale.references import Reference, distance_ratios, find_ground, reconcile, scale_on
-from cotton3dg.scale.sections import scale_from_sections
+from cotton3dg.scale.references import NoReference, Reference, distance_ratios, find_ground, reconcile, scale_on
+from cotton3dg.scale.sections import (
+    cut_table,
+    draw_sections,
+    scale_from_all_sections,
+    scale_from_central_section,
+)
 from cotton3dg.scale.two_points import scale_from_distance
 
 CAMERAS = orbit(20, 320, 180)
@@ -46,19 +51,60 @@ def test_the_error_of_a_point_is_what_its_scatter_predicts():
     assert 0.3 * found[0].su_per_px == pytest.approx(scatter, rel=0.3)
 
 
-def test_sections_give_the_scale_of_the_points():
+def test_all_sections_give_the_scale_of_the_points():
     points = POSE.scene(table_points_cm(np.random.default_rng(0), 8000))
-    found = scale_from_sections(points, TABLE, 120, 60, fit_orbit(CAMERAS).radius)
+    found = scale_from_all_sections(points, TABLE, 120, 60, fit_orbit(CAMERAS).radius)
     assert isinstance(found, Reference)
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.015)
     assert found.relative_error < 0.02
 
 
-def test_sections_of_another_shape_or_of_nothing_are_refused():
+def test_all_sections_of_another_shape_or_of_nothing_are_refused():
     points = POSE.scene(table_points_cm(np.random.default_rng(0), 8000))
     radius = fit_orbit(CAMERAS).radius
-    assert "disagree" in scale_from_sections(points, TABLE, 120, 90, radius).reason
-    assert "few points" in scale_from_sections(points[:50], TABLE, 120, 60, radius).reason
+    assert "disagree" in scale_from_all_sections(points, TABLE, 120, 90, radius).reason
+    assert "few points" in scale_from_all_sections(points[:50], TABLE, 120, 60, radius).reason
+
+
+def waisted_table() -> tuple[np.ndarray, Rectangle]:
+    """A cloud 13 su long, 6 su wide in the central one of 11 sections and 6.1 su elsewhere, on its plane."""
+    x, y = np.meshgrid(np.linspace(-6.5, 6.5, 1101), np.linspace(-1, 1, 61))
+    half = np.where(np.abs(x) < 6.5 / 11 + 1e-9, 3.0, 3.05)
+    cloud = np.column_stack([x.ravel(), (half * y).ravel(), np.zeros(x.size)])
+    return cloud, Rectangle(np.eye(3), np.zeros(3), np.array([-6.5, 6.5, -3.0, 3.0]))
+
+
+def test_the_central_section_alone_gives_the_papers_scale():
+    """By hand: L = 6 su is the table's width, so that β = 6 / 60 and 10 cm are one su; 13 su of length say nothing."""
+    cloud, table = waisted_table()
+    found = scale_from_central_section(cut_table(cloud, table, radius=13.0), width_cm=60)
+    assert found.source == "sections"
+    assert found.cm_per_su == pytest.approx(10.0, rel=1e-9)
+    # Ten of eleven sections are 6.1 / 6 as long: their median deviation is that.
+    assert found.relative_error == pytest.approx(1.4826 * 0.1 / 6, rel=1e-6)
+    # The mean over both sides would be led astray by the wrong length.
+    assert isinstance(scale_from_all_sections(cloud, table, 120, 60, 13.0), Reference)
+    assert scale_from_all_sections(cloud, table, 120, 60, 13.0).cm_per_su < 9.7
+
+
+def test_sections_of_a_scattered_cloud_give_the_scale():
+    points = POSE.scene(table_points_cm(np.random.default_rng(0), 8000))
+    cut = cut_table(points, TABLE, fit_orbit(CAMERAS).radius)
+    found = scale_from_central_section(cut, 60)
+    assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.02)
+    picture = draw_sections(cut)
+    assert picture.shape[1] == 960
+    assert picture.shape[0] == pytest.approx(480, rel=0.1)
+    assert (picture == (220, 120, 0)).all(axis=2).any()
+
+
+def test_sections_without_points_are_refused():
+    cloud, table = waisted_table()
+    assert "few points" in cut_table(cloud[:10], table, 13.0).reason
+    holed = cloud[np.abs(cloud[:, 0]) > 6.5 / 11]
+    assert "middle of the table" in scale_from_central_section(cut_table(holed, table, 13.0), 60).reason
+    narrow = cloud * np.where(np.abs(cloud[:, :1]) < 6.5 / 11, [1, 0.8, 1], 1)
+    assert isinstance(scale_from_central_section(cut_table(narrow, table, 13.0), 60), NoReference)
 
 
 def picks_of(points_cm, views=(0, 4, 9), error_px=0.0):

@@ -366,3 +366,19 @@ def test_touching_bolls_lie_in_each_other_as_deep_as_is_asked_for():
     assert (nearest[0.90] < 1).sum() >= 15
     assert (nearest[0.72] < 1).sum() >= 15
     assert 0.65 < nearest[0.72].min() < 0.75 < nearest[0.90].min()
+
+
+def test_local_shots_go_round_close_by_at_three_heights():
+    """A stick of 0.9 m: the thirds' middles are 0.3 m apart, and the camera is half a metre away."""
+    stick = np.column_stack([np.zeros((200, 2)), np.linspace(0, 0.9, 200)])
+    near = orbit(SimulateOptions(shot="local", frames=301), stick)
+    far = orbit(SimulateOptions(frames=301), stick)
+    places = np.array([camera.centre for camera in near.cameras()])
+    away = np.linalg.norm(places[:, :2], axis=1)
+    assert np.median(away) == pytest.approx(0.55, abs=0.05) and np.linalg.norm(far.at(0).centre[:2]) > 1.0
+    levels = [np.median(places[part, 2]) for part in (slice(5, 85), slice(105, 185), slice(205, 295))]
+    assert np.diff(levels) == pytest.approx([0.3, 0.3], abs=0.05)
+    angles = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
+    assert abs(angles[-1] - angles[0]) == pytest.approx(3 * abs(near.turn), abs=0.1)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() < 3 * np.median(steps)  # no jump between two heights

@@ -4,15 +4,21 @@ import csv
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
+import torch
 from scenes.documents import train_metrics
 from scenes.small_stages import filmed_plant, replace_stages
+from scenes.splat_scenes import round_gaussians
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.errors import BadUsage, CaptureFailed
+from cotton3dg.core.scene import Camera
+from cotton3dg.errors import BadInput, BadUsage, CaptureFailed
+from cotton3dg.splat.views import View
 from cotton3dg.stages.stage import Footage, Stage, stage_of
 from cotton3dg.study import work
+from cotton3dg.study.lpips import measure_lpips
 from cotton3dg.study.rows import empty_row
 from cotton3dg.study.settings import settings_of, sweeps_of
 from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, starred, summary, with_errors
@@ -74,7 +80,7 @@ def stages(monkeypatch):
     monkeypatch.setattr(
         work,
         "finished_row",
-        lambda folder, sweep, setting, options: empty_row(sweep, setting, "done") | figures(setting),
+        lambda folder, sweep, setting, options, lpips: empty_row(sweep, setting, "done") | figures(setting),
     )
     return stages
 
@@ -315,3 +321,52 @@ def test_the_summary_has_a_line_a_setting():
     lines = summary(some_rows()).splitlines()
     assert len(lines) == 8
     assert lines[-1].endswith("skipped: there are only 120 images")
+
+
+def test_presets_with_other_methods_are_tried_when_they_are_named(plant):
+    usual = [item.value for item in settings_of("preset", plant, "draft", {}, VIDEO)]
+    assert usual == ["draft", "standard", "paper"]
+    named = settings_of("preset", plant, "standard", {}, VIDEO, ("paper1", "paper2"))
+    assert [item.value for item in named] == ["paper1", "paper2", "standard"]
+    assert named[1].options["segment"].method == "affinity" and named[1].options["cluster"].method == "dbscan"
+
+
+def test_affinity_is_clustered_as_published_unless_another_way_is_asked_for(plant):
+    pairs = {item.value: item.options["cluster"].method for item in settings_of("method", plant, "draft", {}, VIDEO)}
+    assert pairs == {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}
+    asked = settings_of("method", plant, "draft", {"cluster": {"method": "agglomerative"}}, VIDEO)
+    assert {item.options["cluster"].method for item in asked} == {"agglomerative"}
+
+
+def test_a_plant_filmed_close_by_takes_the_place_of_a_crop(plant):
+    assert [item.value for item in settings_of("style", plant, "draft", {}, VIDEO)] == ["partial", "whole"]
+    near, whole = settings_of("style", plant, "draft", {}, VIDEO, local=True)
+    assert (near.value, near.partial, near.obstacle) == ("local", True, "") and whole.is_base
+
+
+def test_large_images_are_trained_on_at_their_size_or_refused(plant):
+    """A row of 3840 px of a 4K video takes frames of 3840 px; of a smaller video there is no such row."""
+    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 3840, 2160), ("3840",))
+    assert (row.options["frames"].max_side, row.options["train"].max_side, row.obstacle) == (3840, 3840, "")
+    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 2560, 1440), ("3840",))
+    assert row.obstacle == "the images have only 2560 px"
+    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 3840, 2160), ("1280",))
+    assert row.options["frames"].max_side == 1920
+
+
+def test_lpips_is_the_mean_over_held_out_images(tmp_path):
+    """A network that gives the mean of the squared difference; white is 2 from the black of no Gaussian."""
+
+    class Square(torch.nn.Module):
+        def forward(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+            return ((first - second) ** 2).mean()
+
+    torch.jit.script(Square()).save(str(tmp_path / "square.pt"))
+    nothing = round_gaussians(np.zeros((0, 3)), 1.0)
+    camera = Camera("a.jpg", 8, 6, 5.0, 5.0, 4.0, 3.0, np.eye(4)[:3])
+    views = [View(camera, np.full((6, 8, 3), grey, np.uint8)) for grey in (255, 0)]
+    assert measure_lpips(tmp_path / "square.pt", nothing, views, {}) == pytest.approx(2.0)
+    assert math.isnan(measure_lpips(None, nothing, views, {}))
+    (tmp_path / "none.pt").write_bytes(b"no network")
+    with pytest.raises(BadInput, match=r"docs/papers\.md"):
+        measure_lpips(tmp_path / "none.pt", nothing, views, {})

@@ -1,0 +1,109 @@
+"""Objects of single views: the Gaussians that one mask holds, and bolls made of such objects of several views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from ..core.bolls import BollInstance, LiftedMasks
+from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_extent
+from .boll_shape import number_bolls
+
+LEAST_CONFIDENCE = 0.2
+"""Crumbs of halved and hidden masks gather too; whatever fewer than a fifth of the views find that could is no boll."""
+
+
+@dataclass(frozen=True)
+class ViewObject:
+    """What one mask shows of a boll."""
+
+    view: int
+    """Index among the views of the lifted masks."""
+    rows: NDArray[np.int64]
+    """(n,) its Gaussians."""
+    weights: NDArray[np.float32]
+    """(n,) px."""
+
+
+def find_objects(lifted: LiftedMasks, points: NDArray) -> list[ViewObject]:
+    """An object a mask: the Gaussians with half of their weight in it, without stragglers, if there are 10 of them.
+
+    Args:
+        points: (N, 3) su, of all Gaussians.
+    """
+    objects = []
+    for selection in lifted.selections:
+        view = lifted.views.index(selection.view)
+        seen = lifted.seen[view, np.searchsorted(lifted.candidates, selection.indices)]
+        inside = selection.weights >= 0.5 * seen
+        rows, weights = selection.indices[inside], selection.weights[inside]
+        if len(rows) >= MIN_GAUSSIANS:
+            body = find_compact_part(points[rows])
+            if body.sum() >= MIN_GAUSSIANS:
+                objects.append(ViewObject(view, rows[body], weights[body]))
+    return objects
+
+
+def join_nearest(
+    centres: NDArray, view_of: NDArray, may_join: Callable[[list[int], list[int]], bool], reach: float = np.inf
+) -> list[list[int]]:
+    """Members of each group: the two nearest join, again and again, never two of one view.
+
+    Args:
+        centres: (M, 3) of the objects; that of a group is the mean of its members'. view_of: (M,)
+        may_join: asked of the members of two groups that share no view.
+        reach: farthest distance of the centres of two groups that join.
+    """
+    members = [[k] for k in range(len(centres))]
+    middles = centres.copy()
+    distances = cdist(centres, centres)
+    distances[(distances > reach) | (view_of[:, None] == view_of)] = np.inf
+    while np.isfinite(distances).any():
+        keep, gone = sorted(int(k) for k in np.unravel_index(distances.argmin(), distances.shape))
+        if not may_join(members[keep], members[gone]):
+            distances[keep, gone] = distances[gone, keep] = np.inf
+            continue
+        members[keep], members[gone] = members[keep] + members[gone], []
+        middles[keep] = centres[members[keep]].mean(axis=0)
+        distances[gone] = distances[:, gone] = np.inf
+        shared = np.array([bool(m) and not {*view_of[m]}.isdisjoint(view_of[members[keep]]) for m in members])
+        fresh = np.linalg.norm(middles - middles[keep], axis=1)
+        fresh[shared | (fresh > reach) | np.array([not m for m in members])] = np.inf
+        distances[keep] = distances[:, keep] = fresh
+    return [group for group in members if group]
+
+
+def bolls_of_groups(
+    groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: NDArray, up: NDArray, least_views: int
+) -> list[BollInstance]:
+    """A boll a group, numbered from the top downwards.
+
+    A Gaussian that several groups claim goes to the one with the most weight. The confidence is the share of the views
+    that see the boll and show it. Left out are groups of fewer than `least_views` views, or with less confidence than
+    `LEAST_CONFIDENCE`, and those left with fewer than 10 Gaussians.
+
+    Args:
+        points: (N, 3) su. up: (3,) roughly upwards in the scene; only the numbering depends on it.
+    """
+    claims = np.zeros((len(groups), len(points)), np.float32)
+    for claim, group in zip(claims, groups, strict=True):
+        for item in group:
+            claim[item.rows] += item.weights
+    owners = np.where(claims.max(axis=0, initial=0) > 0, claims.argmax(axis=0) if len(claims) else -1, -1)
+    bolls = []
+    for number, group in enumerate(groups):
+        rows = np.flatnonzero(owners == number)
+        rows = rows[find_compact_part(points[rows])]
+        names = tuple(lifted.views[view] for view in sorted({item.view for item in group}))
+        if len(names) < least_views or len(rows) < MIN_GAUSSIANS:
+            continue
+        centre, size = measure_extent(points[rows])
+        able = (lifted.seen[:, np.searchsorted(lifted.candidates, rows)] > 0).mean(axis=1) >= 0.3
+        confidence = min(len(names) / max(int(able.sum()), 1), 1.0)
+        if confidence >= LEAST_CONFIDENCE:
+            bolls.append(BollInstance(0, rows, names, centre, float(size.mean()), confidence))
+    return number_bolls(bolls, up)

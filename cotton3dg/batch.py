@@ -21,23 +21,22 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from .core.columns import Column
 from .core.machine import usable_cores
 from .core.state import State
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
+from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE
 from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
 from .identity.names import folder_name
 from .resource_checks import OUT_OF_MEMORY
-from .workspace import Workspace
+from .workspace import OWNER_MARK, Workspace
 
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
 
-TABLE, BOLL_TABLE, OPTIONS_FILE = "batch.csv", "batch_bolls.csv", "cotton3dg.toml"
-MEANS_TABLE, FITS_TABLE = "genotypes.csv", "heritability.csv"
+OPTIONS_FILE = "cotton3dg.toml"
 INDEX = "index.html"
 
 MEMORY_OF_A_RUN_GIB = 3.0
@@ -51,14 +50,6 @@ INTERRUPTED = 130
 
 STATES = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
-
-COLUMNS = (
-    Column("folder", "", "the plant's folder, relative to the batch's"),
-    Column("state", "", "failed, waiting (not yet tried) or done"),
-    Column("exit_code", "1", "of cotton3dg run; negative: the signal that ended it"),
-    Column("reason", "", "why it failed and what to do"),
-    *TRAITS,
-)
 
 
 @dataclass(frozen=True)
@@ -92,7 +83,11 @@ def find_plants(folder: Path) -> list[Path]:
 
 
 def _folders(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_dir() and not path.name.startswith(".") and not (path / OWNER_MARK).exists()
+    )
 
 
 def _plants_at(folder: Path) -> list[Path]:
@@ -245,7 +240,7 @@ class Batch:
         """Write the tables and the page of all plants; once all are done, genotypes compared."""
         ordered = self.ordered()
         blank = dict.fromkeys((column.name for column in TRAITS), "")
-        added = table_columns(self.book, [column.name for column in COLUMNS])
+        added = table_columns(self.book, [column.name for column in BATCH_COLUMNS])
         rows = []
         for result in ordered:
             row = vars(result) | (self._rows(result, "traits_csv") or [blank])[0]
@@ -257,7 +252,7 @@ class Batch:
             for result in ordered
             for row in self._rows(result, "bolls_csv")
         ]
-        write_text_atomically(self.folder / TABLE, csv_text([*COLUMNS, *added.values()], rows))
+        write_text_atomically(self.folder / TABLE, csv_text([*BATCH_COLUMNS, *added.values()], rows))
         write_text_atomically(self.folder / BOLL_TABLE, csv_text([*BOLLS, *bolls_added.values()], bolls))
         means: list[Mean] = []
         fits: list[Fit] = []

@@ -398,6 +398,21 @@ def import_(
         raise typer.Exit(SOME_FAILED)
 
 
+@app.command(rich_help_panel="Everything")
+def export(
+    folder: Annotated[Path, typer.Argument(help="field that `batch` has run")],
+    format_: Annotated[
+        str, typer.Option("--format", help="brapi | miappe | frictionless | cottongen | fieldbook | xlsx")
+    ] = "xlsx",
+    out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
+) -> None:
+    """A field's tables for breeding databases and spreadsheets."""
+    from .commands.export import export as write
+
+    with report_errors(folder):
+        typer.echo(write(folder, format_, out))
+
+
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
 app.command("render", rich_help_panel="Everything")(add_flags(_render, RenderOptions, plant_dir=PlantDir))

@@ -19,6 +19,7 @@ ROLES = {
     "column": ("column", "col", "range", "field_column"),
     "date": ("date", "filming_date", "phenotyping_date", "evaluation_date", "harvest_date"),
     "season": ("season", "year", "data_year"),
+    "species": ("species", "taxon"),
     "site": ("site", "location", "site_name", "field", "studyname", "study"),
 }  # fmt: skip
 """What a column may be to an experiment -> names that labs give it, the usual ones first."""

@@ -16,22 +16,27 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from .core.columns import Column
 from .core.machine import usable_cores
 from .core.state import State
 from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
+from .field.columns import book_cells, table_columns
+from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
+from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE
+from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
+from .identity.names import folder_name
 from .resource_checks import OUT_OF_MEMORY
-from .workspace import Workspace
+from .workspace import OWNER_MARK, Workspace
 
 RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
 
-TABLE, BOLL_TABLE, OPTIONS_FILE = "batch.csv", "batch_bolls.csv", "cotton3dg.toml"
+OPTIONS_FILE = "cotton3dg.toml"
 INDEX = "index.html"
 
 MEMORY_OF_A_RUN_GIB = 3.0
@@ -45,14 +50,6 @@ INTERRUPTED = 130
 
 STATES = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
-
-COLUMNS = (
-    Column("folder", "", "the plant's folder, relative to the batch's"),
-    Column("state", "", "failed, waiting (not yet tried) or done"),
-    Column("exit_code", "1", "of cotton3dg run; negative: the signal that ended it"),
-    Column("reason", "", "why it failed and what to do"),
-    *TRAITS,
-)
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,11 @@ def find_plants(folder: Path) -> list[Path]:
 
 
 def _folders(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_dir() and not path.name.startswith(".") and not (path / OWNER_MARK).exists()
+    )
 
 
 def _plants_at(folder: Path) -> list[Path]:
@@ -220,24 +221,60 @@ class Batch:
         flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
         return f"{row['boll_count'] or 'no'} bolls in {_duration(float(row['seconds']))}{flags}"
 
+    @cached_property
+    def book(self) -> FieldBook | None:
+        """The field's book; None without one.
+
+        Raises:
+            BadInput: it cannot be read.
+        """
+        path = self.folder / FIELD_BOOK
+        return read_fieldbook(path) if path.is_file() else None
+
+    @cached_property
+    def _id_of_folder(self) -> dict[str, str]:
+        """Name of a folder -> id in the field book, for plants without a table."""
+        return {folder_name(plant_id): plant_id for plant_id in self.book.rows} if self.book else {}
+
     def save(self) -> None:
-        """Write the tables and the page of all plants."""
+        """Write the tables and the page of all plants; once all are done, genotypes compared."""
         ordered = self.ordered()
         blank = dict.fromkeys((column.name for column in TRAITS), "")
-        rows = [vars(result) | (self._rows(result, "traits_csv") or [blank])[0] for result in ordered]
-        bolls = [row for result in ordered for row in self._rows(result, "bolls_csv")]
-        write_text_atomically(self.folder / TABLE, csv_text(COLUMNS, rows))
-        write_text_atomically(self.folder / BOLL_TABLE, csv_text(BOLLS, bolls))
+        added = table_columns(self.book, [column.name for column in BATCH_COLUMNS])
+        rows = []
+        for result in ordered:
+            row = vars(result) | (self._rows(result, "traits_csv") or [blank])[0]
+            plant_id = row["plant_id"] or self._id_of_folder.get(Path(result.folder).name, "")
+            rows.append(row | book_cells(self.book, plant_id, added))
+        bolls_added = table_columns(self.book, [column.name for column in BOLLS])
+        bolls = [
+            row | book_cells(self.book, row["plant_id"] or "", bolls_added)
+            for result in ordered
+            for row in self._rows(result, "bolls_csv")
+        ]
+        write_text_atomically(self.folder / TABLE, csv_text([*BATCH_COLUMNS, *added.values()], rows))
+        write_text_atomically(self.folder / BOLL_TABLE, csv_text([*BOLLS, *bolls_added.values()], bolls))
+        means: list[Mean] = []
+        fits: list[Fit] = []
+        if self.book and all(result.state != State.WAITING for result in ordered):
+            means, fits = compare_genotypes(rows, [column.name for column in added.values()])
+            for name, columns, found in ((MEANS_TABLE, MEANS_COLUMNS, means), (FITS_TABLE, FIT_COLUMNS, fits)):
+                if found:
+                    write_text_atomically(self.folder / name, csv_text(columns, map(vars, found)))
         if self.index:
-            self._save_index(rows)
+            there = {row["plant_id"] for row in rows} | {
+                self._id_of_folder.get(Path(name).name) for name in self.results
+            }
+            unfilmed = {k: cells for k, cells in self.book.rows.items() if k not in there} if self.book else {}
+            self._save_index(rows, Trial(tuple(column.name for column in added.values()), means, fits, unfilmed))
 
-    def _save_index(self, rows: list[dict[str, Any]]) -> None:
+    def _save_index(self, rows: list[dict[str, Any]], trial: Trial) -> None:
         """Whatever goes wrong with the page is only told, for the tables do not need it."""
         try:
             from .report.index import index_page
             from .report.page import write_page
 
-            text = index_page(self.folder.resolve().name, self.folder, rows)
+            text = index_page(self.folder.resolve().name, self.folder, rows, trial)
             write_page(self.folder / INDEX, text)
         except Exception as error:
             self.tell(f"{INDEX} could not be made ({type(error).__name__}: {error}); the tables are not affected")

@@ -16,6 +16,9 @@ from .options import PRESETS, STAGE_OPTIONS
 
 PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
 ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
+CardFiles = Annotated[
+    list[Path], typer.Argument(metavar="[FIELDBOOK] CARDS", help="field book (.csv, .xlsx), and the cards (.pdf)")
+]
 NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
 NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
 Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]

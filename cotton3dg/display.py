@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from .pipeline import Step, Watcher
 if TYPE_CHECKING:
     from .batch import Result
     from .commands.doctor import Finding
+    from .commands.import_videos import Row as ImportRow
     from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
     from .stages.staleness import StageState
@@ -157,6 +159,17 @@ def print_batch(results: list[Result], table: Path) -> None:
         if result.state != State.DONE:
             print(f"{result.folder}: {result.state}" + (f": {result.reason}" if result.reason else ""))
     print(f"{sum(result.state == State.DONE for result in results)} of {len(results)} plants done\nsaved as {table}")
+
+
+def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
+    """What became of each video, doubts last, and how many there are of each kind."""
+    for row in sorted(rows, key=lambda row: row.state == "doubt"):
+        target = f" -> {row.folder}" if row.folder and row.state != "doubt" else ""
+        print(f"{row.state:<9} {row.file}{target}" + (f": {row.reason}" if row.reason else ""))
+    counts = Counter(row.state for row in rows)
+    print(", ".join(f"{n} {state}" for state, n in counts.items()) + (" (dry run)" if dry_run else ""))
+    if not dry_run:
+        print(f"saved as {into / 'import.csv'}; next: cotton3dg batch {into}")
 
 
 def print_findings(findings: list[Finding]) -> None:

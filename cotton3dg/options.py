@@ -266,6 +266,15 @@ class ArucoOptions:
 
 
 @dataclass(frozen=True)
+class CardOptions:
+    """Scale by a plant's printed card."""
+
+    ruler_cm: float = option(
+        10.0, "the printed card's ruler of 10 cm, as measured", unit="cm", at_least=5.0, at_most=20.0
+    )
+
+
+@dataclass(frozen=True)
 class DistanceOptions:
     """Scale by two points."""
 
@@ -280,7 +289,7 @@ class ScaleOptions:
         "table",
         "the reference of known size; all = every one there is, reconciled",
         paper="sections",
-        choices=("table", "sections", "all-sections", "aruco", "distance", "all", "none"),
+        choices=("table", "sections", "all-sections", "aruco", "card", "distance", "all", "none"),
     )
     table_length_cm: float = option(
         120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0, idle_with=("none",)
@@ -291,6 +300,7 @@ class ScaleOptions:
     require_scale: bool = option(False, "fail (exit 5) instead of leaving the metric cells blank")
     aruco: ArucoOptions = options_of(ArucoOptions, "aruco", "all")
     distance: DistanceOptions = options_of(DistanceOptions, "distance", "all")
+    card: CardOptions = options_of(CardOptions, "card", "all")
 
 
 @dataclass(frozen=True)
@@ -350,6 +360,17 @@ class MarkersOptions:
 
 
 @dataclass(frozen=True)
+class CardsOptions:
+    """A card for each plant of a field book: its code, markers for the scale, grey patches; or blank ones."""
+
+    paper: str = option("a4", "size of the sheets", choices=("a4", "letter"))
+    columns: str = option("", "columns of the field book to print, by comma; default: the first six")
+    id_column: str = option("", "column of the field book that has the ids; default: plant_id and the like")
+    blank: int = option(0, "so many numbered cards without a field book", at_least=0, at_most=9999)
+    first: int = option(1, "number of the first blank card", at_least=0, at_most=9999)
+
+
+@dataclass(frozen=True)
 class RenderOptions:
     """A film of the trained model, saved below render/ in the plant's folder."""
 
@@ -382,6 +403,7 @@ COMMAND_OPTIONS: dict[str, type] = {
     "render": RenderOptions,
     "masks-train": MasksTrainOptions,
     "markers": MarkersOptions,
+    "cards": CardsOptions,
 }
 
 PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {

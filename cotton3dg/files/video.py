@@ -192,6 +192,24 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
         raise BadInput(f"{path.name}: {n_read} of {len(indices)} frames came out on second reading; copy it again")
 
 
+def sample_frames(path: Path, facts: VideoFacts, every_s: float, max_side: int) -> Iterator[NDArray[np.uint8]]:
+    """Decode a frame every so many seconds, at most `max_side` px long, one in memory at a time.
+
+    Yields:
+        (H, W) grey, upright. A damaged video ends early.
+    """
+    width, height = fit_size(facts.width, facts.height, max_side)
+    stream = (
+        _stream(path)
+        .filter("select", f"isnan(prev_selected_t)+gte(t-prev_selected_t,{every_s:.3f})")
+        .filter("scale", width, height, flags="area")
+        .filter("format", "gray")
+    )
+    with _decoding(_in_step(stream), "gray", width * height) as (frames, _):
+        for frame in frames:
+            yield np.frombuffer(frame, np.uint8).reshape(height, width)
+
+
 def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int, tuple[str, ...]]:
     """Time stamps, intact flags, number of surely damaged frames and errors, as in `Scan`, from the log of a decoding
     run with `showinfo` at `level+info`.

@@ -12,10 +12,13 @@ import numpy as np
 
 from .. import __version__
 from ..core.state import State
-from ..errors import Cotton3dgError
+from ..errors import CaptureFailed, Cotton3dgError
+from ..field.columns import find_roles
+from ..field.genotypes import Fit, Mean, Trial
 from ..files.images import read_image
 from ..files.tables import parse_number
 from ..workspace import Workspace
+from .advice import meaning
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
 
@@ -34,12 +37,24 @@ BINS = 10
 THUMBNAIL_PX = 160
 
 
-def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> str:
+NEW_FILM = frozenset(
+    ("video_damaged", "few_frames", "blurred", "underexposed", "overexposed", "few_frames_registered", "orbit_gap",
+     "plant_out_of_view", "no_scale", "table_edge_unclear", "no_plant")
+)  # fmt: skip
+"""Flags that another film may mend."""
+MOST_CHOICES = 40
+"""A column of the field book with more values, or with one, is no filter."""
+MOST_GENOTYPES = 40
+
+
+def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial: Trial | None = None) -> str:
     """The page as HTML.
 
     Args:
         name: of the batch. folder: of the batch. rows: those of batch.csv, in its order.
+        trial: what the field book adds.
     """
+    trial = trial or Trial()
     values = {trait: np.array([_value(row, trait) for row in rows], np.float64) for trait in SHOWN}
     scores = {trait: robust_z(found) for trait, found in values.items()}
     plants = [_describe_plant(folder, row, {trait: scores[trait][i] for trait in SHOWN}) for i, row in enumerate(rows)]
@@ -49,11 +64,81 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]]) -> st
         "counts": {state: sum(row["state"] == state for row in rows) for state in State},
         "n_outliers": sum(bool(plant["outliers"]) for plant in plants),
         "shown": SHOWN,
+        "filters": _filters(rows, trial.columns),
+        "genotypes": [
+            _genotype_plot(fit, [mean for mean in trial.means if mean.trait == fit.trait]) for fit in trial.fits
+        ],
+        "checklist": [*_film_again(plants, trial), *_unfilmed(trial)],
         "histograms": [_histogram(trait, values[trait]) for trait in SHOWN],
         "version": __version__,
     }
     scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "index.js")]
     return fill_template("index.html", scripts, content)
+
+
+def _filters(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[dict[str, Any]]:
+    """Columns of the field book by whose values plants can be chosen."""
+    found = []
+    for column in columns:
+        values = sorted({str(row.get(column, "")) for row in rows} - {""}, key=lambda text: (len(text), text))
+        if 1 < len(values) <= MOST_CHOICES:
+            found.append({"column": column, "values": values})
+    return found
+
+
+def _film_again(plants: Sequence[Mapping[str, Any]], trial: Trial) -> list[dict[str, str]]:
+    """Plants that need another film, with where they stand and why."""
+    found = []
+    for plant in plants:
+        flags = [meaning(flag).title for flag in plant["flags"] if flag in NEW_FILM]
+        failed = plant["state"] == State.FAILED and plant.get("exit_code") == CaptureFailed.exit_code
+        if failed or flags:
+            why = str(plant["reason"] or "").split("; ")[0] if failed else " ".join(flags)
+            found.append({"plant": plant["folder"], "where": _where(plant, trial.columns), "why": why})
+    return found
+
+
+def _unfilmed(trial: Trial) -> list[dict[str, str]]:
+    return [
+        {"plant": plant_id, "where": _where(cells, list(cells)), "why": "not filmed yet"}
+        for plant_id, cells in trial.unfilmed.items()
+    ]
+
+
+def _where(cells: Mapping[str, Any], columns: Sequence[str]) -> str:
+    """What finds a plant in the field."""
+    roles = find_roles(columns)
+    named = [f"{role} {cells[roles[role]]}" for role in ("site", "block", "row", "column", "plot") if role in roles]
+    return ", ".join(text for text in named if not text.endswith(" "))
+
+
+def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:
+    """Adjusted means with their errors, the largest first, in a box of 320 wide with a line of 16 for each."""
+    name, unit, digits = (SHOWN | {"boll_volume_mean_cm3": ("Volume of a boll", "cm³", 1)})[fit.trait]
+    shown = sorted(means, key=lambda mean: -mean.adjusted_mean)[:MOST_GENOTYPES]
+    errors = [mean.standard_error if np.isfinite(mean.standard_error) else 0.0 for mean in shown]
+    low = min(mean.adjusted_mean - error for mean, error in zip(shown, errors, strict=True))
+    high = max(mean.adjusted_mean + error for mean, error in zip(shown, errors, strict=True))
+    per = 170 / (high - low or 1)
+    lines = [
+        {
+            "genotype": mean.genotype,
+            "x": 120 + per * (mean.adjusted_mean - low),
+            "left": 120 + per * (mean.adjusted_mean - error - low),
+            "right": 120 + per * (mean.adjusted_mean + error - low),
+            "title": f"{mean.genotype}: {mean.adjusted_mean:.{digits}f} ± {error:.{digits + 1}f} {unit}, "
+            f"{mean.plants} plants",
+        }
+        for mean, error in zip(shown, errors, strict=True)
+    ]
+    told = [f"{fit.genotypes} genotypes, {fit.plants} plants"]
+    told += [f"F {fit.f_genotype:.2f}, p {fit.p_genotype:.3g}"] if np.isfinite(fit.p_genotype) else []
+    told += [f"heritability {fit.heritability:.2f}"] if np.isfinite(fit.heritability) else []
+    return {
+        "name": name, "unit": unit, "lines": lines, "height": 16 * len(lines) + 22,
+        "low": f"{low:.{digits}f}", "high": f"{high:.{digits}f}",
+        "text": "; ".join(told), "left_out": len(means) - len(shown),
+    }  # fmt: skip
 
 
 def robust_z(values: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ two bright squares, so this cannot happen to them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -172,12 +172,32 @@ def scale_from_markers(
 ) -> MarkerFit | NoReference:
     """The scale at which markers have their known size.
 
-    Each corner is triangulated on its own; within a marker (or board) the distances between its corners, sides and
-    diagonals, give a ratio each. The scale is the median of all ratios and its error their robust spread (MAD), for
-    corners err alike in all views.
-
     Args:
         found: what `find_markers` found in the photo of each camera.
+    """
+    if not any(found):
+        return NoReference("no photo shows a marker")
+    name = (lambda corner: "board") if kind.board else (lambda corner: corner[1])
+    return fit_bodies(cameras, found, kind.corner_cm, name, "aruco")
+
+
+def fit_bodies(
+    cameras: Sequence[Camera],
+    found: Sequence[Mapping[Corner, Float64]],
+    place_cm: Callable[[Corner], Float64],
+    body_of: Callable[[Corner], Any],
+    source: str,
+) -> MarkerFit | NoReference:
+    """The scale at which rigid bodies with corners of known places have their known size.
+
+    Each corner is triangulated on its own; within a body the distances between its corners, sides and diagonals, give
+    a ratio each. The scale is the median of all ratios and its error their robust spread (MAD), for corners err alike
+    in all views.
+
+    Args:
+        found: corners in the photo of each camera.
+        place_cm: (2,) place of a corner on its body. body_of: the body that a corner belongs to.
+        source: name of the reference.
     """
     sightings: dict[Corner, Sighting] = {}
     for corner in sorted({corner for corners in found for corner in corners}):
@@ -186,14 +206,12 @@ def scale_from_markers(
         sighting = triangulate([cameras[number] for number in views], pixels, least_views=LEAST_VIEWS)
         if sighting is not None:
             sightings[corner] = sighting
-    if not any(found):
-        return NoReference("no photo shows a marker")
     ratios = []
-    bodies = sorted({corner[:2] for corner in sightings})
+    bodies = list(dict.fromkeys(body_of(corner) for corner in sightings))
     for body in bodies:
-        own = [corner for corner in sightings if corner[:2] == body]
+        own = [corner for corner in sightings if body_of(corner) == body]
         measured = np.array([sightings[corner].point for corner in own])
-        ratios.append(distance_ratios(measured, np.array([kind.corner_cm(corner) for corner in own])))
+        ratios.append(distance_ratios(measured, np.array([place_cm(corner) for corner in own])))
     every = np.concatenate(ratios) if ratios else np.zeros(0)
     if len(every) < 3:
         return NoReference(f"no marker shows in {LEAST_VIEWS} photos that agree on where it is")
@@ -202,13 +220,13 @@ def scale_from_markers(
     if error > MAX_ERROR:
         return NoReference(f"the sides of the markers scatter by {error:.1%}")
     evidence = {
-        "markers": [number for _, number in bodies] if not kind.board else ["board"],
+        "markers": bodies,
         "corners": len(sightings),
         "views_per_corner": float(np.mean([sighting.agreeing.sum() for sighting in sightings.values()])),
         "residual_px": float(np.median([sighting.residual_px for sighting in sightings.values()])),
         "distances": len(every),
     }
-    return MarkerFit(Reference("aruco", cm_per_su, max(error, LEAST_ERROR), evidence), sightings)
+    return MarkerFit(Reference(source, cm_per_su, max(error, LEAST_ERROR), evidence), sightings)
 
 
 def draw_sheet(kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm: int, first_id: int = 0) -> NDArray:

@@ -15,6 +15,7 @@ from ..core.scene import Camera
 from ..documents.scale import NO_SOURCE, ScaleInfo
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
+from .card import CARD_MARKERS, scale_from_card
 from .markers import MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
@@ -77,7 +78,7 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent)
     """Seek the references that the method names, and reconcile what they say."""
     wanted = [options.method]
     if options.method == "all":
-        wanted = ["table", "aruco", *(["distance"] if plant.picks is not None else [])]
+        wanted = ["table", "aruco", "card", *(["distance"] if plant.picks is not None else [])]
     scene = _scene(plant, options, progress)
     references: list[Reference] = []
     refused: dict[str, str] = {}
@@ -161,6 +162,15 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
     return fit.reference, {f"markers_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
+def _card(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
+    found = [find_markers(scene.plant.photo(camera.name), CARD_MARKERS) for camera in scene.plant.cameras]
+    fit = scale_from_card(scene.plant.cameras, found, options.card.ruler_cm)
+    if isinstance(fit, NoReference):
+        return fit, {}
+    shown = [outline_markers(photo, camera, fit.sightings) for camera, photo in scene.shown()]
+    return fit.reference, {f"card_{number}.jpg": picture for number, picture in enumerate(shown)}
+
+
 def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
     found = scale_from_distance(scene.plant.cameras, scene.plant.picks or {}, options.distance.distance_cm)
     if isinstance(found, NoReference):
@@ -175,6 +185,7 @@ _FIND = {
     "sections": _sections,
     "all-sections": _all_sections,
     "aruco": _aruco,
+    "card": _card,
     "distance": _distance,
 }
 _TABLE_REMEDY = (
@@ -185,6 +196,7 @@ _REMEDY = {
     "sections": _TABLE_REMEDY,
     "all-sections": _TABLE_REMEDY,
     "aruco": "lay printed markers (cotton3dg markers) of at least 10 cm flat beside the plant and give --marker-cm",
+    "card": "lay the plant's card (cotton3dg cards) flat beside it, all of it in view all around",
     "distance": "pick both points in more images of sfm/undistorted/images",
     "all": "film so that all of the table top is seen, or lay printed markers (cotton3dg markers) beside the plant",
 }

@@ -4,6 +4,7 @@ import numpy as np
 from scenes.finished_scene import N_BOLLS
 from scenes.report_page import Page, batch_row, batch_rows
 
+from cotton3dg.field.genotypes import Trial, compare_genotypes
 from cotton3dg.report.advice import FLAGS
 from cotton3dg.report.index import index_page, robust_z
 
@@ -29,9 +30,24 @@ def test_the_index_lists_failures_outliers_and_links(reported):
         "Histogram" if "Histogram" in seen.text else "Traits"
     )
     links = [found["href"] for tag, found in seen.tags if tag == "a"]
-    assert links == ["#plants", "sp%20ace/%23%25/report.html", "plant_017/report.html"]
+    assert links[0] == "#plants"
+    assert links[-2:] == ["sp%20ace/%23%25/report.html", "plant_017/report.html"]
+    assert set(links[1:-2]) <= set(links[-2:])  # outliers, with their pictures
     assert "height far above the others" in seen.text
     assert FLAGS["orbit_gap"].title in seen.text
-    assert seen.count("img") == 1  # the one plant that has frames
+    assert f"plant_3 : {FLAGS['orbit_gap'].title}" in seen.text  # to film again
+    assert seen.count("img") == 2  # the one plant that has frames, in the table and among the outliers
     assert seen.count("img", src="x") == seen.count("b") == 0
     assert "default-src 'none'" in text
+
+
+def test_the_field_book_filters_lists_what_to_film_and_compares_genotypes(tmp_path):
+    rows = [row | {"genotype": f"G{k % 3}", "block": str(k % 2), "plot": str(k)} for k, row in enumerate(batch_rows())]
+    columns = ("genotype", "block", "plot")
+    means, fits = compare_genotypes(rows, columns)
+    unfilmed = {"late <1>": {"genotype": "G1", "block": "2", "plot": "77"}}
+    seen = Page(index_page("field", tmp_path, rows, Trial(columns, means, fits, unfilmed)))
+    assert seen.count("select", **{"data-filter": "0"}) == seen.count("select", **{"data-filter": "1"}) == 1
+    assert seen.count("tr", **{"data-field0": "G1"}) == 3
+    assert "late <1> (block 2, plot 77): not filmed yet" in seen.text.replace(" (", " (").replace("> :", ">:")
+    assert "Bolls : 3 genotypes, 7 plants; F" in seen.text

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cotton3dg.batch import BOLL_TABLE, TABLE, Batch, default_jobs, find_plants, saved_results
-from cotton3dg.errors import BadUsage, MissingInput
+from cotton3dg.batch import BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE, Batch, default_jobs, find_plants, saved_results
+from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.tables import BOLLS, TRAITS, csv_text
 
 STAND_IN = """
@@ -227,3 +227,32 @@ def until(condition) -> None:
     while not condition():
         assert time.monotonic() < limit
         time.sleep(0.05)
+
+
+def test_the_field_book_stands_behind_the_columns(tmp_path, stand_in):
+    field = tmp_path / "field"
+    for number in range(6):
+        make_plant(field, f"p{number}")
+        row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
+        row |= {"plant_id": f"p{number}", "seconds": 1.0, "boll_count": 10 + number % 3 + 5 * (number > 2)}
+        (field / f"p{number}" / "traits.template").write_text(csv_text(TRAITS, [row]), newline="")
+        bolls = [{column.name: 1 if column.unit else f"p{number}" for column in BOLLS}]
+        (field / f"p{number}" / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
+    make_plant(field, "p6", "fail no plant; film it")
+    lines = [f"p{n};{'ab'[n > 2]};{n % 3};-2.5;=1+1" for n in range(7)] + ["p7;b;1;;"]
+    (field / "fieldbook.csv").write_text("\n".join(["plant_id;genotype;block;x;version", *lines]))
+    Batch(field, jobs=2, command=stand_in, tell=lambda text: None).run(find_plants(field))
+    rows = {row["folder"]: row for row in table(field)}
+    assert list(rows["p0"])[-4:] == ["genotype", "block", "x", "fieldbook_version"]
+    assert [rows[f"p{n}"]["genotype"] for n in range(7)] == list("aaabbbb")  # the failed one is known by its folder
+    assert rows["p0"]["x"] == "-2.5" and rows["p0"]["fieldbook_version"] == "'=1+1"
+    assert {row["plant_id"]: row["block"] for row in table(field, BOLL_TABLE)}["p5"] == "2"
+    means = {(row["trait"], row["genotype"]): row for row in table(field, MEANS_TABLE)}
+    assert float(means["boll_count", "b"]["adjusted_mean"]) - float(means["boll_count", "a"]["adjusted_mean"]) == 5
+    fit = {row["trait"]: row for row in table(field, FITS_TABLE)}["boll_count"]
+    assert fit["model"] == "genotype + block" and fit["plants"] == "6"
+    page = (field / "index.html").read_text()
+    assert "p7" in page and "not filmed yet" in page and 'data-filter="0"' in page
+    (field / "fieldbook.csv").write_text("plant_id,x\np0,1\np0,2\n")
+    with pytest.raises(BadInput, match="rows 2 and 3"):
+        Batch(field, command=stand_in, tell=lambda text: None).run(find_plants(field))

@@ -142,7 +142,7 @@ def test_the_board_on_the_sheet_can_be_read():
 
 def test_pdf_and_png_say_their_size(tmp_path):
     sheet = np.arange(200, dtype=np.uint8).reshape(10, 20)
-    pdf = pdf_of(sheet, 10)
+    pdf = pdf_of([sheet], 10)
     assert f"[0 0 {2 / CM_PER_POINT:.4f} {1 / CM_PER_POINT:.4f}]".encode() in pdf
     start = pdf.index(b"stream\n", pdf.index(b"/XObject/Subtype/Image")) + 7
     assert zlib.decompress(pdf[start : pdf.index(b"\nendstream", start)]) == sheet.tobytes()

@@ -22,7 +22,7 @@
 
   function draw() {
     plot.replaceChildren();
-    const dots = rows.map(row => ({
+    const dots = rows.filter(row => !row.hidden).map(row => ({
       row,
       place: selects.map(select => row.querySelector(`[data-trait="${select.value}"]`).dataset.value),
     })).filter(dot => dot.place.every(value => value !== "")).map(dot => ({ ...dot, place: dot.place.map(Number) }));
@@ -52,6 +52,19 @@
     }
   }
 
+  // ------------------------------------------------------------ choosing by the field book
+  const filters = [...document.querySelectorAll("[data-filter]")];
+
+  function filter() {
+    for (const row of rows) {
+      row.hidden = filters.some(select => select.value && row.dataset["field" + select.dataset.filter] !== select.value);
+    }
+    const shown = rows.filter(row => !row.hidden).length;
+    document.getElementById("counted").textContent = `${shown} of ${rows.length} plants`;
+    draw();
+  }
+
+  for (const select of filters) select.addEventListener("change", filter);
   for (const select of selects) select.addEventListener("change", draw);
   draw();
 })();

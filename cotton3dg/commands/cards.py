@@ -1,0 +1,63 @@
+"""Cards to print, one for each plant of a field book, or numbered blank ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import BadInput, BadUsage
+from ..files.fieldbook import FieldBook, read_fieldbook
+from ..files.saving import explain_disk_errors, replacing
+from ..files.sheet import pdf_of
+from ..identity.card import Picture, draw_card
+from ..identity.codes import code_picture
+from ..identity.names import card_text, id_problem
+from ..options import CardsOptions
+
+DOTS_PER_CM = 100
+PAPER_CM = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
+LINES = 6
+
+
+def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> str:
+    """Write the cards, a page each; returns how they are used.
+
+    Raises:
+        BadUsage: another suffix than .pdf, neither a field book nor a number of blank cards, or both.
+        BadInput: the field book cannot be read, or an id cannot be printed.
+    """
+    if sheet.suffix.lower() != ".pdf":
+        raise BadUsage(f"{sheet.name} is not .pdf; name the cards so")
+    if bool(fieldbook) == bool(options.blank):
+        raise BadUsage("give a field book, or --blank NUMBER for cards without one")
+    if fieldbook:
+        cards = list(_cards_of(read_fieldbook(fieldbook, options.id_column), options.columns, fieldbook.name))
+    else:
+        cards = [(f"card-{number:04d}", []) for number in range(options.first, options.first + options.blank)]
+    with explain_disk_errors(sheet.parent):
+        sheet.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(sheet) as partial:
+            partial.write_bytes(pdf_of(_drawn(cards, PAPER_CM[options.paper]), DOTS_PER_CM))
+    return (
+        f"{len(cards)} cards saved as {sheet}\nPrint them at 100 %, measure a ruler of 10 cm. Lay a plant's card flat"
+        " on the table with all of it in view; begin the video with the card.\n"
+        "Then: cotton3dg import VIDEOS --into FIELD" + (f" --fieldbook {fieldbook}" if fieldbook else "")
+    )
+
+
+def _drawn(cards: list[tuple[str, list[str]]], paper_cm: tuple[float, float]) -> Iterator[Picture]:
+    for plant_id, lines in cards:
+        yield draw_card(code_picture(card_text(plant_id)), plant_id, lines, paper_cm, DOTS_PER_CM)
+
+
+def _cards_of(book: FieldBook, columns: str, name: str) -> Iterator[tuple[str, list[str]]]:
+    """Id and lines of each card."""
+    wanted = [column.strip() for column in columns.split(",") if column.strip()] or list(book.columns[:LINES])
+    if missing := [column for column in wanted if column not in book.columns]:
+        raise BadUsage(f"{name} has no column {missing[0]!r}; it has {', '.join(book.columns)}")
+    if len(wanted) > LINES:
+        raise BadUsage(f"{len(wanted)} columns do not fit on a card; name at most {LINES} with --columns")
+    for plant_id, row in book.rows.items():
+        if problem := id_problem(plant_id):
+            raise BadInput(f"{name}: {problem} ({plant_id[:20]!r}); change it there")
+        yield plant_id, [f"{column}: {row[column]}" for column in wanted if row[column]]

@@ -1,0 +1,61 @@
+"""A field's tables as databases and spreadsheets take them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import BadUsage
+from ..field.brapi import brapi_files
+from ..field.miappe import DATA_FILE, data_file, miappe_sheets, missing
+from ..field.other_formats import cottongen_sheets, data_package, fieldbook_files, workbook_sheets
+from ..field.study import STUDY_FILE, read_study
+from ..field.tables import Sheets, read_field
+from ..files.saving import explain_disk_errors, json_text, write_text_atomically
+from ..files.workbook import write_workbook
+from ..workspace import OWNER_MARK
+
+FORMATS = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
+
+
+def export(folder: Path, kind: str, out: Path | None = None) -> str:
+    """Write a field in a format; returns what was saved, and what the lab has to add.
+
+    Args:
+        out: folder for the files; default: `export/KIND` in the field.
+    Raises:
+        BadUsage: an unknown format.
+        MissingInput: no batch has run, or no plant has a result.
+    """
+    if kind not in FORMATS:
+        raise BadUsage(f"--format {kind} is unknown; use {', '.join(FORMATS)}")
+    field, study = read_field(folder), read_study(folder)
+    target = out or folder / "export" / kind
+    remark = ""
+    texts: dict[str, str] = {}
+    books: dict[str, Sheets] = {}
+    if kind == "brapi":
+        texts = {name: json_text(content) for name, content in brapi_files(field, study).items()}
+    elif kind == "miappe":
+        books["miappe.xlsx"] = miappe_sheets(field, study)
+        texts[DATA_FILE] = data_file(field)
+        if lacking := missing(books["miappe.xlsx"]):
+            remark = f"\nMIAPPE also asks for {', '.join(lacking)}; write them into {folder / STUDY_FILE}"
+    elif kind == "frictionless":
+        # The tables as they are: a package's paths may not leave its folder.
+        texts = {name: (folder / name).read_bytes().decode("utf-8") for name in field.tables}
+        texts["datapackage.json"] = json_text(data_package(field))
+    elif kind == "cottongen":
+        books["cottongen.xlsx"] = cottongen_sheets(field, study)
+    elif kind == "fieldbook":
+        texts = fieldbook_files(field)
+    else:
+        books[f"{field.name}.xlsx"] = workbook_sheets(field)
+    with explain_disk_errors(folder):
+        target.mkdir(parents=True, exist_ok=True)
+        if out is None:
+            (target.parent / OWNER_MARK).touch()  # so that `batch` takes it for no plant
+        for name, text in texts.items():
+            write_text_atomically(target / name, text)
+    for name, sheets in books.items():
+        write_workbook(target / name, sheets)
+    return f"{len(field.plants)} plants saved in {target}: {', '.join([*texts, *books])}{remark}"

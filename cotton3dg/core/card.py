@@ -1,0 +1,24 @@
+"""Where everything is on the printed card of a plant, cm from its top left corner, x to the right, y down."""
+
+from __future__ import annotations
+
+WIDTH_CM, HEIGHT_CM = 18.6, 25.9
+"""Of what is printed, with the ruler; A4 and Letter leave a margin around it."""
+MARKER_DICTIONARY = "4x4_100"
+MARKER_CM = 4.8
+MARKERS_CM = {96: (0.0, 0.0), 97: (13.8, 0.0), 98: (13.8, 20.0), 99: (0.0, 20.0)}
+"""Number of a marker -> its top left corner. Loose markers have others: `cotton3dg markers` prints those of 4x4_50."""
+CODE_CM = (4.1, 5.9, 10.4)
+"""Left and top of the code, and its side."""
+PATCHES_CM = ((0.0, 15.7), 5.9, 2.9, 1.73)
+"""Left of both columns, top, width and height of a patch."""
+PATCH_LEVELS = (255, 205, 155, 105, 55, 0)
+"""Grey levels of the left column from the top; the right one has them from below, which tells light that falls off."""
+RULER_CM = 10.0
+
+
+def marker_corner_cm(number: int, corner: int) -> tuple[float, float]:
+    """Place of a corner of a marker, counted from its top left one clockwise."""
+    x, y = MARKERS_CM[number]
+    right, down = ((0, 0), (1, 0), (1, 1), (0, 1))[corner]
+    return x + MARKER_CM * right, y + MARKER_CM * down

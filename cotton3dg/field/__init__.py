@@ -1,0 +1,1 @@
+"""Many plants as an experiment: what the field book's columns mean, genotypes compared, tables for databases."""

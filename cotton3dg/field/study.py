@@ -1,0 +1,43 @@
+"""What only the lab knows of a study, from `study.toml` in the field's folder; keys are MIAPPE's code names."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import BadInput
+
+STUDY_FILE = "study.toml"
+SECTIONS = ("Investigation", "Study", "Person")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Facts of a study; empty where the lab told none."""
+
+    told: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Section -> code name -> text."""
+
+    def get(self, section: str, name: str, default: str = "") -> str:
+        return self.told.get(section, {}).get(name, default)
+
+
+def read_study(folder: Path) -> Study:
+    """Read `study.toml`; none is an empty one.
+
+    Raises:
+        BadInput: it is not TOML, or has a table that is not known.
+    """
+    path = folder / STUDY_FILE
+    if not path.is_file():
+        return Study()
+    try:
+        told = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise BadInput(f"{STUDY_FILE}: {error}; mend it") from error
+    for name, table in told.items():
+        if name not in SECTIONS or not isinstance(table, dict):
+            raise BadInput(f"{STUDY_FILE}: [{name}] is unknown; use {', '.join(SECTIONS)}")
+    return Study({name: {key: str(value) for key, value in table.items()} for name, table in told.items()})

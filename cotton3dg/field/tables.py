@@ -1,0 +1,120 @@
+"""A field as its batch left it: rows of the tables with values, units and the field book's columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..core.columns import Column, columns_of
+from ..core.measurements import PlantTraits
+from ..errors import MissingInput
+from ..files.tables import BOLLS, TRAITS, read_rows, value_of
+from .columns import find_roles
+from .genotypes import FIT_COLUMNS, MEANS_COLUMNS
+
+TABLE, BOLL_TABLE = "batch.csv", "batch_bolls.csv"
+MEANS_TABLE, FITS_TABLE = "genotypes.csv", "heritability.csv"
+BATCH_COLUMNS = (
+    Column("folder", "", "the plant's folder, relative to the batch's"),
+    Column("state", "", "failed, waiting (not yet tried) or done"),
+    Column("exit_code", "1", "of cotton3dg run; negative: the signal that ended it"),
+    Column("reason", "", "why it failed and what to do"),
+    *TRAITS,
+)
+"""Of batch.csv; the field book's columns follow."""
+KNOWN = {TABLE: BATCH_COLUMNS, BOLL_TABLE: BOLLS, MEANS_TABLE: MEANS_COLUMNS, FITS_TABLE: FIT_COLUMNS}
+Sheets = dict[str, tuple[Sequence[str], list[list[Any]]]]
+"""Name -> columns and rows."""
+SPECIES = {"hirsutum": 3635, "barbadense": 3634, "arboreum": 29729, "herbaceum": 34274}
+"""Of cultivated cotton -> number in NCBI's taxonomy; the first where the field book says nothing."""
+DATE = re.compile(r"\d{4}-\d\d-\d\d(T\d\d:\d\d(:\d\d)?(Z|[+-]\d\d:\d\d)?)?")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of a field."""
+
+    columns: tuple[Column, ...]
+    rows: list[dict[str, Any]]
+    """By the columns' names; None = blank."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """All tables of a field."""
+
+    name: str
+    tables: Mapping[str, Table]
+    """By file name; `batch.csv` is there."""
+
+    @cached_property
+    def plants(self) -> list[dict[str, Any]]:
+        """Rows of the plants that have a result."""
+        return [row for row in self.tables[TABLE].rows if row["plant_id"]]
+
+    @cached_property
+    def book_columns(self) -> tuple[str, ...]:
+        """Columns that came from the field book."""
+        known = {column.name for column in BATCH_COLUMNS}
+        return tuple(column.name for column in self.tables[TABLE].columns if column.name not in known)
+
+    @cached_property
+    def roles(self) -> dict[str, str]:
+        return find_roles(self.book_columns)
+
+    def role(self, row: Mapping[str, Any], role: str) -> str:
+        """What the field book says of a plant in a role; empty where it says nothing."""
+        return str(row.get(self.roles.get(role, ""), "") or "")
+
+    def species(self, row: Mapping[str, Any]) -> str:
+        """Epithet of the plant's species, without the genus Gossypium."""
+        return self.role(row, "species").removeprefix("Gossypium ").removeprefix("G. ") or next(iter(SPECIES))
+
+    def date(self, row: Mapping[str, Any]) -> str:
+        """The plant's date as year-month-day, with a time if there is one; empty where it is none."""
+        date = self.role(row, "date").replace(" ", "T")
+        return date if DATE.fullmatch(date) else ""
+
+
+TRAIT_COLUMNS: Sequence[Column] = columns_of(PlantTraits)
+"""What is observed on a plant; the other columns tell how."""
+
+
+def observed(row: Mapping[str, Any]) -> list[tuple[Column, Any]]:
+    """Traits of a plant that have a value."""
+    return [(column, row[column.name]) for column in TRAIT_COLUMNS if row.get(column.name) is not None]
+
+
+def shown(column: Column, value: Any) -> str:
+    """A value as the tables write it."""
+    return f"{value:.{column.digits}f}" if column.digits is not None else str(value)
+
+
+def read_field(folder: Path) -> Field:
+    """Read what `cotton3dg batch` saved.
+
+    Raises:
+        MissingInput: it has not run, or no plant has a result.
+        BadInput: a table cannot be read.
+    """
+    tables = {}
+    for name, known in KNOWN.items():
+        if not (folder / name).is_file():
+            if name == TABLE:
+                raise MissingInput(f"{TABLE} is missing in {folder}; run `cotton3dg batch {folder}` first")
+            continue
+        rows = read_rows(folder / name)
+        by_name = {column.name: column for column in known}
+        heads = list(rows[0]) if rows else list(by_name)
+        columns = tuple(by_name.get(head) or Column(head, "", "of the field book") for head in heads)
+        tables[name] = Table(
+            columns, [{column.name: value_of(row[column.name], column) for column in columns} for row in rows]
+        )
+    field = Field(folder.resolve().name, tables)
+    if not field.plants:
+        raise MissingInput(f"no plant of {folder} has a result; look at {TABLE} for the reasons")
+    return field

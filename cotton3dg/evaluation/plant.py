@@ -16,6 +16,7 @@ from ..documents.truth import Truth
 from ..errors import MissingInput
 from ..files.cloud import read_cloud
 from ..files.tables import parse_number, read_rows
+from ..mapping.summary import summarise_map
 from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls
@@ -30,6 +31,19 @@ TRUTH_OF_TRAIT = {
     "plant_height_cm": "plant_height_cm",
     "canopy_size_cm": "canopy_size_cm",
 }
+
+
+MAP_TRAITS = (
+    "stem_length_cm",
+    "stem_diameter_mm",
+    "stem_lean_deg",
+    "branch_count",
+    "first_fruiting_branch_height_cm",
+    "internode_mean_cm",
+    "branch_angle_mean_deg",
+    "branch_length_mean_cm",
+)
+"""Of the plant map, compared with that of a scanner's cloud."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,10 @@ def evaluate_cloud(
     }
     if labels is not None:
         truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
+    mapped = summarise_map(true.plant_map, tube_height_cm, 0.0, 0.0)
+    truth |= {
+        trait: number for trait in MAP_TRAITS if math.isfinite(number := float(getattr(mapped, trait) or math.nan))
+    }
     return [TraitError(trait, parse_number(row[trait]), value) for trait, value in truth.items()]
 
 

@@ -247,6 +247,7 @@ def evaluate(
     from .evaluation.masks import MaskCounts, evaluate_masks
     from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
     from .evaluation.plant import evaluate as compare
+    from .evaluation.plant_map import evaluate_map
     from .evaluation.tables import evaluate_tables, evaluation_text, write_evaluation
     from .workspace import Workspace
 
@@ -270,6 +271,8 @@ def evaluate(
             display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
         else:
             display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
+            if map_scores := evaluate_map(workspace, truth or workspace.truth_json):
+                display.print_map_scores(map_scores)
 
 
 @app.command("evaluate-weights", rich_help_panel="Trying it out")

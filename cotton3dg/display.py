@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .commands.import_videos import Row as ImportRow
     from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
+    from .evaluation.plant_map import MapScores
     from .stages.staleness import StageState
 
 PLAIN_INTERVAL_S = 30.0
@@ -195,6 +196,20 @@ def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
     print(
         f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
         f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.median_volume_error_pct:.1f} %"
+    )
+
+
+def print_map_scores(map_scores: MapScores) -> None:
+    """How the plant's map agrees with the true skeleton, one subject a line."""
+    s = map_scores
+    print(
+        f"fruiting branches: {s.matched_branches} of {s.true_branches} found,"
+        f" {s.measured_branches - s.matched_branches} false (F1 {s.f1:.3f}); angle {s.angle_error_deg:.1f} deg,"
+        f" length {s.length_error_pct:.1f} % off on average\n"
+        f"bolls on their branch: {s.bolls_on_branch} of {s.bolls}; fruiting position right:"
+        f" {s.positions_right} of {s.positions}\n"
+        f"first fruiting branch {s.first_height_error_cm:+.1f} cm, internode {s.internode_error_pct:+.1f} %,"
+        f" stem length {s.stem_length_error_pct:+.1f} %, stem diameter {s.stem_diameter_error_mm:+.2f} mm"
     )
 
 

@@ -346,6 +346,14 @@ class SimulateOptions:
     exposure: float = option(0.0, "drift of the exposure, up and down", unit="EV", at_least=0.0, at_most=2.0)
     distortion: float = option(0.0, "radial distortion k1 of the lens (OpenCV)", at_least=-0.2, at_most=0.2)
     noise: float = option(0.0, "sensor noise, sigma in grey levels of 255", at_least=0.0, at_most=30.0)
+    architecture: str = option(
+        "simple", "a branch for each boll or two, or one at every node of the stem", choices=("simple", "natural")
+    )
+    vegetative: int = option(0, "vegetative branches of a natural plant", at_least=0, at_most=4)
+    barren: float = option(0.0, "share of a natural plant's branches without bolls", at_least=0.0, at_most=1.0)
+    broken: float = option(0.0, "share of a natural plant's branches with a broken tip", at_least=0.0, at_most=1.0)
+    crossing: int = option(0, "branches of a natural plant that bend and touch another", at_least=0, at_most=8)
+    lean: float = option(0.0, "lean of a natural plant's stem at its foot", unit="deg", at_least=0.0, at_most=30.0)
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,13 @@ class Workspace:
     bolls_csv = _Below("traits/bolls.csv")
     columns_csv = _Below("traits/columns.csv")
     """What each column of the two tables means."""
+    branches_csv = _Below("traits/branches.csv")
+    skeleton_json = _Below("traits/skeleton.json")
+    """The plant's map: stem, branches, and where each boll sits."""
+    skeleton_ply = _Below("traits/skeleton.ply")
+    """The same as points and edges, for Blender and CloudCompare."""
+    plant_map_svg = _Below("traits/plant_map.svg")
+    """The same as a drawing to print."""
     plant_npy = _Below("traits/plant.npy")
     """(N,) bool: which Gaussians are the plant."""
 

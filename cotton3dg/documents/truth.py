@@ -14,6 +14,25 @@ class TrueBoll:
 
     centre_xyz_m: tuple[float, ...]
     convex_volume_cm3: float
+    axis: int | None = None
+    """Id of the branch that bears it."""
+    position: int | None = None
+    """Fruiting position, 1 next to the stem; None on the stem itself."""
+
+
+@dataclass(frozen=True)
+class TrueAxis:
+    """One axis of wood; metres as for bolls."""
+
+    id: int
+    kind: str
+    """stem, fruiting, vegetative or peduncle."""
+    points_m: tuple[tuple[float, ...], ...]
+    """From its foot on its parent's centre line to its tip."""
+    radius_mm: tuple[float, ...]
+    parent: int | None = None
+    boll_id: int | None = None
+    """Of a peduncle: number of its boll, counted from 1."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +48,8 @@ class Truth(Document):
     stem_base_xyz_m: tuple[float, ...]
     """Where the stem meets the table."""
     bolls: tuple[TrueBoll, ...]
+    skeleton: tuple[TrueAxis, ...] = ()
+    clamp_tube_height_cm: float = 4.0
 
 
 @dataclass(frozen=True)

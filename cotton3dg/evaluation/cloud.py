@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.plant_map import PlantMap
 from ..core.scene import Float64
-from ..geometry.convex_measures import convex_volume
+from ..geometry.convex_measures import calliper_diameter, convex_volume
+from ..mapping.map_plant import map_cloud
 from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
 from ..traits.measure import PlantSize, measure_places
 
@@ -26,6 +28,8 @@ class CloudTraits:
     """(B,) of the bolls that are marked; empty when none are."""
     on_table: bool
     """False: the cloud has no table, so heights count from its lowest point."""
+    plant_map: PlantMap
+    """Stem and branches; bolls sit on them where they are marked."""
 
 
 def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_height_cm: float = 4.0) -> CloudTraits:
@@ -40,27 +44,34 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     points = np.asarray(points_cm, np.float64)
     level = find_table_height(points[:, 2])
     places = points - np.array([0.0, 0.0, points[:, 2].min() if level is None else level])
-    plant = places
+    of_plant = np.arange(len(places))
     if level is not None:
         floor_cm = clamp_height_cm + 1.0
-        above = places[places[:, 2] > floor_cm]
+        of_plant = np.flatnonzero(places[:, 2] > floor_cm)
+        above = places[of_plant]
         stem = fit_stem_axis(above, floor_cm) if len(above) else None
         if stem is not None:
             base, top = stem
             share = (above[:, 2] - base[2]) / (top[2] - base[2])
             beside = np.linalg.norm((above - base - share[:, None] * (top - base))[:, :2], axis=1) < STEM_RADIUS_CM
             seeds = beside & (above[:, 2] < floor_cm + STEM_LAYERS)
-            above = above[find_connected(above[:, None], seeds)]
+            of_plant = of_plant[find_connected(above[:, None], seeds)]
             places = places - np.append(base[:2], 0.0)
-            above = above - np.append(base[:2], 0.0)
-        plant = above
-    volumes = []
+    plant = places[of_plant]
+    volumes, bolls = [], []
+    lint = np.zeros(len(points), bool) if labels is None else labels > 0
     if labels is not None:
-        for boll in np.unique(labels[labels > 0]):
-            volumes.append(convex_volume(points[labels == boll]).value)
+        for boll in np.unique(labels[lint]):
+            own = places[labels == boll]
+            volumes.append(convex_volume(own).value)
+            diameter = calliper_diameter(own).value
+            bolls.append((int(boll), own.mean(axis=0), diameter))
     if not len(plant):
-        return CloudTraits(PlantSize(), np.array(volumes), level is not None)
-    return CloudTraits(measure_places(plant, plant[:, 2], plant), np.array(volumes), level is not None)
+        nothing = PlantMap((), (), "no_plant")
+        return CloudTraits(PlantSize(), np.array(volumes), level is not None, nothing)
+    plant_map = map_cloud(plant[~lint[of_plant]], bolls)
+    size = measure_places(plant, plant[:, 2], plant)
+    return CloudTraits(size, np.array(volumes), level is not None, plant_map)
 
 
 def find_table_height(heights: NDArray) -> float | None:

@@ -16,6 +16,7 @@ from ..documents.truth import Truth
 from ..errors import MissingInput
 from ..files.cloud import read_cloud
 from ..files.tables import parse_number, read_rows
+from ..mapping.summary import summarise_map
 from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls
@@ -34,6 +35,19 @@ TRUTH_OF_TRAIT = {
     "canopy_size_published_cm": "canopy_size_cm",
 }
 """Those as published stand beside the defaults; tables of older versions lack them."""
+
+
+MAP_TRAITS = (
+    "stem_length_cm",
+    "stem_diameter_mm",
+    "stem_lean_deg",
+    "branch_count",
+    "first_fruiting_branch_height_cm",
+    "internode_mean_cm",
+    "branch_angle_mean_deg",
+    "branch_length_mean_cm",
+)
+"""Of the plant map, compared with that of a scanner's cloud."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +132,10 @@ def evaluate_cloud(
     }
     if labels is not None:
         truth |= {"boll_count": float(len(volumes)), "boll_volume_cm3": float(volumes[np.isfinite(volumes)].sum())}
+    mapped = summarise_map(true.plant_map, tube_height_cm, 0.0, 0.0)
+    truth |= {
+        trait: number for trait in MAP_TRAITS if math.isfinite(number := float(getattr(mapped, trait) or math.nan))
+    }
     return [TraitError(trait, parse_number(row[trait]), value) for trait, value in truth.items()]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.columns import Column, columns_of
+from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
 from ..errors import BadInput
 
@@ -17,12 +18,15 @@ BYTE_ORDER_MARK = "\ufeff"
 
 TRAITS = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
-    *columns_of(PlantTraits, PlantEvidence),
+    *columns_of(PlantTraits, PlantEvidence, MapTraits),
 )
 """Of traits.csv."""
 
-BOLLS = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits))
+BOLLS = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits))
 """Of bolls.csv."""
+
+BRANCHES = (Column("plant_id", "", "name of the plant"), *columns_of(BranchTraits))
+"""Of branches.csv."""
 
 COLUMNS = (
     Column("table", "", "file that has the column"),

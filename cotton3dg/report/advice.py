@@ -139,6 +139,11 @@ FLAGS = {
         "No stem was seen to rise from the clamp. Positions of bolls may be off; sizes are not.",
         "Film closer to the foot of the plant.",
     ),
+    "no_map": Meaning(
+        "There is no plant map",
+        "No stem can be followed up from the clamp, so stem, branches and the bolls' places on them are blank.",
+        "Film so that the whole stem is seen, and take off leaves that hide it.",
+    ),
     "bolls_without_volume": Meaning(
         "Some bolls have no volume",
         "They are counted, but their total volume leaves them out.",

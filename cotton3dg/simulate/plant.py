@@ -1,17 +1,27 @@
 """A defoliated cotton plant, grown from a seed.
 
 A bent stem bears fruiting branches that rise and zigzag, 3/8 of a turn apart (the phyllotaxis of Gossypium); each open
-boll is 4 or 5 locks of lint over the star of its dry carpels (the bur) on a peduncle; a few dry leaves remain. Lengths
-are metres, z points up, z = 0 is the table top.
+boll is 4 or 5 locks of lint over the star of its dry carpels (the bur) on a peduncle; a few dry leaves remain. Where
+the branches are says `architecture`, for natural plants. Lengths are metres, z points up, z = 0 is the table top.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..options import SimulateOptions
+from .architecture import (
+    PEDUNCLE_RADII,
+    STEM_RADII,
+    TWIG_RADII,
+    Axis,
+    FruitingSite,
+    grow_axes,
+    stations_of,
+    swollen_radii,
+)
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 
 WOOD = (0.17, 0.095, 0.05)
@@ -39,6 +49,10 @@ class PlantMeshes:
     bolls: tuple[Boll, ...]
     stem_base: Float64
     """(3,) where the stem meets the table."""
+    axes: tuple[Axis, ...]
+    """The stem, the branches, then the peduncle of each boll, in the order of `bolls`."""
+    positions: tuple[int | None, ...]
+    """Fruiting position of each boll, 1 next to the stem; None on the stem's tip."""
 
     @property
     def parts(self) -> list[Mesh]:
@@ -56,6 +70,13 @@ class Branch:
     curve: Float64
     bolls: int
     touching: bool
+    knots: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    """(K, 3) its nodes, outwards."""
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        """Path length of each node from the branch's foot, m."""
+        return stations_of(self.curve, self.knots)
 
 
 @dataclass(frozen=True)
@@ -81,26 +102,92 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     diameters = np.clip(rng.normal(0.047, 0.007, count), 0.034, 0.062)
     base = np.append(rng.uniform(-0.04, 0.04, 2), 0.0)
     drawn = rng.uniform(0.56, 0.80)
-    stem = stem_curve(rng, base, options.stem_cm / 100 or drawn)
-    branches = fruiting_branches(rng, stem, count, round(options.clustered * count))
+    grow = _natural_plant if options.architecture == "natural" else _simple_plant
+    grown = grow(rng, base, options.stem_cm / 100 or drawn, diameters, options)
+    leaves, petioles = _leaves(rng, noise, grown.axes[0].curve)
+    stalks = [peduncle_axis(site, owner) for site, owner in zip(grown.sites, grown.owners, strict=True)]
+    stem, *twigs = [wood_of(axis, 12 if number else 24) for number, axis in enumerate(grown.axes)]
+    wood = merge([stem, *grown.stubs, *twigs, *(wood_of(stalk, 10) for stalk in stalks), *petioles])
+    roots = wood.vertices[:, 2].clip(min=0)
+    wood = weather(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
+    return PlantMeshes(
+        wood,
+        weather(leaves, noise, 0.45),
+        tuple(_boll(rng, noise, site) for site in grown.sites),
+        base,
+        (*grown.axes, *stalks),
+        tuple(grown.positions),
+    )
 
+
+@dataclass(frozen=True)
+class _Grown:
+    """A plant without leaves and bolls."""
+
+    axes: list[Axis]
+    sites: list[Site]
+    owners: list[int]
+    """Axis of each site."""
+    positions: list[int | None]
+    """Fruiting position of each site."""
+    stubs: list[Mesh]
+    """Wood that is no axis of its own."""
+
+
+def _simple_plant(
+    rng: np.random.Generator, base: Float64, height: float, diameters: Float64, options: SimulateOptions
+) -> _Grown:
+    """A branch for each boll or two; the first of the bearers is the stem's own tip."""
+    stem = stem_curve(rng, base, height)
+    branches = fruiting_branches(rng, stem, len(diameters), round(options.clustered * len(diameters)))
     obstacles = np.concatenate([stem, *(branch.curve for branch in branches)])
     sites: list[Site] = []
-    for branch in branches:
+    owners: list[int] = []
+    for number, branch in enumerate(branches):
         neighbours: list[Site] = []
         for place in range(branch.bolls):
             diameter = float(diameters[len(sites)])
             site = boll_site(rng, branch, place, diameter, sites, neighbours, obstacles, options.contact)
             sites.append(site)
+            owners.append(number)
             if branch.touching:
                 neighbours.append(site)
+    axes = [Axis("stem", None, stem, swollen_radii(len(stem), *STEM_RADII))]
+    for branch in branches[1:]:
+        radii = swollen_radii(len(branch.curve), *TWIG_RADII)
+        axes.append(Axis("fruiting", 0, branch.curve, radii, branch.nodes))
+    positions = [
+        None if not owner else 1 + int(np.argmin(np.linalg.norm(branches[owner].knots - site.node, axis=1)))
+        for site, owner in zip(sites, owners, strict=True)
+    ]
+    return _Grown(axes, sites, owners, positions, [twig(branch.curve, *TWIG_RADII) for branch in branches[:1]])
 
-    leaves, petioles = _leaves(rng, noise, stem)
-    twigs = [twig(branch.curve, 0.0034, 0.0019) for branch in branches]
-    wood = merge([twig(stem, 0.0075, 0.0026, sides=24), *twigs, *(peduncle(site) for site in sites), *petioles])
-    roots = wood.vertices[:, 2].clip(min=0)
-    wood = weather(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
-    return PlantMeshes(wood, weather(leaves, noise, 0.45), tuple(_boll(rng, noise, site) for site in sites), base)
+
+def _natural_plant(
+    rng: np.random.Generator, base: Float64, height: float, diameters: Float64, options: SimulateOptions
+) -> _Grown:
+    """A branch at every node, of whose sites some keep their boll; bolls hang clear of each other and of the wood."""
+    axes, kept = grow_axes(rng, base, height, len(diameters), options)
+    obstacles = np.concatenate([axis.curve for axis in axes])
+    sites: list[Site] = []
+    for site, diameter in zip(kept, diameters, strict=False):
+        sites.append(free_site(rng, site.node, site.along, float(diameter), sites, [], obstacles))
+    stubs = _scars(rng, axes, kept)
+    return _Grown(axes, sites, [site.axis for site in kept], [site.position for site in kept], stubs)
+
+
+def _scars(rng: np.random.Generator, axes: list[Axis], kept: list[FruitingSite]) -> list[Mesh]:
+    """Stubs of some millimetres where sites lost their bolls."""
+    taken = {(site.axis, site.position) for site in kept}
+    stubs = []
+    for number, axis in enumerate(axes):
+        for position, node in enumerate(axis.nodes if axis.kind == "fruiting" else (), start=1):
+            if (number, position) not in taken:
+                foot = axis.at(node)
+                tip = foot + unit(rng.normal(0, 1, 3) + (0, 0, 0.7)) * rng.uniform(0.003, 0.006)
+                curve = smooth_curve([foot, tip], 0.002)
+                stubs.append(tube(curve, np.full(len(curve), 0.0012), np.tile(WOOD, (len(curve), 1)), 8))
+    return stubs
 
 
 def stem_curve(rng: np.random.Generator, base: Float64, height: float) -> Float64:
@@ -135,12 +222,17 @@ def fruiting_branches(rng: np.random.Generator, stem: Float64, count: int, clust
         node = stem[round(min(height, 0.99) * (len(stem) - 1))]
         azimuth = turn + order * 2 * np.pi * 3 / 8 + rng.normal(0, 0.25)
         length = (0.26 - 0.19 * height) * rng.uniform(0.75, 1.2) * (1.25 if load > 1 else 1.0)
-        branches.append(Branch(_branch_curve(rng, node, azimuth, length), load, touching))
+        curve, knots = _branch_curve(rng, node, azimuth, length)
+        branches.append(Branch(curve, load, touching, knots))
     return branches
 
 
-def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, length: float) -> Float64:
-    """Sympodial growth: every internode of about 5 cm turns to the other side; the branch rises, then flattens."""
+def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, length: float) -> tuple[Float64, Float64]:
+    """Sympodial growth: every internode of about 5 cm turns to the other side; the branch rises, then flattens.
+
+    Returns:
+        The curve (N, 3) and its nodes (K, 3), m.
+    """
     internodes = max(2, round(length / 0.05))
     rise = np.deg2rad(rng.uniform(32, 58))
     side = rng.choice([-1, 1])
@@ -150,7 +242,7 @@ def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, lengt
         slope = rise * (1 - 0.25 * k / internodes)
         step = np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), np.sin(slope)])
         points.append(points[-1] + step * length / internodes)
-    return smooth_curve(points, 0.004)
+    return smooth_curve(points, 0.004), np.array(points[1:])
 
 
 def boll_site(
@@ -163,17 +255,32 @@ def boll_site(
     obstacles: Float64,
     contact: float = 0.90,
 ) -> Site:
-    """The best of 300 random places at the branch's tip (or, for a second boll, half way along it).
+    """A free place at the branch's tip (or, for a second boll, half way along it)."""
+    at_tip = place == 0 or branch.touching
+    node = branch.curve[-1 if at_tip else len(branch.curve) // 2]
+    along = unit(branch.curve[-1] - branch.curve[-4])
+    return free_site(rng, node, along, diameter, sites, neighbours, obstacles, contact)
+
+
+def free_site(
+    rng: np.random.Generator,
+    node: Float64,
+    along: Float64,
+    diameter: float,
+    sites: list[Site],
+    neighbours: list[Site],
+    obstacles: Float64,
+    contact: float = 0.90,
+) -> Site:
+    """The best of 300 random places beside a node.
 
     A good place keeps the boll clear of the others (or, in a cluster, just touching a neighbour) and of the wood.
 
     Args:
+        along: (3,) unit vector, the way out.
         contact: least distance of the centres of touching bolls, in their mean diameter.
     """
     tries = 300
-    at_tip = place == 0 or branch.touching
-    node = branch.curve[-1 if at_tip else len(branch.curve) // 2]
-    along = unit(branch.curve[-1] - branch.curve[-4])
     directions = unit(along + np.array([0, 0, 0.25]) + rng.normal(0, 0.45, (tries, 3)))
     gaps = np.full(len(sites), 1.12)
     if neighbours:
@@ -199,17 +306,23 @@ def boll_site(
 
 def twig(curve: Float64, thick: float, thin: float, sides: int = 12) -> Mesh:
     """A tapered branch, swollen at its foot."""
-    s = np.linspace(0, 1, len(curve))
-    radii = thick + (thin - thick) * s + 0.35 * thin * np.exp(-s * len(curve) / 3)
-    return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), sides)
+    return tube(curve, swollen_radii(len(curve), thick, thin), np.tile(WOOD, (len(curve), 1)), sides)
+
+
+def wood_of(axis: Axis, sides: int) -> Mesh:
+    return tube(axis.curve, axis.radii, np.tile(WOOD, (len(axis.curve), 1)), sides)
 
 
 def peduncle(site: Site) -> Mesh:
+    return wood_of(peduncle_axis(site, 0), 10)
+
+
+def peduncle_axis(site: Site, parent: int) -> Axis:
+    """The stalk from a node to the foot of its boll's bur."""
     foot = site.centre - site.axis * LINT_CENTRE * site.diameter
     bend = 0.5 * (site.node + foot) - 0.15 * np.linalg.norm(foot - site.node) * site.axis
     curve = smooth_curve([site.node, bend, foot], 0.003)
-    radii = np.linspace(0.0017, 0.0026, len(curve))
-    return tube(curve, radii, np.tile(WOOD, (len(curve), 1)), 10)
+    return Axis("peduncle", parent, curve, np.linspace(*PEDUNCLE_RADII, len(curve)))
 
 
 def _boll(rng: np.random.Generator, noise: SolidNoise, site: Site) -> Boll:

@@ -12,6 +12,7 @@ from scipy.spatial.distance import pdist
 
 from ..core.scene import Camera
 from ..options import SimulateOptions
+from .architecture import Axis
 from .camera import Orbit
 from .mesh import Float64
 from .plant import PlantMeshes
@@ -27,6 +28,12 @@ DEFINITIONS = {
     "visible_pixel_max": "largest pixel count of this id over the instance masks",
     "plant_height_cm": "zmax - zmin of all plant meshes (stem foot at z=0)",
     "canopy": "minimum-area rectangle of the horizontal projection of all plant meshes",
+    "skeleton": (
+        "axes of wood: stem, fruiting and vegetative branches, peduncles; parent = id of the axis it grows on; "
+        "points_m from its foot on the parent's centre line to its tip, radius_mm at each, nodes_m = path lengths there"
+    ),
+    "axis": "id of the branch (or stem) that bears the boll; its peduncle is the axis with that boll_id",
+    "position": "fruiting position, 1 = next to the stem; null on the stem's tip",
 }
 CONVENTION = (
     "camera_to_world 4x4, OpenCV axes (x right, y down, z forward), metres, world as in truth.json; "
@@ -52,6 +59,8 @@ def plant_truth(
     seen = np.zeros(len(plant.bolls) + 1, np.int64)
     for ids in (masks or {}).values():
         seen = np.maximum(seen, np.bincount(ids.ravel(), minlength=len(seen)))
+    stalks = [axis for axis in plant.axes if axis.kind == "peduncle"]
+    first_stalk = len(plant.axes) - len(stalks)
     bolls = []
     for boll_id, boll in enumerate(plant.bolls, start=1):
         lint = ConvexHull(boll.lint.vertices)
@@ -65,6 +74,8 @@ def plant_truth(
                 "diameter_cm": round(100 * mean_width(lint), 3),
                 "max_diameter_cm": round(100 * float(pdist(lint.points[lint.vertices]).max()), 3),
                 "visible_pixel_max": int(seen[boll_id]),
+                "axis": stalks[boll_id - 1].parent,
+                "position": plant.positions[boll_id - 1],
             }
         )
     return {
@@ -89,7 +100,20 @@ def plant_truth(
         "plant_bbox_m": {"min": _round(low, 5), "max": _round(high, 5)},
         "definitions": DEFINITIONS,
         "bolls": bolls,
+        "skeleton": [_axis_record(number, axis, first_stalk) for number, axis in enumerate(plant.axes)],
         "bolls_never_visible_in_masks": [boll["id"] for boll in bolls if not boll["visible_pixel_max"]],
+    }
+
+
+def _axis_record(number: int, axis: Axis, first_stalk: int) -> dict[str, Any]:
+    return {
+        "id": number,
+        "kind": axis.kind,
+        "parent": axis.parent,
+        "boll_id": number - first_stalk + 1 if axis.kind == "peduncle" else None,
+        "points_m": _round(axis.curve, 5),
+        "radius_mm": _round(1000 * axis.radii, 3),
+        "nodes_m": _round(np.array(axis.nodes), 5),
     }
 
 

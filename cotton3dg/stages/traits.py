@@ -9,24 +9,34 @@ import numpy as np
 
 from .. import __version__
 from ..core.columns import cells_of
+from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantTraits, Scale
 from ..core.outcome import StageOutcome
+from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
+from ..core.scene import Gaussians
 from ..documents.bolls import read_bolls
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
+from ..documents.skeleton import describe_map
 from ..documents.train import TrainMetrics
 from ..documents.weights import WeightModel
 from ..errors import BadInput
 from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
-from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
+from ..files.skeleton import draw_map, skeleton_ply
+from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
+from ..mapping.map_plant import map_gaussians
+from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..options import TraitsOptions
-from ..traits.measure import measure_plant
+from ..traits.measure import Measured, measure_plant
+from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
+NO_MAP = "no_map"
+UNMAPPED = "no stem can be followed up from the clamp, so there is no plant map; film so that the whole stem is seen"
 EARLIER_STAGES = tuple(stage for stage in STAGES if stage != "traits")
 
 
@@ -47,7 +57,8 @@ def named_files(workspace: Workspace, options: TraitsOptions) -> list[Path]:
 
 
 def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes traits.csv, bolls.csv, columns.csv (what each column means) and plant.npy (rows of the plant)."""
+    """Writes traits.csv, bolls.csv, branches.csv, columns.csv (what each column means), skeleton.json, skeleton.ply and
+    plant_map.svg (the plant's map), and plant.npy (rows of the plant)."""
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     labels_npy = workspace.require(workspace.labels_npy, "cluster")
     bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
@@ -56,23 +67,50 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
+    plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
+    unmapped = measured.plant is not None and not plant_map.axes
+    flags = (*measured.flags, *([NO_MAP] if unmapped else []))
     if weights := named_files(workspace, options):
         measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
-    evidence = _evidence(workspace, scale, metrics, measured.flags)
+    evidence = _evidence(workspace, scale, metrics, flags)
     whose = {"plant_id": options.plant_id or workspace.plant_id}
+    sites = boll_rows(plant_map)
     tables = {
-        workspace.traits_csv.name: (TRAITS, [whose | cells_of(measured.traits, evidence)]),
-        workspace.bolls_csv.name: (BOLLS, [whose | cells_of(boll) for boll in measured.bolls]),
+        workspace.traits_csv.name: (TRAITS, [whose | cells_of(measured.traits, evidence, map_traits)]),
+        workspace.bolls_csv.name: (
+            BOLLS,
+            [whose | cells_of(boll, sites.get(boll.boll_id, BollMapTraits())) for boll in measured.bolls],
+        ),
+        workspace.branches_csv.name: (BRANCHES, [whose | cells_of(branch) for branch in branch_rows(plant_map)]),
     }
     with workspace.writing("traits") as folder:
         for name, (columns, rows) in tables.items():
             write_text_atomically(folder / name, csv_text(columns, rows, excel=options.excel))
         meanings = columns_text({name: columns for name, (columns, _) in tables.items()}, excel=options.excel)
         write_text_atomically(folder / workspace.columns_csv.name, meanings)
+        describe_map(plant_map).save(folder / workspace.skeleton_json.name)
+        write_text_atomically(folder / workspace.skeleton_ply.name, skeleton_ply(plant_map))
+        if plant_map.axes:
+            write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, whose["plant_id"]))
         rows_of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
         np.save(folder / workspace.plant_npy.name, rows_of_plant)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
-    return StageOutcome({key: getattr(measured.traits, key) for key in keys}, measured.flags, measured.warnings)
+    summary = {key: getattr(measured.traits, key) for key in keys} | {"branch_count": map_traits.branch_count}
+    warnings = (*measured.warnings, *([UNMAPPED] if unmapped else []))
+    return StageOutcome(summary, flags, warnings)
+
+
+def _map(
+    gaussians: Gaussians, measured: Measured, scale: Scale | None, pixel_su: float, clamp_cm: float
+) -> tuple[PlantMap, MapTraits]:
+    """The map of what was measured, and its traits; nothing without a plant or a stem."""
+    if scale is None or measured.plant is None:
+        return PlantMap((), (), "no_scale" if scale is None else "no_plant"), MapTraits()
+    plant = measured.plant
+    wood = gaussians[plant.rows & ~measured.boll_rows]
+    bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in measured.bolls]
+    plant_map = map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls)
+    return plant_map, summarise_map(plant_map, clamp_cm, scale.relative_error, pixel_su * scale.cm_per_su)
 
 
 def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
@@ -107,7 +145,7 @@ def _evidence(
 
 
 def _cost(work: Work) -> Cost:
-    return Cost(0.0, 1.5 + 28 * work.million_gaussians)
+    return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
 STAGE = Stage("traits", version=7, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -50,6 +50,8 @@ class Measured:
     traits: PlantTraits
     flags: tuple[str, ...]
     warnings: tuple[str, ...]
+    boll_rows: NDArray[np.bool_]
+    """(N,) Gaussians of bolls."""
 
 
 def measure_plant(
@@ -63,10 +65,10 @@ def measure_plant(
     """
     concerns: dict[str, str] = {}
     plant = None
+    boll_rows = np.zeros(len(gaussians), bool)
+    for boll in bolls:
+        boll_rows[boll.indices] = True
     if scale is not None:
-        boll_rows = np.zeros(len(gaussians), bool)
-        for boll in bolls:
-            boll_rows[boll.indices] = True
         plant = isolate_plant(gaussians, scale, clamp_cm, boll_rows)
         if plant is None:
             concerns["no_plant"] = "nothing stands on the table; look at train/gaussians.ply and at scale/table_0.jpg"
@@ -78,7 +80,7 @@ def measure_plant(
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
     traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
-    return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()))
+    return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
 def measure_bolls(

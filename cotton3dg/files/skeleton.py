@@ -1,0 +1,146 @@
+"""The skeleton for other programs: a PLY of points and edges, and the plant map as an SVG drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.plant_map import Axis, BollOnMap, PlantMap
+from ..geometry.polylines import length_of
+
+INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
+PX_PER_CM = 9.0
+MARGIN_PX = 70.0
+RISE = np.tan(np.radians(18.0))
+"""Slope at which branches are drawn, one as the other."""
+
+
+def skeleton_ply(plant_map: PlantMap) -> str:
+    """An ASCII PLY that Blender (edges) and CloudCompare (points) open, cm in the plant frame.
+
+    Vertices have a radius (0 where unknown), the rank of their branch (0 = stem) and, on the stalk of a boll, its id.
+    """
+    lines: list[tuple[NDArray, NDArray, int, int]] = [
+        (axis.curve, np.nan_to_num(axis.radii), axis.rank, 0) for axis in plant_map.axes
+    ]
+    lines += [(boll.stalk, np.zeros(len(boll.stalk)), boll.branch, boll.boll_id) for boll in plant_map.bolls]
+    n, edges = sum(len(points) for points, *_ in lines), sum(max(len(points) - 1, 0) for points, *_ in lines)
+    text = ["ply", "format ascii 1.0", "comment stem, branches and stalks of bolls, cm, z up", f"element vertex {n}"]
+    text += [f"property float {name}" for name in ("x", "y", "z", "radius")]
+    text += ["property int branch", "property int boll_id", f"element edge {edges}"]
+    text += ["property int vertex1", "property int vertex2", "end_header"]
+    for points, radii, branch, boll in lines:
+        text += [f"{x:.4f} {y:.4f} {z:.4f} {r:.4f} {branch} {boll}" for (x, y, z), r in zip(points, radii, strict=True)]
+    start = 0
+    for points, *_ in lines:
+        text += [f"{row} {row + 1}" for row in range(start, start + len(points) - 1)]
+        start += len(points)
+    return "\n".join([*text, ""])
+
+
+def draw_map(plant_map: PlantMap, title: str = "") -> str:
+    """The plant map as breeders draw it, an SVG that prints on one page.
+
+    The stem is upright; branches leave it at their heights, by turns right and left in order of rank, as long as they
+    are; filled circles are bolls with their ids, the figure inside is the inferred fruiting position.
+    """
+    if not plant_map.axes:
+        return ""
+    places = _branch_places(plant_map)
+    top = float(plant_map.stem.curve[-1, 2])
+    ends = np.array([[0.0, 0.0], [0.0, top], *(end for _, end in places.values())])
+    left, right = ends[:, 0].min() * PX_PER_CM - MARGIN_PX, ends[:, 0].max() * PX_PER_CM + MARGIN_PX
+    high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX
+
+    def at(point: NDArray) -> str:
+        return f"{point[0] * PX_PER_CM - left:.1f},{high - point[1] * PX_PER_CM:.1f}"
+
+    width, height = right - left, high + 40
+    svg = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
+        f'aria-label="Plant map: stem, {len(plant_map.branches)} branches, {len(plant_map.bolls)} bolls" '
+        'font-family="sans-serif" font-size="13">'
+    ]
+    svg.append(f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>')
+    if title:
+        svg.append(_text(f"{width / 2:.1f},24", title, "middle", INK, 16))
+    for mark in range(0, int(top) + 1, 10):
+        x, y = at(np.array([left / PX_PER_CM, mark])).split(",")
+        svg.append(f'<line x1="{x}" x2="{width:.1f}" y1="{y}" y2="{y}" stroke="#ddd" stroke-width="1"/>')
+        svg.append(_text(f"4,{float(y) - 3:.1f}", f"{mark} cm", "start", "#888", 11))
+    svg.append(_line(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5))
+    for axis in plant_map.branches:
+        start, end = places[axis.rank]
+        colour = FRUITING if axis.kind == "fruiting" else VEGETATIVE
+        svg.append(_line(at(start), at(end), colour, 3 if axis.kind == "fruiting" else 4.5))
+        outwards = 1 if end[0] >= start[0] else -1
+        label = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
+        svg.append(_text(at(end + (outwards * 1.6, 0.9)), label, "start" if outwards > 0 else "end", colour, 12))
+    for boll in plant_map.bolls:
+        svg += _boll(boll, places, plant_map.stem, at)
+    return "\n".join([*svg, "</svg>"])
+
+
+def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
+    """Rank -> start and end on the drawing, cm; a branch of a branch leaves it downwards and keeps its side."""
+    places: dict[int, tuple[NDArray, NDArray]] = {}
+    side = 1
+    waiting: Sequence[Axis] = [axis for axis in plant_map.branches if axis.parent == 0]
+    for axis in waiting:
+        start = np.array([0.0, axis.curve[0, 2]])
+        rise = RISE if axis.kind == "fruiting" else 1.6
+        places[axis.rank] = start, start + _way(side, rise) * length_of(axis.curve)
+        side = -side
+    left = [axis for axis in plant_map.branches if axis.parent != 0]
+    while left:
+        ready = [axis for axis in left if axis.parent in places]
+        if not ready:
+            break
+        for axis in ready:
+            start, end = places[axis.parent]
+            parent = plant_map.axes[axis.parent]
+            gap = np.linalg.norm(parent.curve - axis.curve[0], axis=1)
+            share = float(np.argmin(gap)) / max(len(parent.curve) - 1, 1)
+            foot = start + share * (end - start)
+            outwards = 1 if end[0] >= start[0] else -1
+            places[axis.rank] = foot, foot + _way(outwards, 0.1) * length_of(axis.curve)
+        left = [axis for axis in left if axis.rank not in places]
+    return places
+
+
+def _way(side: int, rise: float) -> NDArray:
+    way = np.array([side, rise])
+    return way / np.linalg.norm(way)
+
+
+def _boll(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]], stem: Axis, at: object) -> list[str]:
+    if boll.branch:
+        start, end = places[boll.branch]
+        length = float(np.linalg.norm(end - start))
+        place = start + (end - start) * min(boll.path_cm / max(length, 1e-6), 1.0)
+    else:
+        place = np.array([0.0, float(boll.stalk[0, 2])])
+    x, y = at(place).split(",")  # type: ignore[operator]
+    svg = [f'<circle cx="{x}" cy="{y}" r="9" fill="{BOLL}"><title>boll {boll.boll_id}</title></circle>']
+    if boll.position:
+        figure = f"{boll.position}" if boll.position < 3 else "3+"
+        svg.append(_text(f"{x},{float(y) + 4:.1f}", figure, "middle", "#fff", 11))
+    svg.append(_text(f"{x},{float(y) + 23:.1f}", f"b{boll.boll_id}", "middle", BOLL, 11))
+    return svg
+
+
+def _line(start: str, end: str, colour: str, width: float) -> str:
+    (x1, y1), (x2, y2) = start.split(","), end.split(",")
+    return (
+        f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" stroke="{colour}" stroke-width="{width}" '
+        'stroke-linecap="round"/>'
+    )
+
+
+def _text(place: str, text: str, anchor: str, colour: str, size: int) -> str:
+    from xml.sax.saxutils import escape
+
+    x, y = place.split(",")
+    return f'<text x="{x}" y="{y}" text-anchor="{anchor}" fill="{colour}" font-size="{size}">{escape(text)}</text>'

@@ -1,0 +1,75 @@
+"""Curves in space as polylines: path lengths, resampling, smoothing, directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+Float64 = NDArray[np.float64]
+
+
+def path_lengths(points: NDArray) -> Float64:
+    """(N,) length along a polyline (N, 3) from its first point to each."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def length_of(points: NDArray) -> float:
+    return float(path_lengths(points)[-1])
+
+
+def place_at(points: NDArray, length: float) -> Float64:
+    """(3,) the place at a path length from the start; beyond an end, that end."""
+    lengths = path_lengths(points)
+    return np.array([np.interp(length, lengths, axis) for axis in np.asarray(points, np.float64).T])
+
+
+def resampled(points: NDArray, spacing: float) -> Float64:
+    """(M, 3) points evenly along the polyline, about `spacing` apart; both ends stay."""
+    lengths = path_lengths(points)
+    wanted = np.linspace(0, lengths[-1], max(2, round(lengths[-1] / spacing) + 1))
+    return np.column_stack([np.interp(wanted, lengths, axis) for axis in np.asarray(points, np.float64).T])
+
+
+def smoothed(points: NDArray, sigma: float) -> Float64:
+    """(N, 3) points of an evenly spaced polyline, averaged over neighbours; both ends stay.
+
+    Args:
+        sigma: standard deviation of the Gaussian weights, in points.
+    """
+    points = np.asarray(points, np.float64)
+    if len(points) < 3:
+        return points
+    # Mirrored about its ends, a curve keeps its ends and its directions there.
+    pad = min(len(points) - 1, int(4 * sigma) + 1)
+    before, after = 2 * points[0] - points[pad:0:-1], 2 * points[-1] - points[-2 : -pad - 2 : -1]
+    whole = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
+    return whole[pad : pad + len(points)]
+
+
+def direction(points: NDArray, start: float, stop: float) -> Float64:
+    """(3,) unit vector of the chord between two path lengths; NaN where they are one place."""
+    chord = place_at(points, stop) - place_at(points, start)
+    length = float(np.linalg.norm(chord))
+    return chord / length if length > 0 else np.full(3, np.nan)
+
+
+def angle_deg(a: NDArray, b: NDArray) -> float:
+    """Angle between two directions, degrees."""
+    cosine = (a @ b) / (np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def nearest_on(points: NDArray, places: NDArray) -> tuple[Float64, Float64]:
+    """Distance (M,) of each of (M, 3) places to a polyline (N, 3), and the path length (M,) of the nearest point."""
+    start = np.asarray(points, np.float64)[:-1]
+    steps = np.diff(points, axis=0)
+    squares = np.maximum((steps**2).sum(axis=1), 1e-18)
+    lengths = path_lengths(points)
+    best, station = np.full(len(places), np.inf), np.zeros(len(places))
+    for a, step, square, length in zip(start, steps, squares, lengths, strict=False):
+        share = np.clip((places - a) @ step / square, 0, 1)
+        away = np.linalg.norm(places - a - share[:, None] * step, axis=1)
+        nearer = away < best
+        best[nearer], station[nearer] = away[nearer], length + share[nearer] * np.sqrt(square)
+    return best, station

@@ -1,0 +1,1 @@
+"""From the Gaussians of a plant to its map: wood, graph, skeleton, branches in order, fruiting positions, thickness."""

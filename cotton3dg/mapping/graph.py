@@ -1,0 +1,137 @@
+"""Wood as a graph: near places are joined, gaps are bridged at a price, and shortest paths lead to the clamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+
+from ..core.scene import Float64
+
+NEIGHBOURS = 12
+NEAR_CM = 1.0
+"""Places no farther apart are joined at once."""
+GAP_CM = 0.5
+"""A step of this length costs twice its length, longer ones more and more: wood is seen closer together than that."""
+COARSE_CM, FAR_CM, FAR_NEIGHBOURS = 0.8, 4.0, 16
+"""Of the places so far apart, some are joined over so much: for gaps in wood that hangs together elsewhere."""
+BRIDGE_CM = 7.0
+"""The widest gap behind a boll or leaf that is bridged."""
+DEAR = 2.0
+"""A way through blades, burs and other bolls costs so many times its length."""
+
+
+@dataclass(frozen=True)
+class WoodTree:
+    """Shortest paths from every place to the clamp."""
+
+    places: Float64
+    """(N, 3) cm, the wood's and then one for each boll."""
+    before: NDArray[np.int64]
+    """(N,) the next place towards the clamp; -1 of the root and of what is not connected."""
+    cost: Float64
+    """(N,) of the path to the root; infinite where there is none."""
+    lengths: Float64
+    """(N,) cm of the path to the root."""
+
+
+@dataclass(frozen=True)
+class WoodGraph:
+    """Which places are joined."""
+
+    places: Float64
+    """(N, 3) cm."""
+    pairs: NDArray[np.int64]
+    """(P, 2) rows, each pair once."""
+
+
+def joined(places: Float64) -> WoodGraph:
+    """Near places are joined, and parts with the parts that are nearest to them."""
+    pairs = _neighbours(places, NEIGHBOURS, NEAR_CM)
+    coarse = np.unique(np.floor(places / COARSE_CM).astype(np.int64), axis=0, return_index=True)[1]
+    far = coarse[_neighbours(places[coarse], FAR_NEIGHBOURS, FAR_CM)]
+    pairs = np.unique(np.sort(np.vstack([pairs, far]), axis=1), axis=0)
+    return WoodGraph(places, np.vstack([pairs, _bridges(places, pairs)]))
+
+
+def shortest_paths(
+    graph: WoodGraph, dear: NDArray[np.bool_], root: int, feet: Float64, sideways: float = 1.0
+) -> WoodTree:
+    """Dijkstra's shortest paths to a root; the bolls' feet are ends that nothing leads through.
+
+    Args:
+        dear: (N,) places that a way should avoid. feet: (B, 3) cm. sideways: what a level centimetre counts.
+    """
+    wood, pairs, n = graph.places, graph.pairs, len(graph.places)
+    lengths = np.linalg.norm((wood[pairs[:, 0]] - wood[pairs[:, 1]]) * (sideways, sideways, 1.0), axis=1)
+    factors = np.where(dear, DEAR, 1.0)
+    costs = _costs(lengths) * 0.5 * (factors[pairs[:, 0]] + factors[pairs[:, 1]])
+    matrix = coo_matrix((np.maximum(costs, 1e-9), pairs.T), shape=(n, n)).tocsr()
+    cost, before = dijkstra(matrix, directed=False, indices=root, return_predecessors=True)
+    before = np.where(before < 0, -1, before).astype(np.int64)
+    if len(feet):
+        distances, near = cKDTree(wood).query(feet, k=min(NEIGHBOURS, n), distance_upper_bound=BRIDGE_CM)
+        totals = np.append(cost, np.inf)[near] + _costs(distances)
+        best = np.argmin(totals, axis=1)
+        reached = np.isfinite(totals.min(axis=1))
+        cost = np.append(cost, totals.min(axis=1))
+        before = np.append(before, np.where(reached, near[np.arange(len(feet)), best], -1))
+    places = np.vstack([wood, feet])
+    steps = np.linalg.norm(places - places[before], axis=1)
+    path_lengths = np.zeros(len(places))
+    for row in np.argsort(cost, kind="stable"):
+        if before[row] >= 0:
+            path_lengths[row] = path_lengths[before[row]] + steps[row]
+    return WoodTree(places, before, cost, path_lengths)
+
+
+def _costs(lengths: Float64) -> Float64:
+    return lengths * (1 + (lengths / GAP_CM) ** 1.5)
+
+
+def _neighbours(places: Float64, k: int, reach: float) -> NDArray[np.int64]:
+    """(P, 2) rows of places no farther apart than `reach`, the k - 1 nearest of each; each pair once."""
+    k = min(k, len(places))
+    distances, others = cKDTree(places).query(places, k=k, distance_upper_bound=reach)
+    rows = np.repeat(np.arange(len(places)), k).reshape(len(places), k)
+    kept = np.isfinite(distances) & (others != rows)
+    pairs = np.sort(np.column_stack([rows[kept], others[kept]]), axis=1)
+    return np.unique(pairs, axis=0).astype(np.int64)
+
+
+def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(B, 2) the nearest pairs between parts, until all within `BRIDGE_CM` hang together (Borůvka's spanning tree).
+
+    Every part gets its nearest bridges to some others, not one alone: the shortest way decides which is crossed.
+    """
+    n = len(places)
+    found = [np.zeros((0, 2), np.int64)]
+    for _ in range(8):
+        edges = np.vstack([pairs, *found])
+        matrix = coo_matrix((np.ones(len(edges)), edges.T), shape=(n, n))
+        count, part = connected_components(matrix, directed=False)
+        if count == 1:
+            break
+        added = []
+        for one in range(count):
+            own, rest = np.flatnonzero(part == one), np.flatnonzero(part != one)
+            distances, nearest = cKDTree(places[rest]).query(places[own], distance_upper_bound=BRIDGE_CM)
+            order = np.argsort(distances, kind="stable")[:3]
+            order = order[np.isfinite(distances[order])]
+            added += [sorted((int(own[i]), int(rest[nearest[i]]))) for i in order]
+        if not added:
+            break
+        found.append(np.array(added, np.int64))
+    return np.unique(np.vstack(found), axis=0)
+
+
+def path_to(tree: WoodTree, row: int, stop: NDArray[np.bool_]) -> list[int]:
+    """Rows from the first one of `stop` (or the root) outwards to `row`."""
+    path = [row]
+    while not stop[path[-1]] and tree.before[path[-1]] >= 0:
+        path.append(int(tree.before[path[-1]]))
+    return path[::-1]

@@ -1,0 +1,287 @@
+"""From the ways of a skeleton to the map that a breeder draws: stem, branches by rank, each boll on its branch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..core.plant_map import Axis, BollOnMap, PlantMap
+from ..core.scene import Float64
+from ..geometry.polylines import (
+    angle_deg,
+    direction,
+    length_of,
+    nearest_on,
+    path_lengths,
+    place_at,
+    resampled,
+)
+from .positions import Sited, infer_positions
+from .skeleton import SPACING_CM, RawAxis, bend_deg
+from .wood import BollBody, WoodCloud
+
+STALK_CM = 5.0
+"""A way to a boll that is no longer, from a branch, is the boll's stalk; a longer one is a branch of its own."""
+TERMINAL_STALK_CM = 2.0
+"""Where a branch goes on into the stalk of its last boll, its last node is taken to be so far from the boll's foot."""
+SUB_BRANCH_CM = 3.5
+"""Shorter ways that leave a branch are scars and dry tips."""
+TIP_CM = 3.0
+"""A boll so near to the stem's tip sits on the stem."""
+PETIOLE_CM = 14.0
+"""A way into a blade that is no longer is a leaf's stalk."""
+CARPEL_CM = 4.5
+"""A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
+CARPEL_REACH = 1.3
+"""Such a way ends within so many diameters of the boll's middle."""
+TOUCH_CM = 1.2
+"""Branches whose ways come as near to each other may have been mistaken for each other there."""
+BASE_CM = 2.0
+"""The straight piece of a branch next to its parent, which is continued into the parent's centre line."""
+BESIDE_CM = 0.4
+"""It begins so far outside of the parent's wood."""
+SEEN_CM = 0.5
+UPRIGHT_DEG = 55.0
+RISING_DEG = 35.0
+"""The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
+VEGETATIVE_CM = 12.0
+VEGETATIVE_FOOT = 0.5
+"""Vegetative branches leave the stem in its lower half, and before other branches do."""
+
+
+@dataclass
+class _Branch:
+    """A branch on its way to its place in the order."""
+
+    curve: Float64
+    parent: int
+    """Index among the branches; -1 = the stem."""
+    raw: int
+    ends_in_boll: int = 0
+    stalks: list[tuple[int, float, Float64]] = field(default_factory=list)
+    """Index of the boll from 1, path length of its node on the branch, and its stalk (N, 3)."""
+
+
+def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantMap:
+    """The map of a skeleton.
+
+    Args:
+        raw: the stem, then the ways that leave it or each other. stem_radius: cm, in its lower half.
+    """
+    if not raw:
+        return PlantMap((), (), "no_stem")
+    ways = _without_carpels(_mended(raw), cloud.bolls)
+    stem = ways[0].curve
+    branches, on_stem = _sorted_out(ways, cloud)
+    for branch in branches:
+        parent = stem if branch.parent < 0 else branches[branch.parent].curve
+        radius = stem_radius if branch.parent < 0 else 0.2
+        shift = length_of(branch.curve)
+        branch.curve = with_straight_base(branch.curve, parent, radius)
+        shift = length_of(branch.curve) - shift
+        branch.stalks = [(boll, max(node + shift, 0.0), stalk) for boll, node, stalk in branch.stalks]
+    order = sorted(range(len(branches)), key=lambda i: (float(branches[i].curve[0, 2]), i))
+    ranks = {index: rank for rank, index in enumerate(order, start=1)} | {-1: 0}
+    seen = cloud.places
+    axes = [Axis(0, "stem", -1, stem, _unknown(stem), _seen_share(stem, seen), _ids(cloud, on_stem))]
+    bolls = [
+        _boll_on_map(cloud.bolls[boll - 1], 0, rank, Sited(node, 0, np.nan), stalk, [])
+        for rank, (boll, node, stalk) in enumerate(sorted(on_stem, key=lambda item: item[1]), start=1)
+    ]
+    curves = [branch.curve for branch in branches]
+    heights = [float(branch.curve[0, 2]) for branch in branches if branch.parent < 0]
+    low, high = min(heights, default=0.0), float(stem[-1, 2])
+    for index in order:
+        branch = branches[index]
+        own = sorted(branch.stalks, key=lambda item: (item[1], item[0]))
+        kind = _kind(branch, branches, index, stem)
+        axis = Axis(
+            ranks[index],
+            kind,
+            ranks[branch.parent],
+            branch.curve,
+            _unknown(branch.curve),
+            _seen_share(branch.curve, seen),
+            _ids(cloud, own),
+        )
+        axes.append(axis)
+        up = np.clip((branch.curve[0, 2] - low) / max(high - low, 1.0), 0, 1)
+        sited = infer_positions(branch.curve, [node for _, node, _ in own], float(up), kind == "fruiting")
+        others = [curve for other, curve in enumerate(curves) if other != index] + [stem]
+        for rank, ((boll, _, stalk), site) in enumerate(zip(own, sited, strict=True), start=1):
+            bolls.append(_boll_on_map(cloud.bolls[boll - 1], axis.rank, rank, site, stalk, others))
+    return PlantMap(tuple(axes), tuple(sorted(bolls, key=lambda boll: boll.boll_id)))
+
+
+def _mended(raw: list[RawAxis]) -> list[RawAxis]:
+    """Ways that took over the outer part of another where the two touch give it back.
+
+    A way leaves a branch; close by another branch ends. If the way goes on straight from that end, and turns off from
+    the branch that it leaves, it belongs to the other one.
+    """
+    ways = [RawAxis(way.curve, way.parent, way.boll, way.leafy) for way in raw]
+    gone: set[int] = set()
+    for number, way in enumerate(ways):
+        if number == 0 or way.parent <= 0 or way.parent in gone or length_of(way.curve) < SUB_BRANCH_CM:
+            continue
+        parent = ways[way.parent]
+        node = nearest_on(parent.curve, way.curve[:1])[1][0]
+        own_bend = angle_deg(direction(parent.curve, max(node - 3.0, 0.0), node), direction(way.curve, 0.6, 3.0))
+        for other, candidate in enumerate(ways):
+            if other in (0, number, way.parent) or other in gone or candidate.boll or candidate.parent != 0:
+                continue
+            gap = np.linalg.norm(candidate.curve[-1] - way.curve[0])
+            if gap < 2 * TOUCH_CM and bend_deg(candidate.curve, way.curve, 3.0) < min(own_bend, 40.0) - 5.0:
+                candidate.curve = resampled(np.vstack([candidate.curve[:-2], way.curve[2:]]), SPACING_CM)
+                candidate.boll, candidate.leafy = way.boll, way.leafy
+                for child in ways:
+                    child.parent = other if child.parent == number else child.parent
+                gone.add(number)
+                break
+    kept = [number for number in range(len(ways)) if number not in gone]
+    new = {old: number for number, old in enumerate(kept)} | {-1: -1}
+    return [RawAxis(ways[old].curve, new[ways[old].parent], ways[old].boll, ways[old].leafy) for old in kept]
+
+
+def _without_carpels(ways: list[RawAxis], bolls: tuple[BollBody, ...]) -> list[RawAxis]:
+    """Ways that run past a boll's foot into a carpel end at the foot."""
+    for number, way in enumerate(ways):
+        if number == 0 or way.boll:
+            continue
+        for child in ways:
+            if child.parent != number or not child.boll or length_of(child.curve) > 1.5:
+                continue
+            body = bolls[child.boll - 1]
+            node = nearest_on(way.curve, child.curve[:1])[1][0]
+            beyond = length_of(way.curve) - node
+            if beyond < CARPEL_CM and np.linalg.norm(way.curve[-1] - body.centre) < CARPEL_REACH * body.diameter:
+                way.curve = way.curve[path_lengths(way.curve) <= node + 1e-9]
+                way.curve = np.vstack([way.curve, child.curve[-1:]])
+                way.boll, child.boll = child.boll, 0
+                break
+    return ways
+
+
+def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], list[tuple[int, float, Float64]]]:
+    """Branches and the bolls on the stem itself; stalks, carpels, scars and leaf stalks are told from branches."""
+    stem = ways[0].curve
+    branches: list[_Branch] = []
+    index_of = {0: -1}
+    on_stem: list[tuple[int, float, Float64]] = []
+    bearing = {way.parent for way in ways[1:] if way.boll}
+    for number, way in enumerate(ways):
+        if number == 0 or len(way.curve) < 2:
+            continue
+        length, parent = length_of(way.curve), index_of.get(way.parent)
+        if parent is None:
+            # What leaves a stalk or scar belongs to what bears that.
+            parent = index_of[number] = _bearer(ways, number, index_of)
+        mother = stem if parent < 0 else branches[parent].curve
+        node = float(nearest_on(mother, way.curve[:1])[1][0])
+        if way.boll:
+            at_tip = parent < 0 and length_of(stem) - node < TIP_CM
+            if length < STALK_CM and (parent >= 0 or at_tip):
+                target = on_stem if parent < 0 else branches[parent].stalks
+                target.append((way.boll, node, way.curve))
+                continue
+        elif (number not in bearing and ways[way.parent].leafy) or _is_no_branch(
+            way, parent, length, length_of(stem) - node, number in bearing, cloud.bolls
+        ):
+            continue
+        index_of[number] = len(branches)
+        branches.append(_Branch(way.curve, parent, number, way.boll))
+        if way.boll:
+            node = max(length - TERMINAL_STALK_CM, 0.5 * length)
+            stalk = way.curve[path_lengths(way.curve) >= node]
+            branches[-1].stalks.append((way.boll, node, stalk))
+    return branches, on_stem
+
+
+def _bearer(ways: list[RawAxis], number: int, index_of: dict[int, int]) -> int:
+    parent = ways[number].parent
+    while parent not in index_of:
+        parent = ways[parent].parent
+    return index_of[parent]
+
+
+def _is_no_branch(
+    way: RawAxis, parent: int, length: float, below_tip: float, bears: bool, bolls: tuple[BollBody, ...]
+) -> bool:
+    """Whether a way without a boll at its end is a scar, a leaf's stalk or a carpel."""
+    if bears:
+        return False
+    near_boll = any(np.linalg.norm(way.curve[-1] - body.centre) < CARPEL_REACH * body.diameter for body in bolls)
+    if (parent >= 0 or below_tip < TIP_CM) and length < CARPEL_CM and near_boll:
+        return True
+    return (way.leafy and length < PETIOLE_CM) or (parent >= 0 and length < SUB_BRANCH_CM)
+
+
+def with_straight_base(curve: Float64, parent: Float64, radius: float) -> Float64:
+    """The curve from its parent's centre line on: shortest paths keep to the parent for a while, branches do not.
+
+    The straight piece next to the parent's wood is continued to where it comes nearest to the parent's centre line.
+    """
+    away, _ = nearest_on(parent, curve)
+    outside = np.flatnonzero(away > radius + BESIDE_CM)
+    if not len(outside) or len(curve) - outside[0] < 3:
+        return curve
+    start = int(outside[0])
+    lengths = path_lengths(curve)
+    piece = curve[start : int(np.searchsorted(lengths, lengths[start] + BASE_CM)) + 1]
+    if len(piece) < 3:
+        return curve
+    middle = piece.mean(axis=0)
+    way = np.linalg.svd(piece - middle)[2][0]
+    way *= np.sign(way @ (piece[-1] - piece[0])) or 1.0
+    first = middle + ((piece[0] - middle) @ way) * way
+    # Backwards along the line, as far as twice the way there.
+    backwards = first - np.linspace(0, 2 * away[start] + 1.5, 60)[:, None] * way
+    gaps, stations = nearest_on(parent, backwards)
+    best = int(np.argmin(gaps))
+    foot = place_at(parent, float(stations[best]))
+    return resampled(np.vstack([foot, curve[start:]]), SPACING_CM)
+
+
+def base_angle_deg(curve: Float64, parent: Float64) -> float:
+    """Angle between the first 3 cm of a branch and its parent's direction at its foot."""
+    station = float(nearest_on(parent, curve[:1])[1][0])
+    along = direction(parent, max(station - 2.0, 0.0), min(station + 2.0, length_of(parent)))
+    return angle_deg(along, direction(curve, 0.0, min(3.0, length_of(curve))))
+
+
+def _kind(branch: _Branch, branches: list[_Branch], index: int, stem: Float64) -> str:
+    """Vegetative: it rises, bears branches itself, and leaves the stem low."""
+    if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM:
+        return "fruiting"
+    outer = direction(branch.curve, 0.5 * length_of(branch.curve), length_of(branch.curve))
+    rise_deg = np.degrees(np.arcsin(np.clip(outer[2], -1, 1)))
+    low = branch.curve[0, 2] < stem[0, 2] + VEGETATIVE_FOOT * (stem[-1, 2] - stem[0, 2])
+    branching = sum(other.parent == index and length_of(other.curve) > STALK_CM for other in branches)
+    upright = rise_deg > UPRIGHT_DEG and not branch.stalks
+    return "vegetative" if low and (branching > 1 or (branching and rise_deg > RISING_DEG) or upright) else "fruiting"
+
+
+def _boll_on_map(
+    body: BollBody, branch: int, rank: int, site: Sited, stalk: Float64, others: list[Float64]
+) -> BollOnMap:
+    own = max(length_of(stalk), 0.3)
+    foot = stalk[-1:]
+    other = min((float(nearest_on(curve, foot)[0][0]) for curve in others), default=np.inf)
+    confidence = 1.0 if not np.isfinite(other) else other**2 / (own**2 + other**2)
+    return BollOnMap(body.boll_id, branch, rank, stalk, site.path_cm, site.position, site.confidence, float(confidence))
+
+
+def _seen_share(curve: Float64, places: Float64) -> float:
+    """Share of a curve's points that wood was seen next to."""
+    from scipy.spatial import cKDTree
+
+    return float(np.mean(cKDTree(places).query(curve)[0] < SEEN_CM + 0.4))
+
+
+def _unknown(curve: Float64) -> Float64:
+    return np.full(len(curve), np.nan)
+
+
+def _ids(cloud: WoodCloud, stalks: list[tuple[int, float, Float64]]) -> tuple[int, ...]:
+    return tuple(cloud.bolls[boll - 1].boll_id for boll, _, _ in stalks)

@@ -1,0 +1,159 @@
+"""Fruiting positions: at which site of its branch a boll sits, when the empty sites are scars of millimetres.
+
+A fruiting branch is a sympodium: at every node it bears a flower and turns to the other side, and its internodes
+shorten outwards. So a row of nodes is sought that has one at every boll, bends where it has nodes and not between, and
+internodes of likely lengths. All rows of nodes are weighed by dynamic programming; the share of each position among
+them is its probability.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.scene import Float64
+from ..geometry.polylines import length_of, resampled
+
+STEP_CM = 0.5
+APART_CM = 1.5
+"""Nodes are no nearer to each other."""
+EMPTY = 0.45
+"""How likely a site is to have lost its boll when one farther out has kept its own."""
+MOST_EVIDENCE = 3.0
+LAST = 3
+"""Positions from this on are one."""
+MOST_NODES = 6
+WINDOW_CM = 1.8
+"""Chord on either side of a place that tells its bend."""
+BEND_DEG = (24.0, 11.0)
+"""Mean and standard deviation of the bend at a node, ..."""
+STRAIGHT_DEG = 8.0
+"""... and root mean square of that between nodes."""
+FIRST_CM = (8.0, 0.55)
+"""First internode of the lowest fruiting branch, and the share by which that at the stem's tip is shorter. With the
+spreads below these are a broad guess at upland cotton, not a fit to any plants."""
+FIRST_SPREAD = 0.35
+SHRINKS = 0.7
+"""An internode to the one before it."""
+SHRINKS_SPREAD = 0.3
+"""Both spreads are of the logarithm."""
+
+
+@dataclass(frozen=True)
+class Sited:
+    """Where a boll's node lies on its branch."""
+
+    path_cm: float
+    position: int
+    """1, 2, ... `LAST`, which is that and beyond; 0 = not inferred."""
+    confidence: float
+
+
+def infer_positions(curve: Float64, nodes_cm: list[float], up: float, fruiting: bool) -> list[Sited]:
+    """Position of each of a branch's bolls.
+
+    Args:
+        curve: (N, 3) cm, from the stem's centre line. nodes_cm: path length of each boll's node, ascending.
+        up: height of the branch's foot, 0 at the lowest branch, 1 at the stem's tip.
+    """
+    if not fruiting or not nodes_cm or length_of(curve) < 2 * STEP_CM:
+        return [Sited(node, 0, np.nan) for node in nodes_cm]
+    bends = bends_deg(curve)
+    steps = [int(np.clip(round(node / STEP_CM), 1, len(bends) - 1)) for node in nodes_cm]
+    evidence = _bend_evidence(bends, steps)
+    first = FIRST_CM[0] * (1 - FIRST_CM[1] * up)
+    return [
+        _sited(node, _position_weights(evidence, steps[: number + 1], first)) for number, node in enumerate(nodes_cm)
+    ]
+
+
+def bends_deg(curve: Float64) -> Float64:
+    """(K,) angle between the chords before and after each place, `STEP_CM` apart; 0 where a chord leaves the curve."""
+    line = resampled(curve, STEP_CM)
+    n = max(1, round(WINDOW_CM / STEP_CM))
+    bends = np.zeros(len(line))
+    if len(line) > 2 * n:
+        before, after = line[n:-n] - line[: -2 * n], line[2 * n :] - line[n:-n]
+        cosines = (before * after).sum(axis=1) / (np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1))
+        bends[n:-n] = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    return bends
+
+
+def _bend_evidence(bends: Float64, bolls: list[int]) -> Float64:
+    """(K,) logarithm of how much likelier a place is to be an empty node than none.
+
+    Only the sharpest place within `APART_CM` speaks for a node; the bend at a boll's own node speaks for that alone.
+
+    Args:
+        bolls: steps of the bolls' nodes.
+    """
+    mean, spread = BEND_DEG
+    node = -0.5 * (np.minimum(bends - mean, 0) / spread) ** 2 - np.log(spread)
+    none = -0.5 * (bends / STRAIGHT_DEG) ** 2 - np.log(STRAIGHT_DEG) + np.log(2)
+    evidence = np.clip(node - none, -MOST_EVIDENCE, MOST_EVIDENCE)
+    n = round(APART_CM / STEP_CM)
+    sharpest = np.array([bends[i] >= bends[max(0, i - n) : i + n + 1].max() for i in range(len(bends))], bool)
+    evidence[~sharpest] = -MOST_EVIDENCE
+    # Near the ends the chords are too short to tell.
+    evidence[bends == 0] = 0.0
+    for boll in bolls:
+        evidence[max(0, boll - n) : boll + n + 1] = -MOST_EVIDENCE
+    return evidence + np.log(EMPTY)
+
+
+def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> Float64:
+    """(MOST_NODES,) logarithm of the weight of the last of `bolls` being at position 1, 2, ...
+
+    Args:
+        bolls: steps of the nodes that are known, ascending; those before the last one take part in every row.
+    """
+    last = bolls[-1]
+    if last < 1:
+        return np.append(0.0, np.full(MOST_NODES - 1, -np.inf))
+    known = np.zeros(last + 1, bool)
+    known[bolls[:-1]] = True
+    lengths = np.arange(last + 1) * STEP_CM
+    with np.errstate(divide="ignore"):
+        logs = np.log(lengths)
+    weights = np.full(MOST_NODES, -np.inf)
+    # state[a, b]: the last two nodes; rows of nodes may not step over a known one.
+    passed = np.concatenate([[0], np.cumsum(known)])
+    state = np.full((last + 1, last + 1), -np.inf)
+    # Densities over lengths of what is normal in their logarithms.
+    prior = -0.5 * ((logs - np.log(first_cm)) / FIRST_SPREAD) ** 2 - np.log(FIRST_SPREAD) - logs
+    for b in range(1, last + 1):
+        if passed[b] == 0:
+            state[0, b] = prior[b] + (evidence[b] + np.log(STEP_CM) if not known[b] and b != last else 0.0)
+    weights[0] = state[0, last]
+    for count in range(1, MOST_NODES):
+        following = np.full_like(state, -np.inf)
+        for b in range(1, last):
+            if not np.isfinite(state[:, b]).any():
+                continue
+            stop = next((c for c in range(b + 1, last + 1) if known[c]), last)
+            c = np.arange(b + 1, stop + 1)
+            ratio = logs[c - b][None, :] - logs[b - np.arange(b)][:, None]
+            step = -0.5 * ((ratio - np.log(SHRINKS)) / SHRINKS_SPREAD) ** 2 - np.log(SHRINKS_SPREAD)
+            free = ~known[c] & (c != last)
+            gained = np.where(free, evidence[c] + np.log(STEP_CM), 0.0) - logs[c - b]
+            values = state[:b, b][:, None] + step + gained
+            top = values.max(axis=0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                total = top + np.log(np.exp(values - np.where(np.isfinite(top), top, 0.0)).sum(axis=0))
+            following[b, c] = np.where(np.isfinite(top), total, -np.inf)
+        state = following
+        column = state[:, last]
+        if np.isfinite(column).any():
+            weights[count] = np.logaddexp.reduce(column)
+    return weights
+
+
+def _sited(node_cm: float, weights: Float64) -> Sited:
+    if not np.isfinite(weights).any():
+        return Sited(node_cm, 0, np.nan)
+    shares = np.exp(weights - weights.max())
+    shares /= shares.sum()
+    grouped = np.append(shares[: LAST - 1], shares[LAST - 1 :].sum())
+    best = int(np.argmax(grouped))
+    return Sited(node_cm, best + 1, float(grouped[best]))

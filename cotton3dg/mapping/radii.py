@@ -1,0 +1,95 @@
+"""How thick stem and branches are: the width of the silhouette that their Gaussians show from several sides.
+
+As for bolls (`traits.silhouette_hull`): training fits what is opaque, so wood ends where half of the light passes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float64, Gaussians, rotations
+from ..geometry.polylines import nearest_on, path_lengths, place_at
+
+OPAQUE = 0.5
+SIDES = 8
+EVERY_CM = 1.0
+WINDOW_CM = 0.9
+"""What lies farther along the axis does not show at a place."""
+REACH_CM = 1.8
+RAY_CM = 0.02
+LIKELY_RADIUS_CM = (0.04, 1.5)
+
+
+def radii_of(curves: Sequence[Float64], drawn: Gaussians, plant_from_scene: Float64, foot: Float64) -> list[Float64]:
+    """(N,) cm for each curve (N, 3): half the width across it, median over the sides; NaN where nothing is opaque.
+
+    Args:
+        drawn: the plant's Gaussians without its bolls, as wide as they are drawn.
+        plant_from_scene: (3, 3) rotation times cm per su. foot: (3,) su, origin of the plant frame.
+    """
+    drawn = drawn[drawn.finite_rows & (drawn.opacities > 0.02)]
+    means = (drawn.means - foot) @ plant_from_scene.T
+    axes = np.einsum("ij,njk->nik", plant_from_scene, rotations(drawn.quats))
+    covariances = np.einsum("nij,nj,nkj->nik", axes, drawn.scales.astype(np.float64) ** 2, axes)
+    opacities = np.minimum(drawn.opacities.astype(np.float64), 0.9999)
+    return [_along(curve, means, covariances, opacities) for curve in curves]
+
+
+def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Float64) -> Float64:
+    lengths = path_lengths(curve)
+    if len(curve) < 3 or lengths[-1] < EVERY_CM:
+        return np.full(len(curve), np.nan)
+    away, station = nearest_on(curve, means)
+    beside = np.flatnonzero(away < REACH_CM)
+    places = np.arange(0.5 * EVERY_CM, lengths[-1], EVERY_CM)
+    radii = np.full(len(places), np.nan)
+    for number, place in enumerate(places):
+        near = beside[np.abs(station[beside] - place) < WINDOW_CM]
+        if len(near):
+            tangent = place_at(curve, place + 0.5) - place_at(curve, place - 0.5)
+            tangent /= np.linalg.norm(tangent)
+            middle = place_at(curve, place)
+            radii[number] = 0.5 * _width(means[near] - middle, covariances[near], opacities[near], tangent)
+    known = np.isfinite(radii)
+    if not known.any():
+        return np.full(len(curve), np.nan)
+    # A neighbour's leaf or boll widens single places.
+    calm = np.array([np.nanmedian(radii[max(0, i - 2) : i + 3]) if known[i] else np.nan for i in range(len(radii))])
+    return np.interp(lengths, places[known], calm[known])
+
+
+def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Float64) -> float:
+    """Median over the sides of the width, cm, of the opaque run nearest to the middle."""
+    first = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(tangent, first)
+    rays = np.arange(-REACH_CM, REACH_CM + RAY_CM / 2, RAY_CM)
+    widths = []
+    for angle in np.pi * np.arange(SIDES) / SIDES:
+        plane = np.stack([np.cos(angle) * first + np.sin(angle) * second, tangent])
+        flat, spread = means @ plane.T, plane @ covariances @ plane.T
+        a, b, d = spread[:, 0, 0] + 1e-8, spread[:, 0, 1], spread[:, 1, 1] + 1e-8
+        x, y = rays[:, None] - flat[None, :, 0], -flat[None, :, 1]
+        distances = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
+        opaque = 1 - np.exp(np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)) - OPAQUE
+        inside = np.flatnonzero(opaque >= 0)
+        if not len(inside):
+            continue
+        start = inside[np.argmin(np.abs(rays[inside]))]
+        if abs(rays[start]) > 0.4:
+            continue
+        low, high = start, start
+        while low > 0 and opaque[low - 1] >= 0:
+            low -= 1
+        while high < len(rays) - 1 and opaque[high + 1] >= 0:
+            high += 1
+        if low == 0 or high == len(rays) - 1:
+            continue
+        share_low = opaque[low] / (opaque[low] - opaque[low - 1])
+        share_high = opaque[high] / (opaque[high] - opaque[high + 1])
+        widths.append(rays[high] - rays[low] + RAY_CM * (share_low + share_high))
+    width = float(np.median(widths)) if len(widths) >= SIDES / 2 else np.nan
+    return width if LIKELY_RADIUS_CM[0] <= 0.5 * width <= LIKELY_RADIUS_CM[1] else np.nan

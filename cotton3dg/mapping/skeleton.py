@@ -1,0 +1,219 @@
+"""From places of wood to a skeleton: the stem, then branch after branch, each the longest way that is left.
+
+TEASAR (Sato et al. 2000, "TEASAR: tree-structure extraction algorithm for accurate and robust skeletons"): shortest
+paths to a root, the path of the farthest place is an axis, what lies along it is done, and so on. Departures: the graph
+joins places of Gaussians instead of voxels; the first axis is the way that goes up with the least bend, not the
+longest; what is done has to hang on the axis besides lying near, so that a crossing branch is not swallowed; the
+bolls' feet are ends of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float64
+from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled, smoothed
+from .graph import WoodTree, joined, path_to, shortest_paths
+from .wood import WoodCloud
+
+ROOT_LAYER_CM = 1.5
+"""Above the lowest wood the root is sought."""
+FOOT_REACH_CM = 1.0
+"""Wood no farther from a boll's foot is joined with it."""
+MIN_BRANCH_CM = 2.5
+"""Shorter ways without a boll are scars and noise."""
+COVER_CM = 0.7
+"""Beside an axis, besides its radius, what hangs on it is done."""
+SIDEWAYS = 3.0
+"""What a level centimetre counts on the way up the stem."""
+TOP_SHARE = 0.75
+"""The stem's tip is higher than so much of the plant's wood."""
+BEND_PRICE_CM = 0.6
+"""A degree of the sharpest bend beyond `FREE_BEND_DEG` counts as so much height when the stem's tip is chosen."""
+FREE_BEND_DEG = 12.0
+BEND_WINDOW_CM = 3.0
+SPACING_CM = 0.3
+SMOOTHING = 2.0
+"""Standard deviation of the smoothing of a centre line, in points of `SPACING_CM`."""
+CENTRE_REACH_CM = 0.7
+CENTRINGS = 4
+STEM_SMOOTHING = 4.0
+STEM_REACH_CM = 1.3
+"""The same two of the stem, which is thicker and bends less."""
+MIN_STEM_CM = 12.0
+BLADE_CM = 3.0
+BESIDE_CM = 0.45
+BLADE_PLACES, BLADE_SHARE = 12, 0.35
+"""A way ends in a blade when so many places are so near to its tip, and this share of them so far beside it."""
+
+
+@dataclass
+class RawAxis:
+    """A way through the wood, before its place in the order is known."""
+
+    curve: Float64
+    """(N, 3) cm, from its foot outwards."""
+    parent: int
+    """Index of the axis that it leaves; -1 of the stem."""
+    boll: int = 0
+    """Index of the boll, from 1, at whose foot it ends; 0 = none."""
+    leafy: bool = False
+    """Whether it ends in a blade."""
+
+
+def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
+    """The stem and all ways that leave it or each other, longest first; empty where there is no stem."""
+    if len(cloud.places) < 20:
+        return []
+    places, n = cloud.places, len(cloud.places)
+    graph, root = joined(places), _root(places)
+    wood = places[cloud.bur == 0]
+    # Bolls and leaves before the stem are no reason to leave it; and it goes up.
+    alike = shortest_paths(graph, np.zeros(n, bool), root, np.zeros((0, 3)), SIDEWAYS)
+    stem = centred(places[_stem_rows(alike, cloud)], wood, STEM_REACH_CM, STEM_SMOOTHING)
+    if length_of(stem) < MIN_STEM_CM:
+        return []
+    beside = nearest_on(stem, places)[0] < stem_radius(stem, wood) + 0.5 * COVER_CM
+    feet = np.array([body.foot if np.isfinite(body.foot).all() else body.centre for body in cloud.bolls])
+    tree = shortest_paths(graph, (cloud.leaf | (cloud.bur > 0)) & ~beside, root, feet.reshape(-1, 3))
+    axes = [RawAxis(stem, -1)]
+    owner = np.full(len(tree.places), -1)
+    owner[:n][beside] = 0
+    ends = np.ones(len(tree.places), bool)
+    ends[:n] = cloud.end
+    while True:
+        lengths = _lengths_left(tree, owner)
+        lengths[~ends] = -1
+        # A boll is an end however short its way is.
+        lengths[n:][lengths[n:] > 0] += MIN_BRANCH_CM
+        tip = int(np.argmax(lengths))
+        if lengths[tip] < MIN_BRANCH_CM:
+            break
+        rows = path_to(tree, tip, owner >= 0)
+        parent = int(owner[rows[0]])
+        curve = centred(tree.places[rows], tree.places[:n][cloud.bur == 0], CENTRE_REACH_CM)
+        leafy = tip < n and _ends_in_blade(curve, places[(owner[:n] < 0) & (cloud.bur == 0)])
+        axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, leafy))
+        owner[rows[1:]] = len(axes) - 1
+        _cover(tree, owner, n, curve, BLADE_CM if leafy else COVER_CM)
+    return axes
+
+
+def _root(places: Float64) -> int:
+    """The middle of the lowest places."""
+    low = np.flatnonzero(places[:, 2] < places[:, 2].min() + ROOT_LAYER_CM)
+    return int(low[np.argmin(np.linalg.norm(places[low] - np.median(places[low], axis=0), axis=1))])
+
+
+def _stem_rows(tree: WoodTree, cloud: WoodCloud) -> list[int]:
+    """The way up with the least bend among those that end near the top."""
+    reached = np.flatnonzero(np.isfinite(tree.cost[: len(cloud.places)]) & ~cloud.leaf)
+    heights = tree.places[reached, 2]
+    low = heights.min()
+    high = reached[heights > low + TOP_SHARE * (heights.max() - low)]
+    none = np.zeros(len(tree.places), bool)
+    # One end in each cell of 2 cm: neighbours end alike.
+    cells = np.unique(np.floor(tree.places[high] / 2.0).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    ends = [int(high[cells == cell][np.argmax(tree.cost[high[cells == cell]])]) for cell in range(cells.max() + 1)]
+    best, chosen = -np.inf, [int(reached[0])]
+    for end in ends:
+        rows = path_to(tree, end, none)
+        curve = tree.places[rows]
+        if length_of(curve) < MIN_STEM_CM:
+            continue
+        line = smoothed(resampled(curve, SPACING_CM), 4.0)
+        score = float(tree.places[end, 2]) - BEND_PRICE_CM * max(_sharpest_bend_deg(line) - FREE_BEND_DEG, 0.0)
+        if score > best:
+            best, chosen = score, rows
+    return chosen
+
+
+def _sharpest_bend_deg(line: Float64) -> float:
+    """Largest angle between the chords before and after a place."""
+    n = max(1, round(BEND_WINDOW_CM / SPACING_CM))
+    if len(line) <= 2 * n:
+        return 0.0
+    before, after = line[n:-n] - line[: -2 * n], line[2 * n :] - line[n:-n]
+    cosines = (before * after).sum(axis=1) / (np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1))
+    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
+
+
+def stem_radius(stem: Float64, places: Float64) -> float:
+    """Median distance, cm, of the wood beside the lower half of the stem."""
+    away, station = nearest_on(stem, places)
+    beside = (away < 1.5) & (station < 0.5 * length_of(stem))
+    return float(np.median(away[beside])) if beside.any() else 0.5
+
+
+def _lengths_left(tree: WoodTree, owner: NDArray[np.int64]) -> Float64:
+    """(N,) path length from each place back to what is done; 0 there, -1 where nothing leads there."""
+    done = owner >= 0
+    ends = _followed(np.where(done | (tree.before < 0), np.arange(len(owner)), tree.before))
+    return np.where(done[ends], tree.lengths - tree.lengths[ends], -1.0)
+
+
+def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, reach: float) -> None:
+    """What lies beside the newest axis and hangs on it is its own; of the first n places only, the rest are feet."""
+    number = int(owner.max())
+    passed = (owner < 0) & (nearest_on(curve, tree.places)[0] < reach) & (tree.before >= 0)
+    ends = _followed(np.where(passed, tree.before, np.arange(len(owner))))
+    own = passed & (owner[ends] == number)
+    own[n:] = False
+    owner[own] = number
+
+
+def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) where the way from each row ends, when each row leads to another one or to itself."""
+    while (further := following[following] != following).any():
+        following = np.where(further, following[following], following)
+    return following
+
+
+def _ends_in_blade(curve: Float64, free: Float64) -> bool:
+    """Whether much of what is next to the tip lies beside the axis.
+
+    Args:
+        free: (N, 3) places that belong to no other axis.
+    """
+    near = free[np.linalg.norm(free - curve[-1], axis=1) < BLADE_CM]
+    if len(near) < BLADE_PLACES:
+        return False
+    return bool(np.mean(nearest_on(curve, near)[0] > BESIDE_CM) > BLADE_SHARE)
+
+
+def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOOTHING) -> Float64:
+    """The centre line of a way: every point moves across to the middle of the wood beside it, then all are smoothed.
+
+    Args:
+        way: (K, 3) cm. places: (N, 3) cm of wood. reach: cm, how far beside the way wood belongs to it.
+        smoothing: standard deviation of the smoothing and of the window that wood is averaged in, points.
+    """
+    line = smoothed(resampled(way, SPACING_CM), smoothing)
+    half = round(smoothing)
+    kernel = np.exp(-0.5 * (np.arange(-2 * half, 2 * half + 1) / smoothing) ** 2)
+    for _ in range(CENTRINGS):
+        if len(line) <= len(kernel):
+            return line
+        away, station = nearest_on(line, places)
+        near = away < reach
+        lengths = path_lengths(line)
+        bins = np.clip(np.searchsorted(lengths, station[near] - 0.5 * SPACING_CM), 0, len(line) - 1)
+        tangents = np.gradient(line, axis=0)
+        tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-9)
+        offsets = places[near] - line[bins]
+        offsets -= (offsets * tangents[bins]).sum(axis=1, keepdims=True) * tangents[bins]
+        weights = np.convolve(np.bincount(bins, minlength=len(line)), kernel, "same")
+        sums = [np.convolve(np.bincount(bins, axis, len(line)), kernel, "same") for axis in offsets.T]
+        # Where nothing is seen, nothing moves.
+        line = line + np.column_stack(sums) / np.maximum(weights, 0.5)[:, None]
+        line = smoothed(resampled(line, SPACING_CM), 0.5 * smoothing)
+    return line
+
+
+def bend_deg(first: Float64, second: Float64, window_cm: float = BEND_WINDOW_CM) -> float:
+    """Angle between the end of one curve and the start of another."""
+    end = direction(first, length_of(first) - window_cm, length_of(first))
+    return angle_deg(end, direction(second, 0.3, min(window_cm, length_of(second))))

@@ -85,7 +85,7 @@ class BollTraits:
         "", "quality flags of the boll, separated by semicolons", name="qc_flags", blank_when="no flag", default=()
     )
     volume_error_cm3: float = column(
-        "cm3", "standard error of volume_cm3, of scale and view support", 2, blank_when=NO_BODY, later=True
+        "cm3", "standard error of volume_cm3, of scale, views and touching bolls", 2, blank_when=NO_BODY, later=True
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
@@ -170,13 +170,17 @@ class PlantTraits:
     )
     boll_count_error: float = column(
         "1",
-        "standard error of boll_count, were each boll's confidence its probability",
+        "standard error of boll_count, of the bolls' confidence and of touching bolls",
         2,
         blank_when="no bolls",
         later=True,
     )
     boll_volume_error_cm3: float = column(
-        "cm3", "standard error of boll_volume_cm3, of scale and view support", 2, blank_when=NO_VOLUME, later=True
+        "cm3",
+        "standard error of boll_volume_cm3, of scale, views, edges and touching bolls",
+        2,
+        blank_when=NO_VOLUME,
+        later=True,
     )
     plant_height_error_cm: float = column(
         "cm", "standard error of plant_height_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True

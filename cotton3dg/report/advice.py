@@ -149,6 +149,11 @@ FLAGS = {
         "They are counted, but their total volume leaves them out.",
         "Look at the flagged rows of the boll table.",
     ),
+    "touching_bolls": Meaning(
+        "Many bolls touch each other",
+        "About one touching boll in thirty is lost in its neighbour or counted twice, and where one ends is a guess.",
+        "Look at the numbered bolls below; the count's error allows for it.",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",

@@ -14,6 +14,7 @@ from ..core.measurements import BollTraits, PlantTraits, Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
+from .error_model import CROWDED_SHARE, boll_volume_error, count_error, find_touching, plant_volume_error_cm3
 from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
@@ -25,13 +26,6 @@ TOP_RANK = 3
 """The plant is as high as the third highest of its Gaussians: one or two floaters are no top."""
 ALPHA = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
-EDGE_PX = 1.0
-"""Standard error of a boll's diameter in one view: half a pixel at either side."""
-ALIKE = 8
-"""Views that err alike, for they see the same rim: with it errors estimated on rendered plants are as large as the true
-ones."""
-
-
 NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM = (2.5, 7.0)
@@ -102,12 +96,14 @@ def measure_bolls(
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
     """
     traits = []
-    for boll in bolls:
-        cm = scale.cm_per_su if scale else np.nan
-        whole = drawn[boll.indices]
-        own = whole[surface_rows(whole)]
-        body = opaque_hull(own)
-        volume, diameter = convex_volume(body), calliper_diameter(body)
+    cm = scale.cm_per_su if scale else np.nan
+    surfaces = [drawn[boll.indices[surface_rows(drawn[boll.indices])]] for boll in bolls]
+    bodies = [opaque_hull(own) for own in surfaces]
+    diameters = [calliper_diameter(body) for body in bodies]
+    middles = np.array([boll.centre for boll in bolls]).reshape(-1, 3)
+    touching = find_touching(middles, np.array([diameter.value for diameter in diameters]))
+    for boll, own, body, diameter, touches in zip(bolls, surfaces, bodies, diameters, touching, strict=True):
+        volume = convex_volume(body)
         rolled = volume
         if not volume.reason:
             rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
@@ -129,25 +125,14 @@ def measure_bolls(
                 n_views=len(boll.views),
                 confidence=boll.confidence,
                 flags=tuple(doubt for doubt in doubts if doubt),
-                volume_error_cm3=volume.value * cm**3 * volume_error(diameter.value, len(boll.views), scale, pixel_su),
+                volume_error_cm3=volume.value
+                * cm**3
+                * boll_volume_error(diameter.value, len(boll.views), scale, pixel_su, bool(touches)),
                 projected_area_cm2=projected_area(body).value * cm**2,
-                volume_published_cm3=hull_of_means(whole).value * cm**3,
+                volume_published_cm3=hull_of_means(drawn[boll.indices]).value * cm**3,
             )
         )
     return traits
-
-
-def volume_error(diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float) -> float:
-    """Relative standard error of a boll's volume: three times that of its diameter.
-
-    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views, of which
-    only one in `ALIKE` counts.
-    """
-    if scale is None or not diameter_su > 0:
-        return np.nan
-    return 3 * float(
-        np.hypot(scale.relative_error, EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1)))
-    )
 
 
 @dataclass(frozen=True)
@@ -204,8 +189,7 @@ def summarise_plant(
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
-    Errors of volumes add up as far as they are the scale's, which all bolls share; the rest adds in squares. Lengths
-    err with the scale and by a pixel.
+    What its traits may be off by is in error_model.py.
     """
     flags = []
     volumes = np.array([boll.volume_cm3 for boll in bolls])
@@ -219,8 +203,10 @@ def summarise_plant(
     canopy_cm = (size.length_cm + size.width_cm) / 2
     shared = scale.relative_error if scale else np.nan
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
-    errors = np.array([boll.volume_error_cm3 for boll in bolls])[np.isfinite(volumes)]
-    own = np.maximum(errors**2 - (3 * shared * known) ** 2, 0.0)
+    places = np.array([boll.centre_cm for boll in bolls]).reshape(-1, 3)
+    touching = find_touching(places, np.array([boll.diameter_cm for boll in bolls]))
+    if len(bolls) and touching.mean() > CROWDED_SHARE:
+        flags.append("touching_bolls")
     areas = np.array([boll.projected_area_cm2 for boll in bolls])
     hulls = np.array([boll.volume_published_cm3 for boll in bolls])
     hulls = hulls[np.isfinite(hulls)]
@@ -248,8 +234,8 @@ def summarise_plant(
         boll_height_max_cm=float(heights.max()) if len(heights) else np.nan,
         bolls_by_third=thirds,
         lint_area_cm2=float(areas[np.isfinite(volumes)].sum()) if measured else np.nan,
-        boll_count_error=float(np.sqrt((confidences * (1 - confidences)).sum())) if len(bolls) else np.nan,
-        boll_volume_error_cm3=float(np.hypot(3 * shared * known.sum(), np.sqrt(own.sum()))) if measured else np.nan,
+        boll_count_error=count_error(confidences, int(touching.sum())),
+        boll_volume_error_cm3=plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan,
         plant_height_error_cm=float(np.hypot(size.height_cm * shared, pixel_cm)),
         canopy_size_error_cm=float(np.hypot(canopy_cm * shared, pixel_cm)),
         boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,

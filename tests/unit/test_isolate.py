@@ -20,6 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
+from cotton3dg.traits.error_model import SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
 
@@ -193,7 +194,8 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     own = [3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits]
     assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(own)
     by_pixels = summarise_plant(traits, None, exact, pixel_su)
-    assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.linalg.norm(own))
+    shared = 2 * SHARED_EDGE_PX * sum(own)
+    assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), shared))
 
 
 def test_extra_gaussians_far_away_change_nothing():

@@ -1,0 +1,78 @@
+"""What the traits of a plant and of its bolls may be off by: standard errors, from what usually goes wrong.
+
+Lengths err with the scale and by a pixel. Volumes err with the scale; with the edges of the masks, each view's own and
+what all views have in common; and where bolls touch, with where one ends and the next begins. A count errs with the
+views' agreement on each boll, and where bolls touch by bolls that are lost in another or counted twice. The constants
+marked "fitted" make the stated errors as large as the true ones (tests/accuracy/stated_errors.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.measurements import BollTraits, Scale
+
+EDGE_PX = 1.0
+"""Standard error of a boll's diameter in one view: half a pixel at either side."""
+ALIKE = 8
+"""Views that err alike, for they see the same rim."""
+SHARED_EDGE_PX = 0.1
+"""Standard error of where all masks of a plant put their edges, at either side of a boll. Fitted."""
+NEIGHBOUR = 1.2
+"""Distance of their middles, in mean diameters, up to which two bolls may touch."""
+TOUCHING_VOLUME = 0.12
+"""Relative standard error of a touching boll's volume, from where it was parted from its neighbour. Fitted."""
+MISCOUNTED = 0.03
+"""Probability that a touching boll is lost, or counted twice. Fitted."""
+CROWDED_SHARE = 0.3
+"""Share of touching bolls from which the plant has a flag."""
+
+
+def find_touching(centres_cm: NDArray, diameters_cm: NDArray) -> NDArray[np.bool_]:
+    """(B,) which bolls may touch another; none whose place or diameter is NaN.
+
+    Args:
+        centres_cm: (B, 3). diameters_cm: (B,)
+    """
+    if len(centres_cm) < 2:
+        return np.zeros(len(centres_cm), bool)
+    with np.errstate(invalid="ignore"):
+        away = np.linalg.norm(centres_cm[:, None] - centres_cm, axis=2)
+        np.fill_diagonal(away, np.inf)
+        return (away < NEIGHBOUR * 0.5 * (diameters_cm[:, None] + diameters_cm)).any(axis=1)
+
+
+def boll_volume_error(
+    diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float, touching: bool = False
+) -> float:
+    """Relative standard error of a boll's volume, without what all bolls share but the scale's.
+
+    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views, of which
+    only one in `ALIKE` counts; the volume by three times as much.
+    """
+    if scale is None or not diameter_su > 0:
+        return np.nan
+    edge = EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
+    return float(np.hypot(3 * np.hypot(scale.relative_error, edge), TOUCHING_VOLUME if touching else 0.0))
+
+
+def plant_volume_error_cm3(bolls: Sequence[BollTraits], scale: Scale | None, pixel_cm: float) -> float:
+    """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares."""
+    known = [boll for boll in bolls if np.isfinite(boll.volume_cm3)]
+    if scale is None:
+        return np.nan
+    volumes = np.array([boll.volume_cm3 for boll in known])
+    own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - (3 * scale.relative_error * volumes) ** 2
+    by_scale = 3 * scale.relative_error * volumes.sum()
+    by_edges = sum(6 * SHARED_EDGE_PX * pixel_cm / boll.diameter_cm * boll.volume_cm3 for boll in known)
+    return float(np.sqrt(by_scale**2 + by_edges**2 + np.maximum(own, 0.0).sum()))
+
+
+def count_error(confidences: NDArray, n_touching: int) -> float:
+    """Standard error of the number of bolls, were each one's confidence its probability; NaN without bolls."""
+    if not len(confidences):
+        return np.nan
+    return float(np.sqrt((confidences * (1 - confidences)).sum() + MISCOUNTED * n_touching))

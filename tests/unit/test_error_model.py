@@ -1,0 +1,63 @@
+"""What traits may be off by, against hand-computed cases and draws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes.table_scene import POSE
+
+from cotton3dg.core.measurements import BollTraits, Scale
+from cotton3dg.traits import error_model
+from cotton3dg.traits.error_model import (
+    boll_volume_error,
+    count_error,
+    find_touching,
+    plant_volume_error_cm3,
+)
+
+
+def scale(relative_error: float) -> Scale:
+    corners = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0]], float))
+    return Scale(2.0, relative_error, "table", np.array([0.0, 0, 1]), np.array([0.0, 0, 1, 0]), corners)
+
+
+def boll(volume_cm3: float, error_cm3: float, diameter_cm: float = 4.0) -> BollTraits:
+    return BollTraits(1, np.zeros(3), volume_cm3, volume_cm3, diameter_cm, 100, 20, 1.0, (), error_cm3)
+
+
+def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
+    centres = np.array([[0, 0, 0], [4.7, 0, 0], [20, 0, 0], [24.9, 0, 0], [np.nan, 0, 0]])
+    assert find_touching(centres, np.full(5, 4.0)).tolist() == [True, True, False, False, False]
+    assert find_touching(centres[:2], np.array([4.0, np.nan])).tolist() == [False, False]
+    assert find_touching(np.zeros((1, 3)), np.ones(1)).tolist() == [False]
+    assert find_touching(np.zeros((0, 3)), np.zeros(0)).tolist() == []
+
+
+def test_a_boll_errs_with_scale_edges_and_a_neighbour() -> None:
+    # A diameter of 25 px, seen by 32 views of which four count: 1 / 25 / 2 of the diameter, three times that of volume.
+    assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(3 / 25 / 2)
+    assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(3 * np.hypot(0.01, 1 / 50))
+    with_neighbour = boll_volume_error(25.0, 32, scale(0.0), 1.0, touching=True)
+    assert with_neighbour == pytest.approx(np.hypot(3 / 50, error_model.TOUCHING_VOLUME))
+    assert np.isnan(boll_volume_error(25.0, 32, None, 1.0))
+
+
+def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
+    shared = 0.01
+    bolls = [boll(40.0, np.hypot(3 * shared * 40.0, 2.0)) for _ in range(4)]
+    edges = 4 * 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
+    expected = np.sqrt((3 * shared * 160) ** 2 + edges**2 + 4 * 2.0**2)
+    assert plant_volume_error_cm3(bolls, scale(shared), 0.2) == pytest.approx(expected)
+    unknown = replace(bolls[0], volume_cm3=np.nan, volume_error_cm3=np.nan)
+    assert plant_volume_error_cm3([*bolls, unknown], scale(shared), 0.2) == pytest.approx(expected)
+    assert np.isnan(plant_volume_error_cm3(bolls, None, 0.2))
+
+
+def test_the_count_errs_as_draws_of_its_parts_do() -> None:
+    confidences, n_touching = np.array([1.0, 0.9, 0.9, 0.6, 1.0]), 3
+    rng = np.random.default_rng(0)
+    real = (rng.random((20_000, 5)) < confidences).sum(axis=1)
+    lost = (rng.random((20_000, n_touching)) < error_model.MISCOUNTED).sum(axis=1)
+    assert count_error(confidences, n_touching) == pytest.approx((real - lost).std(), rel=0.03)
+    assert np.isnan(count_error(np.zeros(0), 0))
+    assert count_error(np.ones(8), 0) == 0

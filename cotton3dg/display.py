@@ -150,7 +150,7 @@ def print_traits(traits_csv: Path) -> None:
     """The plant's row, one trait a line, and where it is saved."""
     for row in read_rows(traits_csv):
         for name, value in row.items():
-            print(f"{name:<22} {value}")
+            print(f"{name:<26} {value}")
     print(f"saved as {traits_csv}")
 
 

@@ -31,6 +31,7 @@ RIM = 0.1
 TRIM = 0.002
 """Share of a section's points at either end that are taken for floaters."""
 MAX_ERROR = 0.05
+POINT_PX = 3
 LEAST_ERROR_OF_ONE = 0.01
 """Relative, of the central section: no other length checks it, and points end short of an edge or lie beyond it."""
 
@@ -152,11 +153,13 @@ def draw_sections(sections: TableSections, width_px: int = 960) -> NDArray[np.ui
         return np.round(((points - sections.box.centre) @ axes.T + half) * px_per_su).astype(np.int32)
 
     canvas = np.full((max(2, round(2 * half[1] * px_per_su)), width_px, 3), 255, np.uint8)
-    places = np.clip(pixels(sections.cloud), 0, (width_px - 1, len(canvas) - 1))
+    # Single pixels would hardly show.
+    places = np.clip(pixels(sections.cloud), 0, (width_px - POINT_PX, len(canvas) - POINT_PX))
     # Alternating, so that neighbours differ; the central one stands out.
     colours = np.array([[120, 140, 160], [180, 195, 205]], np.uint8)[sections.number % 2]
     colours[sections.number == SECTIONS // 2] = (220, 120, 0)
-    canvas[places[:, 1], places[:, 0]] = colours
+    for dx, dy in np.ndindex(POINT_PX, POINT_PX):
+        canvas[places[:, 1] + dy, places[:, 0] + dx] = colours
     if sections.central:
         outline = pixels(_base(sections.central)).reshape(-1, 1, 2)
         cv2.polylines(canvas, [outline], True, (160, 0, 160), 2, cv2.LINE_AA)

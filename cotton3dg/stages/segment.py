@@ -93,7 +93,11 @@ def _cost(work: Work) -> Cost:
     """Lifting the masks, and for the other methods the optimisation besides."""
     options: SegmentOptions = work.options["segment"]
     lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
-    steps_s = {"probability": 0.004 * options.probability.steps, "affinity": 0.02 * options.affinity.feature_steps}
+    by_probability, by_features = options.probability, options.affinity
+    steps_s = {
+        "probability": 0.004 * by_probability.steps * (4 / by_probability.spacing) ** 2,
+        "affinity": 0.02 * by_features.feature_steps * by_features.features / 16,
+    }
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from ..core.state import State
 from ..documents.record import Record
 from ..option_rules import as_dict
+from ..options import resolve
 from ..workspace import Workspace
 from .stage import STAGES, stage_of
 
@@ -43,7 +44,8 @@ def state_of(stage: str, record: Record | None, reason: str) -> StageState:
 def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
     """Why `stage` has to run, or '' when its saved result is what it would make again.
 
-    Decided by options, the stage's version, and the hashes of inputs and outputs.
+    Decided by options, the stage's version, and the hashes of inputs and outputs. An option that the record does not
+    name is younger than it: the result is what the option's default makes, or else the version had been raised.
     """
     known, record = stage_of(stage), workspace.read_record(stage)
     if record is None:
@@ -52,9 +54,13 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
         return "its last run failed"
     if record.stage_version != known.version:
         return f"version {record.stage_version} -> {known.version}"
-    for key, value in as_dict(options).items():
-        if record.options.get(key, object()) != value:
-            return f"option {key} {record.options.get(key)} -> {value}"
+    chosen = as_dict(options)
+    method = next(iter(chosen))
+    usual = as_dict(resolve(stage, {method: chosen[method]}))
+    for key, value in chosen.items():
+        before = record.options.get(key, usual[key])
+        if before != value:
+            return f"option {key} {before} -> {value}"
     return _change("input", record.inputs, workspace.hashes(*known.reads(workspace, options))) or _change(
         "output", record.outputs, workspace.hashes(workspace.folder(stage))
     )

@@ -77,6 +77,16 @@ def test_a_changed_option_runs_its_stage_and_what_its_result_changes(workspace, 
     assert again.ran == ["cluster"]  # it made the same file again, so nothing after it is stale
 
 
+def test_an_option_that_is_younger_than_a_result_had_its_default(workspace, stages):
+    run(workspace)
+    record = workspace.read_record("train")
+    older = {name: value for name, value in record.options.items() if name not in ("start", "model")}
+    workspace.write_record(replace(record, options=older))
+    assert run(workspace).ran == []
+    options = pipeline.stage_options(workspace, overrides={"train": {"start": "points"}})
+    assert stale_reason(workspace, "train", options["train"]) == "option start dense -> points"
+
+
 def test_a_changed_input_runs_until_a_result_stays_the_same(workspace, stages):
     run(workspace)
     (workspace.root / "video.mp4").write_text("other video")

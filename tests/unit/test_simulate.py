@@ -377,7 +377,7 @@ def test_local_shots_go_round_close_by_at_three_heights():
     away = np.linalg.norm(places[:, :2], axis=1)
     assert np.median(away) == pytest.approx(0.55, abs=0.05) and np.linalg.norm(far.at(0).centre[:2]) > 1.0
     levels = [np.median(places[part, 2]) for part in (slice(5, 85), slice(105, 185), slice(205, 295))]
-    assert np.diff(levels) == pytest.approx([0.3, 0.3], abs=0.05)
+    assert np.diff(levels) == pytest.approx([0.3, 0.3], abs=0.12)  # a hand sways by up to 6 cm
     angles = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
     assert abs(angles[-1] - angles[0]) == pytest.approx(3 * abs(near.turn), abs=0.1)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)

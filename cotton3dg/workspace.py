@@ -59,6 +59,8 @@ class Workspace:
     sfm_model = _Below("sfm")
     """COLMAP model of the images as filmed."""
     sfm_json = _Below("sfm/sfm.json")
+    sfm_begun = _Below("records/sfm.begun")
+    """Keyframes that `check` placed, until sfm goes on from them."""
     undistorted = _Below("sfm/undistorted")
     """Folder with `images/` and the pinhole COLMAP model `sparse/` of them."""
     gaussians_ply = _Below("train/gaussians.ply")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from .core.progress import Progress as StageProgress
 from .core.state import State
@@ -21,6 +22,7 @@ from .pipeline import Step, Watcher
 if TYPE_CHECKING:
     from .batch import Result
     from .commands.doctor import Finding
+    from .documents.check import CheckInfo
     from .evaluation.masks import MaskScore
     from .evaluation.plant import BollMatches, TraitError
     from .stages.staleness import StageState
@@ -149,6 +151,13 @@ def print_traits(traits_csv: Path) -> None:
         for name, value in row.items():
             print(f"{name:<22} {value}")
     print(f"saved as {traits_csv}")
+
+
+def print_check(info: CheckInfo, plant_id: str, page: Path) -> None:
+    """The verdict in its colour and why, on one line, and where to look."""
+    word = Text(info.verdict.upper(), style=f"bold {info.verdict}")
+    Console(soft_wrap=True).print(word.append(f" {plant_id}: {info.line}", style="not bold default"))
+    print(f"see {page}")
 
 
 def print_batch(results: list[Result], table: Path) -> None:

@@ -90,6 +90,9 @@ class Workspace:
     # ---------------------------------------------- what else is written here
     report_html = _Below("report.html")
     """The plant's page: everything to look at in one file."""
+    check_json = _Below("check/check.json")
+    """What a first look at the film found."""
+    check_html = _Below("check/check.html")
     annotations_json = _Below("annotations/bolls.json")
     """The masks as COCO, for annotation tools; the images they belong to are beside it."""
     study_csv = _Below("study/study.csv")

@@ -146,9 +146,7 @@ def _find_features(
     return features
 
 
-def _match_pairs(
-    features: dict[int, Features], pairs: Sequence[tuple[int, int]]
-) -> dict[tuple[int, int], PairMatches]:
+def _match_pairs(features: dict[int, Features], pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], PairMatches]:
     """The pairs of images that fit together, with their matches."""
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         found = threads.map(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)

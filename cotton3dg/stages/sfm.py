@@ -150,6 +150,7 @@ STAGE = Stage(
     version=9,
     inputs=inputs,
     run=run,
+    begin=begin,
     cost=_cost,
     disk_bytes=_disk_bytes,
     droppable=lambda workspace: sorted((workspace.undistorted / "images").glob("*.jpg")),

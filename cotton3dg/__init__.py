@@ -13,7 +13,8 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "capture.frame_quality": ("blur", "sharpness", "spread_frames"),
+    "capture.frame_quality": ("blur", "sharpness"),
+    "capture.held_frames": ("thin_out",),
     "capture.image_pairs": ("choose_pairs",),
     "capture.lens": ("undistort",),
     "capture.reconstruction": ("ReconstructionSettings", "reconstruct"),

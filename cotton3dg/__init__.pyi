@@ -2,7 +2,7 @@
 
 from .capture.frame_quality import blur as blur
 from .capture.frame_quality import sharpness as sharpness
-from .capture.frame_quality import spread_frames as spread_frames
+from .capture.held_frames import thin_out as thin_out
 from .capture.image_pairs import choose_pairs as choose_pairs
 from .capture.lens import undistort as undistort
 from .capture.reconstruction import ReconstructionSettings as ReconstructionSettings

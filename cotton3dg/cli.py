@@ -178,6 +178,35 @@ def status(
             display.print_status(states)
 
 
+@app.command(rich_help_panel="Everything")
+def check(
+    film: Annotated[Path, typer.Argument(help="video, or folder of one plant")],
+    preset: Preset = "standard",
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    set_: Set = None,
+) -> None:
+    """Will this film do? Green, yellow (exit code 9) or red (4), in half a minute; run goes on from it."""
+    from dataclasses import asdict
+
+    from . import display, pipeline
+    from .commands.check import check as look
+    from .commands.check import plant_of
+    from .documents.check import GREEN, RED
+    from .errors import DOUBTFUL, CaptureFailed
+
+    with report_errors(film):
+        workspace = plant_of(film)
+        options = pipeline.stage_options(workspace, preset, parse_overrides(set_))
+        with display.ProgressDisplay() as watcher:
+            info = look(workspace, options, watcher)
+        if as_json:
+            typer.echo(json.dumps(asdict(info), indent=1))
+        else:
+            display.print_check(info, workspace.plant_id, workspace.check_html)
+    if info.verdict != GREEN:
+        raise typer.Exit(CaptureFailed.exit_code if info.verdict == RED else DOUBTFUL)
+
+
 @app.command(rich_help_panel="Trying it out")
 def doctor(
     folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),

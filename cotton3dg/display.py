@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from .core.progress import Progress as StageProgress
 from .core.state import State
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from .batch import Result
     from .commands.doctor import Finding
     from .commands.import_videos import Row as ImportRow
+    from .documents.check import CheckInfo
     from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
     from .evaluation.plant_map import MapScores
@@ -152,6 +154,13 @@ def print_traits(traits_csv: Path) -> None:
         for name, value in row.items():
             print(f"{name:<26} {value}")
     print(f"saved as {traits_csv}")
+
+
+def print_check(info: CheckInfo, plant_id: str, page: Path) -> None:
+    """The verdict in its colour and why, on one line, and where to look."""
+    word = Text(info.verdict.upper(), style=f"bold {info.verdict}")
+    Console(soft_wrap=True).print(word.append(f" {plant_id}: {info.line}", style="not bold default"))
+    print(f"see {page}")
 
 
 def print_batch(results: list[Result], table: Path) -> None:

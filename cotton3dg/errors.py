@@ -60,5 +60,8 @@ class StageFailed(Cotton3dgError):
     exit_code = 1
 
 
+DOUBTFUL = 9
+"""Exit code of a check that would have a film, though usable, filmed again: no error, the check was done."""
+
 SOME_FAILED = 8
 """Exit code of a batch when some plants failed or were not tried: no error of its own, the others are done."""

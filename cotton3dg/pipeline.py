@@ -39,6 +39,10 @@ class Step:
 class Watcher:
     """What `run` tells while it works. The command line shows it; this one is silent."""
 
+    def watched(self, name: str, reason: str = "") -> Progress:
+        """The progress of what is no stage."""
+        return silent
+
     def started(self, step: Step) -> Progress:
         """A stage starts; returns the progress to hand to it."""
         return silent
@@ -169,6 +173,27 @@ def run(
             # Not after Ctrl-C: whoever interrupts wants it to end.
             if report and (failure or sys.exc_info()[0] is None):
                 _make_report(workspace, failure, watcher)
+
+
+def begin(workspace: Workspace, stage: str, options: Any, watcher: Watcher) -> None:
+    """Do of a stage what can be done beforehand, holding the plant's lock; its run goes on from there.
+
+    Raises:
+        Cotton3dgError: it failed; nothing is recorded.
+    """
+    known = stage_of(stage)
+    assert known.begin
+    with workspace.locked(), _logged(workspace):
+        log.info("%s begins", stage)
+        try:
+            check_memory()
+            known.begin(workspace, options, watcher.started(Step(stage, options, "the first part")))
+        except Cotton3dgError as error:
+            log.error("%s failed: %s", stage, error)
+            raise
+        except Exception as error:
+            log.error("%s", traceback.format_exc())
+            raise _explained(error, stage, workspace) from error
 
 
 def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:

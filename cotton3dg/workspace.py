@@ -59,6 +59,8 @@ class Workspace:
     sfm_model = _Below("sfm")
     """COLMAP model of the images as filmed."""
     sfm_json = _Below("sfm/sfm.json")
+    sfm_begun = _Below("records/sfm.begun")
+    """Keyframes that `check` placed, until sfm goes on from them."""
     undistorted = _Below("sfm/undistorted")
     """Folder with `images/` and the pinhole COLMAP model `sparse/` of them."""
     gaussians_ply = _Below("train/gaussians.ply")
@@ -99,6 +101,9 @@ class Workspace:
     # ---------------------------------------------- what else is written here
     report_html = _Below("report.html")
     """The plant's page: everything to look at in one file."""
+    check_json = _Below("check/check.json")
+    """What a first look at the film found."""
+    check_html = _Below("check/check.html")
     annotations_json = _Below("annotations/bolls.json")
     """The masks as COCO, for annotation tools; the images they belong to are beside it."""
     study_csv = _Below("study/study.csv")

@@ -117,29 +117,6 @@ def find_blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArr
     return blank, ~blank & (changes < REPEATED_SHARE * np.median(changes))
 
 
-def spread_frames(timestamps_s: NDArray, scores: NDArray, usable: NDArray, count: int) -> list[int]:
-    """Choose about `count` frames evenly in time: the best-scored usable frame of each of `count` equal intervals.
-
-    Args:
-        timestamps_s: (n,) seconds, of any spacing.
-        scores: (n,) higher is better.
-        usable: (n,) bool.
-    Returns:
-        Ascending indices; all usable frames when they are no more than `count`, fewer than `count` when an interval
-        has no usable frame.
-    """
-    candidates = np.flatnonzero(usable)
-    if len(candidates) <= count:
-        return candidates.tolist()
-    times = timestamps_s[candidates]
-    # Half a frame beyond the last one, so that the last interval is as long as the others.
-    span = (times[-1] - times[0]) * (1 + 1 / (len(times) - 1))
-    intervals = np.minimum((times - times[0]) / span * count, count - 1).astype(np.int64)
-    order = np.lexsort((candidates, -scores[candidates], intervals))
-    first = np.unique(intervals[order], return_index=True)[1]
-    return np.sort(candidates[order[first]]).tolist()
-
-
 def spread_indices(n: int, count: int) -> list[int]:
     """At most `count` of 0..n-1, evenly spaced, the first always among them."""
     return list(range(n)) if n <= count else [i * n // count for i in range(count)]

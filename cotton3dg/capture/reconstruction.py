@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +18,11 @@ from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
 from ..files.images import read_image
 from .features import Features, find_features
+from .keyframes import MODEL, Keyframes, keyframe_spacing, will_do
 from .matching import MIN_MATCHES, PairMatches, find_alike, match
 
 CAMERA_MODEL = "SIMPLE_RADIAL"
 """One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
-KEYFRAMES = 50
-"""Of a film so many images, evenly spaced, are placed one after the other, each with an adjustment of its neighbours;
-the others are then placed by the points that these have given, and all are adjusted together."""
-LEAST_PLACED = 0.95
-"""Share of the keyframes, and then of all images, below which all are placed one after the other."""
 FINAL_TOLERANCE = 1e-6
 """Relative change of the cost at which the last adjustments stop. (One of them leaves cameras 1.5 mm off, two 0.8.)"""
 OUTLIER = 3.0
@@ -54,6 +52,7 @@ def reconstruct(
     settings: ReconstructionSettings,
     progress: Progress = silent,
     watch: Stopwatch | None = None,
+    keyframes: Keyframes | None = None,
 ) -> list[Any]:
     """Find the cameras of images and a sparse cloud of points; the same bits each time on one machine.
 
@@ -61,22 +60,29 @@ def reconstruct(
         names: images in `image_folder`, all of one camera and one size.
         pairs: indices into `names` of the images to match with each other.
         work_folder: empty; receives the database of matches.
+        keyframes: what `place_keyframes` found with the same arguments; None = it is done here, if it is worth it.
     Returns:
         pycolmap.Reconstructions, the one with the most images (then points) first; images without a finite pose are
         taken out. Empty when no two images fit together.
     """
     watch = watch or Stopwatch()
-    database = work_folder / "matches.db"
-    features = _find_all_features(image_folder, names, settings, progress)
+    if keyframes is None and has_keyframes(len(names), settings):
+        keyframes = place_keyframes(image_folder, names, pairs, work_folder / "keyframes", settings, progress, watch)
+    features, matches = (keyframes.features, keyframes.matches) if keyframes else ({}, {})
+    others = [i for i in range(len(names)) if i not in features]
+    features = features | _find_features(image_folder, names, others, settings, progress)
     watch.lap("features")
     if settings.partners is not None:
-        pairs = find_alike(features, pairs, settings.partners)
+        pairs = find_alike([features[i] for i in range(len(names))], pairs, settings.partners)
         watch.lap("choosing pairs")
+    seen = set(keyframes.images if keyframes else ())
+    pairs = [pair for pair in pairs if not seen.issuperset(pair)]
     progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
-    matches = _match_pairs(features, pairs)
+    matches = matches | _match_pairs(features, pairs)
     watch.lap("matching")
-    _write_database(database, image_folder, names, features, matches, settings)
-    models = _place_cameras(database, image_folder, names, work_folder, settings, progress)
+    database = work_folder / "matches.db"
+    _write_database(database, image_folder, names, features, dict(sorted(matches.items())), settings)
+    models = _place_cameras(database, image_folder, names, work_folder, settings, keyframes, progress)
     kept = [_drop_lost_images(model) for model in models]
     for model in kept:
         settle(model)
@@ -84,22 +90,63 @@ def reconstruct(
     return sorted(kept, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
-def _find_all_features(
-    image_folder: Path, names: list[str], settings: ReconstructionSettings, progress: Progress
-) -> list[Features]:
-    def found(name: str) -> Features:
-        grey = cv2.cvtColor(read_image(image_folder / name), cv2.COLOR_RGB2GRAY)
+def has_keyframes(images: int, settings: ReconstructionSettings) -> bool:
+    """Whether some of the images are placed before the others: those of a film that has more than enough."""
+    return settings.partners is None and keyframe_spacing(images) > 1
+
+
+def place_keyframes(
+    image_folder: Path,
+    names: list[str],
+    pairs: list[tuple[int, int]],
+    folder: Path,
+    settings: ReconstructionSettings,
+    progress: Progress = silent,
+    watch: Stopwatch | None = None,
+) -> Keyframes:
+    """Find the cameras of every few images of a film; all arguments are those of `reconstruct`.
+
+    Args:
+        folder: receives the model; made if needed.
+    """
+    watch = watch or Stopwatch()
+    chosen = range(0, len(names), keyframe_spacing(len(names)))
+    features = _find_features(image_folder, names, chosen, settings, progress)
+    watch.lap("features")
+    both = [pair for pair in pairs if pair[0] in chosen and pair[1] in chosen]
+    matches = _match_pairs(features, both)
+    watch.lap("matching")
+    folder.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as work:
+        database = Path(work) / "matches.db"
+        _write_database(database, image_folder, names, features, matches, settings)
+        placed = _counted(len(names), len(names), progress)
+        models = _map(database, image_folder, Path(work), [names[i] for i in chosen], settings, placed)
+    if models:
+        (folder / MODEL).mkdir()
+        _drop_lost_images(models[0]).write_binary(folder / MODEL)
+    watch.lap("mapping")
+    return Keyframes(tuple(chosen), features, matches, folder)
+
+
+def _find_features(
+    image_folder: Path, names: list[str], chosen: Sequence[int], settings: ReconstructionSettings, progress: Progress
+) -> dict[int, Features]:
+    """Those of the chosen images."""
+
+    def found(number: int) -> Features:
+        grey = cv2.cvtColor(read_image(image_folder / names[number]), cv2.COLOR_RGB2GRAY)
         return find_features(grey, settings.max_features, settings.max_side, far_apart=settings.partners is not None)
 
-    features = []
+    features = {}
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
-        for done, of_image in enumerate(threads.map(found, names)):
+        for done, (number, of_image) in enumerate(zip(chosen, threads.map(found, chosen), strict=True)):
             progress(done // 2, 2 * len(names), "finding features")
-            features.append(of_image)
+            features[number] = of_image
     return features
 
 
-def _match_pairs(features: list[Features], pairs: list[tuple[int, int]]) -> dict[tuple[int, int], PairMatches]:
+def _match_pairs(features: dict[int, Features], pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], PairMatches]:
     """The pairs of images that fit together, with their matches."""
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         found = threads.map(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)
@@ -110,10 +157,11 @@ def _write_database(
     path: Path,
     image_folder: Path,
     names: list[str],
-    features: list[Features],
+    features: dict[int, Features],
     matches: dict[tuple[int, int], PairMatches],
     settings: ReconstructionSettings,
 ) -> None:
+    """COLMAP's database of all images; of those without features it knows the name only."""
     import pycolmap
 
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
@@ -127,8 +175,8 @@ def _write_database(
             camera.has_prior_focal_length = True
             database.update_camera(camera)
         ids = [database.read_image_with_name(name).image_id for name in names]
-        for image_id, found in zip(ids, features, strict=True):
-            database.write_keypoints(image_id, found.places_px)
+        for number, found in features.items():
+            database.write_keypoints(ids[number], found.places_px)
         for (i, j), pair in matches.items():
             geometry = pycolmap.TwoViewGeometry()
             geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
@@ -137,51 +185,52 @@ def _write_database(
             database.write_two_view_geometry(ids[i], ids[j], geometry)
 
 
-def keyframe_spacing(images: int) -> int:
-    """Every how many-th image of a film is a keyframe."""
-    return max(1, round(images / KEYFRAMES))
-
-
 def _place_cameras(
     database: Path,
     image_folder: Path,
     names: list[str],
     work_folder: Path,
     settings: ReconstructionSettings,
+    keyframes: Keyframes | None,
     progress: Progress,
 ) -> list[Any]:
-    """The models that there are, from keyframes first where that does."""
+    """The models that there are, from keyframes where these will do."""
+    model = keyframes.read_model() if keyframes else None
+    if keyframes and will_do(model, len(keyframes.images)):
+        placed = _counted(len(names) + len(keyframes.images), len(names), progress)
+        whole = _place_others(model, database, settings, placed)
+        if will_do(whole, len(names)):
+            return [whole]
+    placed = _counted(len(names), len(names), progress)
+    return _map(database, image_folder, work_folder, names, settings, placed)
+
+
+def _counted(done: int, images: int, progress: Progress) -> Callable[[], None]:
+    """A function to call for each camera that is placed, once `done` of two units an image are."""
+    numbers = count(done + 1)
+    return lambda: progress(min(next(numbers), 2 * images), 2 * images, "placing cameras")
+
+
+def _map(
+    database: Path,
+    image_folder: Path,
+    work_folder: Path,
+    names: Sequence[str],
+    settings: ReconstructionSettings,
+    placed: Callable[[], None],
+) -> list[Any]:
+    """The models of some images, placed one after the other; the one with the most images first."""
     import pycolmap
 
-    n_placed = 0
-
-    def placed() -> None:
-        nonlocal n_placed
-        n_placed += 1
-        progress(min(len(names) + n_placed, 2 * len(names)), 2 * len(names), "placing cameras")
-
-    def mapped(chosen: Sequence[str]) -> list[Any]:
-        pycolmap.set_random_seed(settings.seed)
-        options = _mapping_options(settings)
-        options.image_names = list(chosen)
-        found = pycolmap.incremental_mapping(
-            database, image_folder, work_folder, options, next_image_callback=placed
-        ).values()
-        return sorted(found, key=lambda model: -model.num_reg_images())
-
-    keyframes = names[:: keyframe_spacing(len(names))] if settings.partners is None else names
-    if len(keyframes) < len(names):
-        models = mapped(keyframes)
-        if models and models[0].num_reg_images() >= LEAST_PLACED * len(keyframes):
-            whole = _place_others(models[0], database, settings, placed)
-            if whole.num_reg_images() >= LEAST_PLACED * len(names):
-                return [whole, *models[1:]]
-        n_placed = 0
-    return mapped(names)
+    pycolmap.set_random_seed(settings.seed)
+    options = _mapping_options(settings)
+    options.image_names = list(names)
+    found = pycolmap.incremental_mapping(database, image_folder, work_folder, options, next_image_callback=placed)
+    return sorted(found.values(), key=lambda model: -model.num_reg_images())
 
 
-def _place_others(keyframes: Any, database: Path, settings: ReconstructionSettings, placed: Any) -> Any:
-    """The model of the keyframes with the other images, all adjusted together."""
+def _place_others(model: Any, database: Path, settings: ReconstructionSettings, placed: Callable[[], None]) -> Any:
+    """The model of the keyframes, joined by the other images, all adjusted together."""
     import pycolmap
 
     options = _mapping_options(settings)
@@ -195,7 +244,6 @@ def _place_others(keyframes: Any, database: Path, settings: ReconstructionSettin
     adjustment = options.get_global_bundle_adjustment()
     adjustment.ceres.solver_options.function_tolerance = FINAL_TOLERANCE
     work = pycolmap.IncrementalMapper(cache)
-    model = pycolmap.Reconstruction(keyframes)
     work.begin_reconstruction(model)
     for image_id in sorted(cache.images):
         if not model.image(image_id).has_pose and work.register_next_image(mapper, image_id):

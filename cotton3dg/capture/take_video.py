@@ -1,8 +1,10 @@
-"""Sharp, evenly spaced images from a video."""
+"""Sharp images from a video, at even steps of the camera's way."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator
+from dataclasses import asdict, astuple, dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -12,72 +14,125 @@ from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo, VideoInfo
 from ..errors import BadInput, CaptureFailed
 from ..files import video
+from ..files.yuv import YuvFrame
 from ..options import FramesOptions
 from . import frame_quality
-from .taken import ORIENTATION_RULE, SCAN_SIDE, Keep, Picture, Taken, keep_all
+from .held_frames import HeldFrames, thin_out
+from .taken import ORIENTATION_RULE, SCAN_SIDE, STANDS_STILL, Keep, Picture, Taken, keep_all
+from .way import WayMeter
 
 MIN_VIDEO_S = 2.0
 MIN_FRAMES = 20
 MIN_INTACT_SHARE = 0.8
+HELD_A_FRAME = 2
+"""Frames held for each that is wanted."""
+LOOKED_AT_FPS = 30.0
+"""Of faster films every second frame is looked at, and so on."""
+NO_WAY = 0.02
+"""A camera that has gone no farther, in sides of the image, stands still."""
+SAVING_SHARE = 0.3
+"""Of the time for decoding, which saving takes, roughly."""
+
+
+@dataclass(frozen=True)
+class _Measures:
+    """Of one frame."""
+
+    sharpness: float
+    contrast: float
+    change: float
+    way: float
 
 
 @dataclass(frozen=True)
 class _Scanned:
-    """What decoding the whole video showed of each frame."""
+    """What decoding the whole video showed, of each frame that was looked at."""
 
-    scan: video.Scan[tuple[float, float, float]]
+    scan: video.Scan[_Measures]
+    frames: NDArray[np.int64]
+    """Their numbers among all frames."""
     scores: NDArray[np.float64]
     """Sharpness."""
+    ways: NDArray[np.float64]
     blank: NDArray[np.bool_]
     """Black, white or empty."""
     repeated: NDArray[np.bool_]
     flags: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def intact(self) -> NDArray[np.bool_]:
+        return self.scan.intact[self.frames]
 
-def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progress) -> Taken:
-    """Take the sharpest frames at even intervals of time.
 
+def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progress, folder: Path) -> Taken:
+    """Take sharp frames at even steps of the camera's way, while the video is decoded once.
+
+    Of a damaged video, whose damage is known only in the end, frames are chosen from all and read once more.
+
+    Args:
+        folder: on a disk with room for some frames.
     Raises:
         BadInput: the video cannot be decoded, or too little of it.
-        CaptureFailed: it is too short, or has too few usable frames.
+        CaptureFailed: it is too short, the camera stands still, or there are too few usable frames.
     """
     facts = video.probe(path)
     n_expected = round(facts.duration_s * facts.fps) if facts.duration_s * facts.fps > 0 else 0
-    found = _scanned(path, facts, n_expected, progress)
-    scan, flags, warnings = found.scan, found.flags, found.warnings
-    usable = scan.intact & ~found.blank & ~found.repeated
-    indices = frame_quality.spread_frames(scan.timestamps_s, found.scores, usable, options.count)
+    coding = video.coding_of(facts, options.max_side)
+    held = HeldFrames(HELD_A_FRAME * options.count, coding.size, coding.kind, folder)
+    found = _scanned(path, facts, options.max_side, held, n_expected, progress)
+    usable = found.intact & ~found.blank
+    if found.intact.all():
+        usable &= np.isin(found.frames, held.frames)
+    rows = np.flatnonzero(usable)
+    rows = rows[thin_out(found.ways[rows], found.scores[rows], options.count)]
+    indices = found.frames[rows].tolist()
+    flags, warnings = found.flags, found.warnings
     if len(indices) < min(options.count, MIN_FRAMES):
-        raise CaptureFailed(f"{path.name}: {len(indices)} usable frames; film at least {MIN_VIDEO_S:g} s")
+        reason = f"{path.name}: {len(indices)} usable frames; film at least {MIN_VIDEO_S:g} s"
+        raise CaptureFailed(STANDS_STILL if found.ways[-1] < NO_WAY else reason)
     if len(indices) < options.count:
         flags += ("few_frames",)
         warnings += (f"{len(indices)} frames instead of {options.count}; film longer for more",)
 
     def saved(done: int, total: int, remark: str = "") -> None:
-        # Saving decodes the video once more.
-        n = max(n_expected, len(scan.measures))
-        progress(n + round(n * done / total), 2 * n, remark)
+        n = max(n_expected, len(found.scan.intact))
+        progress(n + round(SAVING_SHARE * n * done / total), n + round(SAVING_SHARE * n), remark)
 
-    entries, motions = keep_all(video.read_frames(path, facts, indices, options.max_side), indices, keep, saved)
+    pictures: Iterator[Picture] = (YuvFrame(coding, held.numbers_of(index)).rgb() for index in indices)
+    if not found.intact.all():
+        pictures = video.read_frames(path, facts, indices, options.max_side)
+    entries, motions = keep_all(pictures, indices, keep, saved)
     return Taken(_info(path, facts, found, entries), motions, flags, warnings)
 
 
-def _scanned(path: Path, facts: video.VideoFacts, n_expected: int, progress: Progress) -> _Scanned:
-    """Look at every frame, small."""
-    n_scanned, before = 0, None
+def _scanned(
+    path: Path, facts: video.VideoFacts, max_side: int, held: HeldFrames, n_expected: int, progress: Progress
+) -> _Scanned:
+    """Look at the frames, small, and hold the best of them."""
+    before: Picture | None = None
+    meter = WayMeter()
+    every = max(1, round(facts.fps / LOOKED_AT_FPS)) if facts.fps > 0 else 1
+    numbers = count(0, every)
 
-    def measure(grey: Picture) -> tuple[float, float, float]:
-        nonlocal n_scanned, before
-        n_scanned += 1
-        progress(n_scanned, 2 * max(n_expected, n_scanned), "looking for sharp frames")
-        measures = frame_quality.sharpness(grey), frame_quality.contrast(grey), frame_quality.change(before, grey)
+    def measure(frame: YuvFrame) -> _Measures:
+        nonlocal before
+        number = next(numbers)
+        n = max(n_expected, number + 1)
+        progress(number + 1, n + round(SAVING_SHARE * n), "looking for sharp frames")
+        grey = frame.grey(SCAN_SIDE)
+        contrast = frame_quality.contrast(grey)
+        found = _Measures(frame_quality.sharpness(grey), contrast, frame_quality.change(before, grey), meter.add(grey))
         before = grey
-        return measures
+        # A blank frame is never better than one that shows something.
+        score = found.sharpness if contrast >= frame_quality.BLANK_CONTRAST else found.sharpness - 1e9
+        held.offer(number, found.way, score, frame.numbers)
+        return found
 
-    scan = video.scan(path, facts, SCAN_SIDE, measure)
+    scan = video.scan(path, facts, max_side, measure, every)
     flags, warnings = _checked_scan(path, facts, scan)
-    scores, contrasts, changes = np.array(scan.measures).T
+    frames = every * np.arange(len(scan.measures))
+    scores, contrasts, changes, ways = np.array([astuple(measures) for measures in scan.measures]).T
     blank, repeated = frame_quality.find_blank_and_repeated(contrasts, changes)
     for flag, which, what in (
         ("blank_frames", blank, "black, white or empty"),
@@ -86,7 +141,7 @@ def _scanned(path: Path, facts: video.VideoFacts, n_expected: int, progress: Pro
         if which.any():
             flags += (flag,)
             warnings += (f"{which.sum()} of {len(which)} frames are {what} and were left out",)
-    return _Scanned(scan, scores, blank, repeated, flags, warnings)
+    return _Scanned(scan, frames, scores, ways, blank, repeated, flags, warnings)
 
 
 def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[FrameInfo]) -> FramesInfo:
@@ -101,8 +156,8 @@ def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[Fr
             **asdict(facts),
             n_decoded=len(scan.intact),
             n_intact=int(scan.intact.sum()),
-            blank=tuple(np.flatnonzero(found.blank).tolist()),
-            repeated=tuple(np.flatnonzero(found.repeated).tolist()),
+            blank=tuple(found.frames[found.blank].tolist()),
+            repeated=tuple(found.frames[found.repeated].tolist()),
         ),
         images=tuple(
             replace(entry, timestamp_s=round(float(scan.timestamps_s[entry.source_index]), 6)) for entry in entries
@@ -111,7 +166,7 @@ def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[Fr
 
 
 def _checked_scan(
-    path: Path, facts: video.VideoFacts, scan: video.Scan[tuple[float, float, float]]
+    path: Path, facts: video.VideoFacts, scan: video.Scan[_Measures]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a video that was decoded, or the reason why it cannot be used."""
     n, n_intact = len(scan.intact), int(scan.intact.sum())

@@ -22,6 +22,7 @@ Keep = Callable[[str, Picture], None]
 
 SCAN_SIDE = 640
 """Images are judged at this size, px."""
+STANDS_STILL = "the camera stands still; film one slow full turn around the plant"
 ORIENTATION_RULE = "rotation tags and EXIF orientation are applied to the pixels; the images carry no tag"
 
 
@@ -75,7 +76,7 @@ def outcome_of(taken: Taken) -> StageOutcome:
         CaptureFailed: the camera did not move.
     """
     if frame_quality.stands_still(taken.motions):
-        raise CaptureFailed("the camera stands still; film one slow full turn around the plant")
+        raise CaptureFailed(STANDS_STILL)
     entries = taken.info.images
     medians = {
         key: float(np.median([getattr(entry, key) for entry in entries]))

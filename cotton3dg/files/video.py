@@ -24,10 +24,13 @@ from numpy.typing import NDArray
 from ..errors import BadInput, EnvironmentUnusable, MissingInput
 from .images import MAX_PIXELS, fit_size
 from .tonemap import HLG, PQ, tone_map
+from .yuv import Coding, YuvFrame
 
 DEMUXERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
 DECODER_DELAY_FRAMES = 32
 """A threaded decoder reports a damaged frame up to this many frames before it comes out."""
+PIPE_BYTES = 2**20
+"""The most that Linux gives without asking: a frame then passes in a few steps."""
 FRAME_RATE_OUT = 25
 """Any constant: see `_in_step`."""
 
@@ -47,6 +50,10 @@ class VideoFacts:
     pixel_format: str
     transfer: str
     """Transfer function, empty when not tagged."""
+    matrix: str
+    """From brightness and colour differences to red, green, blue; empty when not tagged."""
+    full_range: bool
+    """Whether black is 0."""
     fps: float
     """Average frame rate, NaN when unknown; informative only."""
     duration_s: float
@@ -68,6 +75,8 @@ class Scan(Generic[T]):
     n_damaged: int
     """Frames from the errors to the next key frames, without the margin: the least that must be damaged."""
     measures: list[T]
+    """Of every `every`-th frame."""
+    every: int
     errors: tuple[str, ...]
     """The decoder's complaints."""
 
@@ -127,8 +136,10 @@ def parse_description(text: str) -> VideoFacts | None:
     rotation = round(-float(turn[1]) / 90) * 90 % 360 if turn else 0
     if rotation in (90, 270):
         width, height = height, width
-    # E.g. `yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67, progressive)`; the third name is the transfer function.
-    colours = re.search(r"[\w-]+/[\w-]+/([\w-]+)", line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0])
+    # E.g. `yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67, progressive)`: matrix, primaries and transfer function, which
+    # are one name where all are alike.
+    told = line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0]
+    colours = re.search(r"([\w-]+)/[\w-]+/([\w-]+)", told) or re.search(r"\b((bt709))\b", told)
     pixel_format = re.search(r", (\w+)", line)
     rate = re.search(r"([\d.]+)(k?) fps", line)
     length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", text)
@@ -138,32 +149,47 @@ def parse_description(text: str) -> VideoFacts | None:
         height=height,
         rotation_deg=rotation,
         pixel_format=pixel_format[1] if pixel_format else "",
-        transfer=colours[1] if colours and colours[1] != "unknown" else "",
+        transfer=colours[2] if colours and colours[2] != "unknown" else "",
+        matrix=colours[1] if colours and colours[1] != "unknown" else "",
+        full_range="(pc" in told or (pixel_format is not None and pixel_format[1].startswith("yuvj")),
         fps=float(rate[1]) * (1000 if rate[2] else 1) if rate else float("nan"),
         duration_s=int(length[1]) * 3600 + int(length[2]) * 60 + float(length[3]) if length else float("nan"),
     )
 
 
-def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[NDArray[np.uint8]], T]) -> Scan[T]:
-    """Decode the whole video once, small and grey, one frame in memory at a time.
+def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[YuvFrame], T], every: int = 1) -> Scan[T]:
+    """Decode the whole video once, one frame in memory at a time.
 
     Args:
         max_side: longer side of the frames that are measured, px.
-        measure: called with each frame, (H, W) grey.
+        measure: called with every `every`-th frame, from the first on; what it keeps of a frame it has to copy.
     """
-    size = fit_size(facts.width, facts.height, max_side)
+    coding = coding_of(facts, max_side)
     measures: list[T] = []
-    stream = _stream(path).filter("scale", *size, flags="fast_bilinear").filter("format", "gray").filter("showinfo")
-    with _decoding(_in_step(stream), "gray", size[0] * size[1]) as (frames, log):
-        measures.extend(measure(np.frombuffer(frame, np.uint8).reshape(size[1], size[0])) for frame in frames)
+    frame = YuvFrame(coding, np.empty(coding.size, coding.kind))
+    stream = _stream(path).filter("showinfo", checksum=0)
+    if every > 1:
+        stream = stream.filter("select", f"not(mod(n,{every}))")
+    stream = stream.filter("scale", coding.width, coding.height, flags="area").filter("format", coding.pixel_format)
+    with _decoding(_in_step(stream), coding.pixel_format, frame.numbers) as (frames, log):
+        measures.extend(measure(frame) for _ in frames)
         log.seek(0)
         text = log.read().decode("utf-8", "replace")
     timestamps_s, intact, n_damaged, errors = parse_log(text)
-    n = min(len(timestamps_s), len(measures))
-    timestamps_s, intact, measures = timestamps_s[:n], intact[:n], measures[:n]
+    n = min(len(timestamps_s), len(measures) * every)
+    timestamps_s, intact = timestamps_s[:n], intact[:n]
     # A file whose parts were joined, or whose clock jumps back, repeats times; those frames have no place in the order.
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], timestamps_s[:-1]])) if n else timestamps_s
-    return Scan(timestamps_s, intact & (timestamps_s > latest), min(n_damaged, n), measures, errors)
+    intact = intact & (timestamps_s > latest)
+    return Scan(timestamps_s, intact, min(n_damaged, n), measures[: -(-n // every)], every, errors)
+
+
+def coding_of(facts: VideoFacts, max_side: int) -> Coding:
+    """How `scan` has frames handed over: as they are, but for what is larger or finer than anybody sees."""
+    width, height = fit_size(facts.width, facts.height, max_side)
+    if facts.is_hdr:
+        return Coding(width, height, 10, facts.full_range, facts.matrix, facts.transfer)
+    return Coding(width, height, 8, facts.full_range, facts.matrix)
 
 
 def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int) -> Iterator[NDArray[np.uint8]]:
@@ -175,7 +201,7 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
         BadInput: fewer frames came out than are wanted.
     """
     width, height = fit_size(facts.width, facts.height, max_side)
-    pixel_format, kind, depth = ("rgb48le", "<u2", 2) if facts.is_hdr else ("rgb24", "u1", 1)
+    pixel_format, kind = ("rgb48le", "<u2") if facts.is_hdr else ("rgb24", "u1")
     stream = (
         _stream(path)
         .filter("select", _balanced_sum([f"eq(n,{index})" for index in indices]))
@@ -183,11 +209,11 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
         .filter("format", pixel_format)
     )
     n_read = 0
-    with _decoding(_in_step(stream, len(indices)), pixel_format, width * height * 3 * depth) as (frames, _):
-        for frame in frames:
-            rgb = np.frombuffer(frame, kind).reshape(height, width, 3)
+    numbers = np.empty((height, width, 3), kind)
+    with _decoding(_in_step(stream, len(indices)), pixel_format, numbers) as (frames, _):
+        for _frame in frames:
             n_read += 1
-            yield tone_map(rgb, facts.transfer) if facts.is_hdr else rgb
+            yield tone_map(numbers, facts.transfer) if facts.is_hdr else numbers.copy()
     if n_read != len(indices):
         raise BadInput(f"{path.name}: {n_read} of {len(indices)} frames came out on second reading; copy it again")
 
@@ -279,9 +305,9 @@ def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-de
 
 @contextmanager
 def _decoding(
-    stream_and_settings: tuple, pixel_format: str, frame_bytes: int
-) -> Iterator[tuple[Iterator[bytes], IO[bytes]]]:
-    """Run ffmpeg: an iterator of raw frames, and its log, complete once the frames are used up."""
+    stream_and_settings: tuple, pixel_format: str, numbers: NDArray
+) -> Iterator[tuple[Iterator[None], IO[bytes]]]:
+    """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and the log, complete once all are read."""
     stream, settings = stream_and_settings
     output = stream.output("pipe:1", format="rawvideo", pix_fmt=pixel_format, **settings)
     command = output.global_args("-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info").compile(
@@ -289,13 +315,16 @@ def _decoding(
     )
     # The log goes to a file: two pipes would need a thread to keep the unread one from filling up.
     with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log)
+        process = subprocess.Popen(
+            command, bufsize=0, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, pipesize=PIPE_BYTES
+        )
         assert process.stdout is not None
         stdout = process.stdout
 
-        def frames() -> Iterator[bytes]:
-            while len(frame := stdout.read(frame_bytes)) == frame_bytes:
-                yield frame
+        def frames() -> Iterator[None]:
+            content = memoryview(numbers.data).cast("B")
+            while _fill(stdout, content):
+                yield
             process.wait()
 
         try:
@@ -304,3 +333,14 @@ def _decoding(
             stdout.close()
             process.kill()
             process.wait()
+
+
+def _fill(source: IO[bytes], content: memoryview) -> bool:
+    """Read until `content` is full; false where the source ends before."""
+    filled = 0
+    while filled < len(content):
+        n = source.readinto(content[filled:])  # type: ignore[attr-defined]
+        if not n:
+            return False
+        filled += n
+    return True

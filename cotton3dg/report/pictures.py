@@ -35,6 +35,7 @@ from .figures import (
     render_photo,
 )
 from .scene import Frame, boll_bodies, describe_scene, plant_frame
+from .walk import draw_walk
 
 WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
 COMPARED, OVERLAID, STRIP = 3, 4, 10
@@ -255,45 +256,13 @@ class Pictures:
         }
 
     def walk(self) -> dict[str, Any]:
-        """The walk seen from above: where each frame was taken, how blurred it is, and the table; 100 = the orbit."""
+        """The walk seen from above."""
         images = self.facts.frames.images if self.facts.frames else ()
-        if not images:
-            return {}
-        blurs = {image.name: image.blur for image in images}
-        dots: list[dict[str, Any]] = []
-        table: list[list[float]] = []
-        if len(self.cameras) > 2:
-            frame = self.frame()
-            centre = frame.places(self.orbit.centre[None])[0, :2]
-            radius = self.orbit.radius * float(np.linalg.norm(frame.page_from_scene[0]))
-            places = (frame.places(np.stack([c.centre for c in self.cameras]))[:, :2] - centre) / radius * 100
-            reach = max(130.0, 1.1 * float(np.percentile(np.abs(places), 98)))
-            places = np.clip(places * 130 / reach, -138, 138)
-            for camera, (x, y) in zip(self.cameras, places, strict=True):
-                blur = blurs.get(camera.name)
-                dots.append({"x": x, "y": -y, "name": camera.name, "blur": blur, "shade": shade(blur)})
-            if self.scale is not None:
-                corners = (frame.places(self.scale.corners)[:, :2] - centre) / radius * 100 * 130 / reach
-                table = (corners * [1, -1]).tolist()
-        placed = set(self.camera_of)
-        bars = [
-            {
-                "name": image.name,
-                "time_s": image.timestamp_s,
-                "blur": image.blur,
-                "shade": shade(image.blur),
-                "missed": bool(self.cameras) and image.name not in placed,
-            }
-            for image in images
-        ]
-        return {"dots": dots, "table": table, "bars": bars}
+        frame = self.frame() if len(self.cameras) > 2 else None
+        names = [image.name for image in images]
+        return draw_walk(images, names, self.cameras, frame, self.scale)
 
     def widths_px(self) -> list[float]:
         """Widths of the bolls in the training images."""
         metrics = self.facts.metrics
         return [boll.diameter_su / metrics.pixel_su for boll in self.bolls] if metrics else []
-
-
-def shade(blur: float | None) -> int:
-    """0 (crisp) to 4 (blurred): the steps of colour on the map of the walk."""
-    return int(np.searchsorted([0.25, 0.3, 0.35, 0.4], blur if blur is not None else 0.0))

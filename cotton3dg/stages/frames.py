@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..capture.take_photos import take_photos
-from ..capture.take_video import take_video
-from ..capture.taken import outcome_of
+from ..capture.take_video import HELD_A_FRAME, take_video
+from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..files.images import write_image
@@ -16,6 +16,8 @@ from .stage import Cost, Stage, Work
 
 JPEG_BYTES_A_PIXEL = 1.0
 """At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""
+HELD_BYTES_A_PIXEL = 1.5
+"""Of a frame that is held until the film's end; HDR takes twice as much."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -25,16 +27,23 @@ def inputs(workspace: Workspace) -> list[Path]:
 def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> StageOutcome:
     """Writes 000000.jpg and so on, and frames.json."""
     source = workspace.capture()
-    take = take_photos if source.is_dir() else take_video
     with workspace.writing("frames") as folder:
-        taken = take(source, options, lambda name, image: write_image(folder / name, image), progress)
+
+        def keep(name: str, image: Picture) -> None:
+            write_image(folder / name, image)
+
+        if source.is_dir():
+            taken = take_photos(source, options, keep, progress)
+        else:
+            taken = take_video(source, options, keep, progress, folder)
         outcome = outcome_of(taken)
         taken.info.save(folder / workspace.frames_json.name)
     return outcome
 
 
 def _disk_bytes(_: Workspace, options: FramesOptions) -> float:
-    return options.count * options.max_side**2 * 9 / 16 * JPEG_BYTES_A_PIXEL
+    pixels = options.count * options.max_side**2 * 9 / 16
+    return pixels * (JPEG_BYTES_A_PIXEL + HELD_A_FRAME * HELD_BYTES_A_PIXEL)
 
 
 def _cost(work: Work) -> Cost:
@@ -44,7 +53,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "frames",
-    version=2,
+    version=3,
     inputs=inputs,
     run=run,
     cost=_cost,

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadUsage, MissingInput, NoScale
@@ -33,7 +36,10 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     if options.method == "none":
         found = no_scale("no reference was asked for")
     else:
-        found = seek_scale(_load(workspace, options), options, progress)
+        gaussians = read_gaussians(workspace.gaussians_ply)
+        tracks = read_points(workspace.undistorted / "sparse")[0]
+        solid = gaussians.means[gaussians.opacities > 0.5]
+        found = seek_scale(load_plant(workspace, options, workspace.undistorted, tracks, solid), options, progress)
     if options.require_scale and found.info.scale is None:
         warnings = (*found.outcome.warnings, f"{found.info.reason}; use --method table or drop --require-scale")
         raise NoScale(warnings[0])
@@ -44,8 +50,16 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     return found.outcome
 
 
-def _load(workspace: Workspace, options: ScaleOptions) -> Plant:
-    sparse = workspace.undistorted / "sparse"
+def load_plant(
+    workspace: Workspace, options: ScaleOptions, undistorted: Path, tracks: NDArray[np.float64], solid: NDArray
+) -> Plant:
+    """What the references are sought in.
+
+    Args:
+        undistorted: folder with `images/` and the COLMAP model `sparse/`.
+        tracks: (T, 3) su, triangulated points.
+        solid: (S, 3) su, of what hides what is behind it; none without a model.
+    """
     has_points = workspace.scale_points.exists()
     if options.method == "distance" or (options.method == "all" and has_points):
         if not options.distance.distance_cm:
@@ -57,12 +71,11 @@ def _load(workspace: Workspace, options: ScaleOptions) -> Plant:
         picks = read_picks(workspace.scale_points)
     else:
         picks = None
-    gaussians = read_gaussians(workspace.gaussians_ply)
     return Plant(
-        read_cameras(sparse),
-        photo=lambda name: read_image(workspace.undistorted_image(name)),
-        tracks=read_points(sparse)[0],
-        solid=gaussians.means[gaussians.opacities > 0.5],
+        read_cameras(undistorted / "sparse"),
+        photo=lambda name: read_image(undistorted / "images" / name),
+        tracks=tracks,
+        solid=solid,
         picks=picks,
     )
 

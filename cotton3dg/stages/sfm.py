@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.image_pairs import choose_pairs
+from ..capture.keyframes import Keyframes, keyframe_spacing
 from ..capture.lens import undistort
 from ..capture.placed import (
     decide_distortion,
@@ -17,11 +19,13 @@ from ..capture.placed import (
     require_images,
     require_registered,
 )
-from ..capture.reconstruction import ReconstructionSettings, keyframe_spacing, reconstruct
+from ..capture.reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
+from ..documents.record import Record
+from ..errors import BadInput
 from ..files import exports
 from ..files.colmap import read_cameras, read_points
 from ..files.saving import json_text
@@ -29,6 +33,8 @@ from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
+RECORD = "record.json"
+"""Of what was begun."""
 VIDEO_FEATURE_SIDE = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
 PHOTO_SIZE, PHOTO_FEATURES, PHOTO_PARTNERS = 2, 4, 2
@@ -49,21 +55,12 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageOutcome:
     frames = workspace.folder("frames")
-    taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
-    names = [path.name for path in workspace.frame_images()]
-    require_images(names)
-    settings = ReconstructionSettings(
-        max_features=_max_features(options, len(names), taken.ordered),
-        max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
-        seed=options.seed,
-        focal_length_px=taken.focal_length_px,
-        partners=None if taken.ordered else PHOTO_PARTNERS * options.overlap,
-    )
-    pairs = choose_pairs(len(names), options.overlap, taken.ordered)
+    names, pairs, settings = _task(workspace, options)
+    keyframes = _begun(workspace, options)
     watch = Stopwatch()
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
-            models = reconstruct(frames, names, pairs, Path(work), settings, progress, watch)
+            models = reconstruct(frames, names, pairs, Path(work), settings, progress, watch, keyframes)
             require_registered(models, names)
         models[0], lens = decide_distortion(models[0], options.distortion)
         watch.lap("deciding the lens")
@@ -76,8 +73,51 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
         np.save(folder / "poses_bounds.npy", exports.llff_poses_bounds(cameras, xyz), allow_pickle=False)
         info.save(folder / workspace.sfm_json.name)
+    shutil.rmtree(workspace.sfm_begun, ignore_errors=True)
     watch.lap("undistorting")
     return replace(outcome_of(info), parts_s=watch.parts_s)
+
+
+def begin(workspace: Workspace, options: SfmOptions, progress: Progress) -> None:
+    """Place the keyframes of a film into `records/sfm.begun`, unless that is done; `run` goes on from them.
+
+    Nothing is done where a capture has no keyframes: photos, or hardly more frames than keyframes.
+    """
+    names, pairs, settings = _task(workspace, options)
+    if not has_keyframes(len(names), settings) or _begun(workspace, options):
+        return
+    with workspace.writing(workspace.sfm_begun.relative_to(workspace.root).as_posix()) as folder:
+        place_keyframes(workspace.folder("frames"), names, pairs, folder, settings, progress).save()
+        _begun_from(workspace, options).save(folder / RECORD)
+
+
+def _begun(workspace: Workspace, options: SfmOptions) -> Keyframes | None:
+    """What `begin` did of the very same task."""
+    try:
+        if Record.load(workspace.sfm_begun / RECORD) == _begun_from(workspace, options):
+            return Keyframes.load(workspace.sfm_begun)
+    except BadInput:
+        pass
+    return None
+
+
+def _begun_from(workspace: Workspace, options: SfmOptions) -> Record:
+    return replace(STAGE.record(options, "begun"), inputs=workspace.hashes(*inputs(workspace)))
+
+
+def _task(workspace: Workspace, options: SfmOptions) -> tuple[list[str], list[tuple[int, int]], ReconstructionSettings]:
+    """Names of the images, pairs to match, and what may be spent."""
+    taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
+    names = [path.name for path in workspace.frame_images()]
+    require_images(names)
+    settings = ReconstructionSettings(
+        max_features=_max_features(options, len(names), taken.ordered),
+        max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
+        seed=options.seed,
+        focal_length_px=taken.focal_length_px,
+        partners=None if taken.ordered else PHOTO_PARTNERS * options.overlap,
+    )
+    return names, choose_pairs(len(names), options.overlap, taken.ordered), settings
 
 
 def _max_features(options: SfmOptions, images: int, ordered: bool) -> int:
@@ -107,9 +147,10 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=8,
+    version=9,
     inputs=inputs,
     run=run,
+    begin=begin,
     cost=_cost,
     disk_bytes=_disk_bytes,
     droppable=lambda workspace: sorted((workspace.undistorted / "images").glob("*.jpg")),

@@ -97,6 +97,8 @@ class Stage:
     """Workspace, options of the stage and progress."""
     cost: Callable[[Work], Cost]
     """On the machine that the constants of `planning.cost` were measured on."""
+    begin: Callable[[Workspace, Any, Progress], None] | None = None
+    """Does what tells how good the capture is, and keeps it for `run`; None where nothing can be done beforehand."""
     splats: bool = False
     """Whether its time goes with that of the splatting core instead of with that of images."""
     disk_bytes: Callable[[Workspace, Any], float] = lambda workspace, options: 0.0

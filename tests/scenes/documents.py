@@ -19,7 +19,7 @@ def frame_info(name: str, **known: Any) -> FrameInfo:
 
 def frames_info(images: list[FrameInfo], ordered: bool = True, fps: float = 30.0) -> FramesInfo:
     """Of a video of 8.5 s, or of photos where there is no order."""
-    facts = VideoInfo("h264", 320, 240, 0, "yuv420p", "", fps, 8.5, len(images), len(images), (), ())
+    facts = VideoInfo("h264", 320, 240, 0, "yuv420p", "", "", False, fps, 8.5, len(images), len(images), (), ())
     file, video = ("walk.mp4", facts) if ordered else (None, None)
     return FramesInfo("video" if ordered else "images", ordered, "as filmed", tuple(images), file=file, video=video)
 

@@ -63,27 +63,6 @@ def test_exposure_counts_black_and_white():
     assert (luminance, black, white) == (pytest.approx(0.6255, abs=1e-3), 0.25, 0.5)
 
 
-def test_frames_are_spread_in_time_not_by_number():
-    # 50 frames in the first second, 10 in the next four: a variable frame rate.
-    times = np.concatenate([np.linspace(0, 1, 50, endpoint=False), np.linspace(1, 5, 10, endpoint=False)])
-    chosen = frame_quality.spread_frames(times, np.ones(60), np.ones(60, bool), 5)
-    assert len(chosen) == 5
-    assert (times[chosen] < 1).sum() <= 2
-    assert np.diff(times[chosen]).max() < 1.9
-
-
-def test_the_sharpest_usable_frame_of_each_interval_is_taken():
-    scores, usable = np.arange(40) % 4, np.ones(40, bool)
-    assert frame_quality.spread_frames(np.arange(40.0), scores, usable, 10) == list(range(3, 40, 4))
-    usable[3] = False
-    assert frame_quality.spread_frames(np.arange(40.0), scores, usable, 10)[0] == 2
-
-
-def test_all_frames_when_there_are_too_few():
-    usable = np.array([True, False, True, True])
-    assert frame_quality.spread_frames(np.arange(4.0), np.ones(4), usable, 10) == [0, 2, 3]
-
-
 def test_spread_indices():
     assert frame_quality.spread_indices(5, 10) == [0, 1, 2, 3, 4]
     assert frame_quality.spread_indices(10, 4) == [0, 2, 5, 7]

@@ -45,7 +45,7 @@ def clip(tmp_path_factory):
 
 
 def scanned(path, max_side=WIDTH):
-    return video.scan(path, video.probe(path), max_side, number_of)
+    return video.scan(path, video.probe(path), max_side, lambda frame: number_of(frame.grey(max_side)))
 
 
 def test_header(clip):
@@ -236,7 +236,9 @@ def test_descriptions_of_phones():
   Stream #0:1[0x2](und): Audio: aac (LC) (mp4a / 0x6134706D), 44100 Hz, stereo, fltp, 190 kb/s (default)
 """
     facts = video.parse_description(iphone)
-    assert facts == video.VideoFacts("hevc", 1080, 1920, 90, "yuv420p10le", "arib-std-b67", 29.98, 62.5)
+    assert facts == video.VideoFacts(
+        "hevc", 1080, 1920, 90, "yuv420p10le", "arib-std-b67", "bt2020nc", False, 29.98, 62.5
+    )
     cover = "  Stream #0:0: Video: mjpeg (Baseline), yuvj420p(pc), 600x600, 90k tbr (attached pic)\n"
     assert video.parse_description(cover) is None
     assert video.parse_description("") is None

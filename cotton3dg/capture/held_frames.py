@@ -1,0 +1,100 @@
+"""The best frames of a film so far, held while it streams by, in bounded space.
+
+Nobody knows beforehand how long the way is. At first every frame is held; when the room is full, the way so far is
+divided into so many intervals that half of the room is free, and of each the best frame is kept; from then on intervals
+double each time the room is full.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class HeldFrames:
+    """Frames by number, in a file without a name that the system may keep in memory as long as it likes."""
+
+    def __init__(self, room: int, size: int, kind: Any, folder: Path):
+        """
+        Args:
+            room: how many frames there is place for.
+            size: numbers a frame, of the dtype `kind`.
+            folder: on the disk that has the space.
+        """
+        with TemporaryFile(dir=folder) as file:
+            self._slots = np.memmap(file, kind, "w+", shape=(room, size))
+        self._free = list(range(room - 1, -1, -1))
+        self._interval = 0.0
+        self._held: dict[int, tuple[int, int, float, float]] = {}
+        """Interval -> slot, frame, way and score."""
+
+    def __contains__(self, frame: int) -> bool:
+        return any(frame == other for _, other, _, _ in self._held.values())
+
+    @property
+    def frames(self) -> list[int]:
+        """Numbers, ascending."""
+        return sorted(frame for _, frame, _, _ in self._held.values())
+
+    def numbers_of(self, frame: int) -> NDArray[Any]:
+        """(size,) of a held frame."""
+        return next(self._slots[slot] for slot, other, _, _ in self._held.values() if other == frame)
+
+    def offer(self, frame: int, way: float, score: float, numbers: NDArray[Any]) -> None:
+        """Hold a frame if it is the best of its interval of the way.
+
+        Args:
+            frame, way: not less than those before.
+            score: higher is better.
+            numbers: (size,) copied if the frame is held.
+        """
+        place = self._place(frame, way)
+        known = self._held.get(place)
+        if known and known[3] >= score:
+            return
+        if known is None and not self._free:
+            self._widen(way)
+            self.offer(frame, way, score, numbers)
+            return
+        slot = known[0] if known else self._free.pop()
+        self._slots[slot] = numbers
+        self._held[place] = (slot, frame, way, score)
+
+    def _place(self, frame: int, way: float) -> int:
+        return int(way / self._interval) if self._interval else frame
+
+    def _widen(self, way: float) -> None:
+        """Longer intervals, so that at most half of the room is taken."""
+        start = 2 * max(way, 1e-9) / len(self._slots)
+        self._interval = max(2 * self._interval, start) * (1 + 1e-9)
+        best: dict[int, tuple[int, int, float, float]] = {}
+        for held in sorted(self._held.values(), key=lambda held: (-held[3], held[1])):
+            place = self._place(held[1], held[2])
+            if place in best:
+                self._free.append(held[0])
+            else:
+                best[place] = held
+        self._held = best
+
+
+def thin_out(ways: NDArray[np.float64], scores: NDArray[np.float64], count: int) -> list[int]:
+    """Indices of at most `count` of n frames at even steps of the way, the better ones preferred; ascending.
+
+    One frame after the other is left out: the one whose gap, from its neighbour before to that behind, is smallest,
+    where one of half its better neighbour's score counts as half as long.
+
+    Args:
+        ways: (n,) ascending.
+        scores: (n,) at least 0, higher is better.
+    """
+    kept = np.arange(len(ways))
+    while len(kept) > max(count, 2):
+        near = np.stack([scores[kept[:-2]], scores[kept[1:-1]], scores[kept[2:]]])
+        worth = near[1] / np.maximum(near.max(axis=0), 1e-12)
+        gaps = (ways[kept[2:]] - ways[kept[:-2]]) * worth
+        kept = np.delete(kept, 1 + int(np.argmin(gaps)))
+    return kept[:count].tolist()

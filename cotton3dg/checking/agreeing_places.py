@@ -1,0 +1,78 @@
+"""Places on level planes where photos from all sides show the same colour: there the plane is a surface.
+
+They stand in for the Gaussians of a model, which show how far the table reaches where structure from motion has too few
+points. It is plane sweeping (Collins 1996) over the few planes that the points themselves suggest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera, Float64
+from ..geometry.camera_orbit import Orbit
+from ..geometry.planes import CELL, level_planes
+
+SIDE_PX = 480
+"""Longer side of the photos that are compared."""
+LEAST_VIEWS = 5
+
+
+def find_agreeing_places(
+    tracks: NDArray,
+    orbit: Orbit,
+    cameras: Sequence[Camera],
+    photos: Sequence[NDArray[np.uint8]],
+    tolerance: float,
+) -> Float64:
+    """(N, 3) su, on a grid of each level plane.
+
+    Args:
+        tracks: (T, 3) su, triangulated points.
+        photos: (H, W, 3) of the cameras, from all sides.
+        tolerance: grey levels, largest median deviation of the views from their median colour.
+    """
+    small = [_shrink(photo) for photo in photos]
+    places = [
+        _agreeing(_grid(plane, orbit), cameras, small, tolerance) for plane in level_planes(np.asarray(tracks), orbit)
+    ]
+    return np.concatenate([*places, np.zeros((0, 3))])
+
+
+def _shrink(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Small and a little blurred, so that places need not fit to the pixel."""
+    factor = min(1.0, SIDE_PX / max(photo.shape[:2]))
+    small = cv2.resize(photo, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    return cv2.GaussianBlur(small, (0, 0), 1.5).astype(np.float32)
+
+
+def _grid(plane: Float64, orbit: Orbit) -> Float64:
+    """(G, 3) su, on a plane, as far as the cameras."""
+    up = plane[:3]
+    x = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    x /= np.linalg.norm(x)
+    steps = np.arange(-1.0, 1.0, CELL) + CELL / 2
+    u, v = (part.ravel() for part in np.meshgrid(steps, steps))
+    inside = np.hypot(u, v) < 1.0
+    foot = orbit.centre - (up @ orbit.centre + plane[3]) * up
+    flat = np.outer(u[inside], x) + np.outer(v[inside], np.cross(up, x))
+    return np.asarray(foot + orbit.radius * flat)
+
+
+def _agreeing(
+    points: Float64, cameras: Sequence[Camera], photos: Sequence[NDArray[np.float32]], tolerance: float
+) -> Float64:
+    colours = np.full((len(cameras), len(points), 3), np.nan, np.float32)
+    for seen, camera, photo in zip(colours, cameras, photos, strict=True):
+        pixels, depths = camera.project(points)
+        x, y = (pixels * (photo.shape[1] / camera.width) - 0.5).T
+        inside = (depths > 0) & (x >= 0) & (y >= 0) & (x <= photo.shape[1] - 1) & (y <= photo.shape[0] - 1)
+        at = [np.ascontiguousarray(part[inside, None], np.float32) for part in (x, y)]
+        seen[inside] = cv2.remap(photo, at[0], at[1], cv2.INTER_LINEAR)[:, 0]
+    enough = np.isfinite(colours[..., 0]).sum(axis=0) >= LEAST_VIEWS
+    points, colours = points[enough], colours[:, enough]
+    away = np.abs(colours - np.nanmedian(colours, axis=0)).max(axis=2)
+    return points[np.nanmedian(away, axis=0) < tolerance]

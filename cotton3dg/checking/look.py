@@ -1,0 +1,93 @@
+"""A first look at a film whose cameras, or some of them, are placed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.progress import Progress, silent
+from ..core.scene import Camera
+from ..documents.frames import FramesInfo
+from ..files.colmap import read_cameras, read_points
+from ..files.images import read_image
+from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..masks.bolls import open_bolls
+from ..options import ScaleOptions
+from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..stages.scale import load_plant
+from ..workspace import Workspace
+from .agreeing_places import find_agreeing_places
+from .first_count import FoundBoll, find_bolls_in_space
+from .sights import Sight, see
+
+VIEWS = 12
+"""Images in which bolls are looked for."""
+TOLERANCES = (6.0, 10.0)
+"""Grey levels by which photos may differ where they agree; a floor of one colour agrees with itself when it is lax."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was found."""
+
+    frames: FramesInfo
+    names: tuple[str, ...]
+    """Images that were to be placed."""
+    images: Path
+    """Folder of those that were, without lens distortion."""
+    cameras: Sequence[Camera]
+    """Theirs."""
+    orbit: Orbit
+    sights: Sequence[Sight]
+    bolls: Sequence[FoundBoll]
+    scale: FoundScale
+
+
+def look_at(
+    workspace: Workspace, names: Sequence[str], undistorted: Path, options: ScaleOptions, progress: Progress = silent
+) -> Look:
+    """Look for bolls and for things of known size.
+
+    Args:
+        names: images that were to be placed.
+        undistorted: folder with `images/` and the COLMAP model `sparse/` of those that were.
+    """
+    cameras = read_cameras(undistorted / "sparse")
+    orbit = fit_orbit(cameras)
+    network = open_bolls()
+    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), VIEWS)]
+    photos = [read_image(undistorted / "images" / camera.name) for camera in chosen]
+    sights = []
+    for number, (camera, photo) in enumerate(zip(chosen, photos, strict=True)):
+        progress(number, len(chosen) + 1, "looking for bolls")
+        sights.append(see(photo, camera, network))
+    progress(len(chosen), len(chosen) + 1, "looking for the table")
+    tracks = read_points(undistorted / "sparse")[0]
+    plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
+    return Look(
+        frames=FramesInfo.load(workspace.frames_json),
+        names=tuple(names),
+        images=undistorted / "images",
+        cameras=cameras,
+        orbit=orbit,
+        sights=sights,
+        bolls=find_bolls_in_space(sights, orbit),
+        scale=_seek_scale(plant, orbit, chosen, photos, options),
+    )
+
+
+def _seek_scale(
+    plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
+) -> FoundScale:
+    """The scale by the points of structure from motion; where these are too few, by places at which photos agree."""
+    first = found = no_scale("no reference was asked for") if options.method == "none" else seek_scale(plant, options)
+    for tolerance in TOLERANCES if options.method != "none" else ():
+        if found.info.scale is not None:
+            return found
+        places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
+        found = seek_scale(replace(plant, solid=places.astype(np.float32)), options)
+    return first if found.info.scale is None else found

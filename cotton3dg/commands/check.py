@@ -1,0 +1,120 @@
+"""Whether a film will do, while the plant still stands: placed frames, views, sharpness, light, table, a first count.
+
+It runs the stages that come before the training, or the first half of them, and `run` goes on from there.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from ..capture.keyframes import Keyframes, will_do
+from ..capture.lens import undistort
+from ..capture.placed import decide_distortion, describe_cameras
+from ..checking.judge import judge, refuse
+from ..checking.look import Look, look_at
+from ..checking.page import check_page, strip_of
+from ..documents.check import CheckInfo
+from ..documents.frames import FramesInfo
+from ..errors import BadInput, CaptureFailed, MissingInput
+from ..files.colmap import read_cameras
+from ..files.saving import explain_disk_errors, link
+from ..pipeline import Watcher, begin, run
+from ..stages.staleness import stale_reason
+from ..workspace import VIDEO_SUFFIXES, Workspace
+
+
+def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> CheckInfo:
+    """Look at a plant's film; saves check/check.json and check/check.html.
+
+    Args:
+        options: of every stage, as `run` would take them.
+    Returns:
+        The verdict; a film that a stage refuses is red.
+    Raises:
+        Cotton3dgError: the fault is not the film's.
+    """
+    start = time.perf_counter()
+    look, frames = None, None
+    try:
+        run(workspace, options, ("frames",), watcher=watcher)
+        frames = FramesInfo.load(workspace.frames_json)
+        with tempfile.TemporaryDirectory(dir=workspace.root, prefix=".check.") as scratch:
+            names, undistorted = _place(workspace, options, watcher, Path(scratch))
+            look = look_at(workspace, names, undistorted, options["scale"], watcher.watched("check"))
+            info = judge(look, options["train"].max_side, time.perf_counter() - start)
+            _save(workspace, info, look, frames)
+    except MissingInput:
+        raise
+    except CaptureFailed as error:
+        info = refuse(str(error), time.perf_counter() - start)
+        _save(workspace, info, None, frames)
+    return info
+
+
+def plant_of(given: Path) -> Workspace:
+    """The plant's folder: the given one, or for a video one of its name beside it, which shares the video.
+
+    Raises:
+        MissingInput: there is neither.
+        BadInput: the folder that a video would get has another one.
+    """
+    if not given.is_file():
+        return Workspace(given)
+    if given.suffix.lower() not in VIDEO_SUFFIXES:
+        raise BadInput(f"{given.name} is no video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
+    if (given.parent / "records").is_dir():
+        return Workspace(given.parent)
+    folder = given.parent / given.stem
+    with explain_disk_errors(given.parent):
+        folder.mkdir(exist_ok=True)
+        shared = folder / given.name
+        if not shared.exists():
+            link(given, shared)
+    if shared.stat().st_size != given.stat().st_size:
+        raise BadInput(f"{folder.name}/ has another video of the name {given.name}; move one of them elsewhere")
+    return Workspace(folder)
+
+
+def _place(
+    workspace: Workspace, options: dict[str, Any], watcher: Watcher, scratch: Path
+) -> tuple[tuple[str, ...], Path]:
+    """Names of the images that were to be placed, and the folder of those that were, without lens distortion.
+
+    The keyframes of a film, where these will do; else all images, as `run` places them.
+    """
+    names = tuple(path.name for path in workspace.frame_images())
+    if stale_reason(workspace, "sfm", options["sfm"]):
+        begin(workspace, "sfm", options["sfm"], watcher)
+        if workspace.sfm_begun.is_dir():
+            keyframes = Keyframes.load(workspace.sfm_begun)
+            model = keyframes.read_model()
+            if will_do(model, len(keyframes.images)):
+                chosen = tuple(names[i] for i in keyframes.images)
+                return chosen, _undistort(workspace, model, chosen, options["sfm"].distortion, scratch)
+        run(workspace, options, ("sfm",), watcher=watcher)
+    return names, workspace.undistorted
+
+
+def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distortion: str, scratch: Path) -> Path:
+    """The folder of the model's images without lens distortion.
+
+    Raises:
+        CaptureFailed: its cameras saw the plant from one side only.
+    """
+    straight, lens = decide_distortion(model, distortion)
+    (scratch / "model").mkdir()
+    straight.write_binary(scratch / "model")
+    undistort(workspace.folder("frames"), scratch / "model", scratch / "undistorted")
+    describe_cameras([straight], names, read_cameras(scratch / "undistorted" / "sparse"), lens)
+    return scratch / "undistorted"
+
+
+def _save(workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None) -> None:
+    strip = strip_of(frames, workspace.folder("frames")) if frames and look is None else []
+    with workspace.writing("check") as folder:
+        info.save(folder / workspace.check_json.name)
+        page = check_page(workspace.plant_id, info, look, frames, strip)
+        (folder / workspace.check_html.name).write_text(page, encoding="utf-8")

@@ -1,0 +1,45 @@
+"""check/check.json: what a first look at a film found, and whether to film again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .document import Document
+
+GREEN, YELLOW, RED = "green", "yellow", "red"
+"""Good as it is; usable, but something will be missing or doubtful; no result can come of it."""
+VERDICTS = (GREEN, YELLOW, RED)
+"""From good to bad."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at."""
+
+    verdict: str
+    topic: str
+    text: str
+    """With figures."""
+    remedy: str = ""
+    """What to do when filming again."""
+
+    def __str__(self) -> str:
+        return f"{self.text}; {self.remedy}" if self.remedy else self.text
+
+
+@dataclass(frozen=True)
+class CheckInfo(Document):
+    """What the command check says of a film."""
+
+    REMEDY = "run `cotton3dg check`"
+
+    verdict: str
+    """`green`, `yellow` or `red`: the worst of the findings."""
+    line: str
+    """The verdict in one line, with what to film again."""
+    findings: tuple[Finding, ...]
+    """The worst first."""
+    figures: dict[str, Any]
+    """By name with its unit; what was not measured is missing."""
+    seconds: float

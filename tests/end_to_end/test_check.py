@@ -1,0 +1,110 @@
+"""`cotton3dg check`: a verdict, its page, its exit code; and `run` goes on from what it did."""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from scenes.tiny_plant import in_shell
+
+from cotton3dg import pipeline
+from cotton3dg.commands.check import check, plant_of
+from cotton3dg.documents.check import CheckInfo
+from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.files import video
+from cotton3dg.stages import sfm
+from cotton3dg.workspace import Workspace
+
+OPTIONS = {"frames": {"count": 60}, "sfm": {"max_features": 1000, "overlap": 4}}
+
+
+@pytest.fixture(scope="module")
+def checked(filmed, tmp_path_factory):
+    """A plant after a check that saw only the keyframes, and what that said."""
+    root = tmp_path_factory.mktemp("checked")
+    shutil.copyfile(filmed / "video.mp4", root / "video.mp4")
+    workspace = Workspace(root)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cotton3dg.capture.keyframes.KEYFRAMES", 30)
+        info = check(workspace, pipeline.stage_options(workspace, overrides=OPTIONS), pipeline.Watcher())
+        yield workspace, info
+
+
+def test_a_check_places_every_second_frame_and_saves_its_page(checked):
+    workspace, info = checked
+    assert info.figures["looked_at"] == 30
+    assert info.figures["placed"] >= 29
+    assert info.figures["orbit_coverage_deg"] == 360
+    assert CheckInfo.load(workspace.check_json) == info
+    page = workspace.check_html.read_text()
+    assert info.line in page.replace("&#39;", "'")
+    assert page.count("data:image/jpeg") >= 4
+    assert workspace.read_record("sfm") is None
+
+
+def test_run_goes_on_from_a_check_to_the_same_bits(checked, tmp_path, monkeypatch):
+    workspace, _ = checked
+    options = pipeline.stage_options(workspace, overrides=OPTIONS)
+    plain = Workspace(shutil.copytree(workspace.root, tmp_path / "plain"))
+    shutil.rmtree(plain.sfm_begun)
+    pipeline.run(plain, options, ("frames", "sfm"))
+    looked_at = []
+    whole = sfm.place_keyframes
+    monkeypatch.setattr(sfm, "place_keyframes", lambda *a, **k: looked_at.append(a) or whole(*a, **k))
+    resumed = Workspace(shutil.copytree(workspace.root, tmp_path / "resumed"))
+    pipeline.run(resumed, options, ("frames", "sfm"))
+    assert not looked_at
+    assert resumed.read_record("sfm").outputs == plain.read_record("sfm").outputs
+    assert not resumed.sfm_begun.exists()
+
+
+def test_what_was_begun_with_other_options_is_not_used(checked, tmp_path):
+    workspace, _ = checked
+    other = pipeline.stage_options(workspace, overrides=OPTIONS | {"sfm": {**OPTIONS["sfm"], "seed": 1}})
+    same = pipeline.stage_options(workspace, overrides=OPTIONS)
+    assert sfm._begun(workspace, same["sfm"])
+    assert sfm._begun(workspace, other["sfm"]) is None
+    damaged = Workspace(shutil.copytree(workspace.root, tmp_path / "damaged"))
+    (damaged.sfm_begun / "features.npz").write_bytes(b"PK nonsense")
+    assert sfm._begun(damaged, same["sfm"]) is None
+
+
+def test_a_film_of_a_still_camera_is_red_and_exits_4(tmp_path):
+    still = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
+    command = [video.ffmpeg_binary(), "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-r", "12", "-s", "160x90"]
+    frames = b"".join(np.clip(still + np.full((), k % 3, np.uint8), 0, 255).tobytes() for k in range(48))
+    subprocess.run([*command, "-i", "pipe:0", str(tmp_path / "walk.mp4")], input=frames, check=True)
+    done = in_shell("cotton3dg", "check", tmp_path / "walk.mp4", cwd=tmp_path)
+    assert done.returncode == 4
+    assert done.stdout.startswith("RED walk: the camera stands still; film one slow full turn")
+    assert "see " in done.stdout
+    assert (tmp_path / "walk" / "check" / "check.html").read_text().count("data:image/jpeg") >= 4
+    told = in_shell("cotton3dg", "check", "--json", tmp_path / "walk", cwd=tmp_path)
+    assert told.returncode == 4
+    assert json.loads(told.stdout)["verdict"] == "red"
+
+
+def test_a_video_gets_a_folder_of_its_name_and_a_plants_video_is_the_plant(tmp_path):
+    film = tmp_path / "a.mp4"
+    film.write_bytes(b"film")
+    plant = plant_of(film)
+    assert plant.root == tmp_path / "a"
+    assert plant.capture().read_bytes() == b"film"
+    assert plant_of(film).root == plant.root
+    (plant.root / "records").mkdir()
+    assert plant_of(plant.root / "a.mp4").root == plant.root
+    assert plant_of(plant.root).root == plant.root
+
+
+def test_what_is_no_video_is_told(tmp_path):
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(BadInput, match=r"notes.txt is no video"):
+        plant_of(tmp_path / "notes.txt")
+    with pytest.raises(MissingInput):
+        plant_of(tmp_path / "nothing.mp4")
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "a.mp4").write_bytes(b"another")
+    (tmp_path / "a.mp4").write_bytes(b"film")
+    with pytest.raises(BadInput, match="another video"):
+        plant_of(tmp_path / "a.mp4")

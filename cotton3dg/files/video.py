@@ -231,9 +231,10 @@ def sample_frames(path: Path, facts: VideoFacts, every_s: float, max_side: int) 
         .filter("scale", width, height, flags="area")
         .filter("format", "gray")
     )
-    with _decoding(_in_step(stream), "gray", width * height) as (frames, _):
-        for frame in frames:
-            yield np.frombuffer(frame, np.uint8).reshape(height, width)
+    numbers = np.empty((height, width), np.uint8)
+    with _decoding(_in_step(stream), "gray", numbers) as (frames, _):
+        for _frame in frames:
+            yield numbers.copy()
 
 
 def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int, tuple[str, ...]]:

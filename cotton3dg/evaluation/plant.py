@@ -136,7 +136,7 @@ def evaluate_cloud(
     truth |= {
         trait: number for trait in MAP_TRAITS if math.isfinite(number := float(getattr(mapped, trait) or math.nan))
     }
-    return [TraitError(trait, parse_number(row[trait]), value) for trait, value in truth.items()]
+    return [TraitError(trait, parse_number(row.get(trait)), value) for trait, value in truth.items()]
 
 
 def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:

@@ -74,7 +74,8 @@ def shortest_paths(
     cost, before = dijkstra(matrix, directed=False, indices=root, return_predecessors=True)
     before = np.where(before < 0, -1, before).astype(np.int64)
     if len(feet):
-        distances, near = cKDTree(wood).query(feet, k=min(NEIGHBOURS, n), distance_upper_bound=BRIDGE_CM)
+        k = np.arange(1, min(NEIGHBOURS, n) + 1)
+        distances, near = cKDTree(wood).query(feet, k=k, distance_upper_bound=BRIDGE_CM)
         totals = np.append(cost, np.inf)[near] + _costs(distances)
         best = np.argmin(totals, axis=1)
         reached = np.isfinite(totals.min(axis=1))
@@ -96,6 +97,8 @@ def _costs(lengths: Float64) -> Float64:
 def _neighbours(places: Float64, k: int, reach: float) -> NDArray[np.int64]:
     """(P, 2) rows of places no farther apart than `reach`, the k - 1 nearest of each; each pair once."""
     k = min(k, len(places))
+    if k < 2:
+        return np.zeros((0, 2), np.int64)
     distances, others = cKDTree(places).query(places, k=k, distance_upper_bound=reach)
     rows = np.repeat(np.arange(len(places)), k).reshape(len(places), k)
     kept = np.isfinite(distances) & (others != rows)

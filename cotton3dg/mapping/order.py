@@ -29,8 +29,8 @@ SUB_BRANCH_CM = 3.5
 """Shorter ways that leave a branch are scars and dry tips."""
 TIP_CM = 3.0
 """A boll so near to the stem's tip sits on the stem."""
-PETIOLE_CM = 14.0
-"""A way into a blade that is no longer is a leaf's stalk."""
+PETIOLE_CM = 9.0
+"""A way whose bare piece before a blade is no longer is a leaf's stalk."""
 CARPEL_CM = 4.5
 """A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
 CARPEL_REACH = 1.3
@@ -120,7 +120,7 @@ def _mended(raw: list[RawAxis]) -> list[RawAxis]:
     A way leaves a branch; close by another branch ends. If the way goes on straight from that end, and turns off from
     the branch that it leaves, it belongs to the other one.
     """
-    ways = [RawAxis(way.curve, way.parent, way.boll, way.leafy) for way in raw]
+    ways = [RawAxis(way.curve, way.parent, way.boll, way.bare_cm) for way in raw]
     gone: set[int] = set()
     for number, way in enumerate(ways):
         if number == 0 or way.parent <= 0 or way.parent in gone or length_of(way.curve) < SUB_BRANCH_CM:
@@ -134,14 +134,14 @@ def _mended(raw: list[RawAxis]) -> list[RawAxis]:
             gap = np.linalg.norm(candidate.curve[-1] - way.curve[0])
             if gap < 2 * TOUCH_CM and bend_deg(candidate.curve, way.curve, 3.0) < min(own_bend, 40.0) - 5.0:
                 candidate.curve = resampled(np.vstack([candidate.curve[:-2], way.curve[2:]]), SPACING_CM)
-                candidate.boll, candidate.leafy = way.boll, way.leafy
+                candidate.boll, candidate.bare_cm = way.boll, way.bare_cm
                 for child in ways:
                     child.parent = other if child.parent == number else child.parent
                 gone.add(number)
                 break
     kept = [number for number in range(len(ways)) if number not in gone]
     new = {old: number for number, old in enumerate(kept)} | {-1: -1}
-    return [RawAxis(ways[old].curve, new[ways[old].parent], ways[old].boll, ways[old].leafy) for old in kept]
+    return [RawAxis(ways[old].curve, new[ways[old].parent], ways[old].boll, ways[old].bare_cm) for old in kept]
 
 
 def _without_carpels(ways: list[RawAxis], bolls: tuple[BollBody, ...]) -> list[RawAxis]:
@@ -185,7 +185,7 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
                 target = on_stem if parent < 0 else branches[parent].stalks
                 target.append((way.boll, node, way.curve))
                 continue
-        elif (number not in bearing and ways[way.parent].leafy) or _is_no_branch(
+        elif (number not in bearing and np.isfinite(ways[way.parent].bare_cm)) or _is_no_branch(
             way, parent, length, length_of(stem) - node, number in bearing, cloud.bolls
         ):
             continue
@@ -214,7 +214,7 @@ def _is_no_branch(
     near_boll = any(np.linalg.norm(way.curve[-1] - body.centre) < CARPEL_REACH * body.diameter for body in bolls)
     if (parent >= 0 or below_tip < TIP_CM) and length < CARPEL_CM and near_boll:
         return True
-    return (way.leafy and length < PETIOLE_CM) or (parent >= 0 and length < SUB_BRANCH_CM)
+    return way.bare_cm < PETIOLE_CM or (parent >= 0 and length < SUB_BRANCH_CM)
 
 
 def with_straight_base(curve: Float64, parent: Float64, radius: float) -> Float64:

@@ -114,8 +114,7 @@ def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> F
     known = np.zeros(last + 1, bool)
     known[bolls[:-1]] = True
     lengths = np.arange(last + 1) * STEP_CM
-    with np.errstate(divide="ignore"):
-        logs = np.log(lengths)
+    logs = np.log(np.maximum(lengths, 1e-9))
     weights = np.full(MOST_NODES, -np.inf)
     # state[a, b]: the last two nodes; rows of nodes may not step over a known one.
     passed = np.concatenate([[0], np.cumsum(known)])

@@ -44,10 +44,12 @@ STEM_SMOOTHING = 4.0
 STEM_REACH_CM = 1.3
 """The same two of the stem, which is thicker and bends less."""
 MIN_STEM_CM = 12.0
+FEWEST_PLACES = 20
 BLADE_CM = 3.0
 BESIDE_CM = 0.45
-BLADE_PLACES, BLADE_SHARE = 12, 0.35
-"""A way ends in a blade when so many places are so near to its tip, and this share of them so far beside it."""
+BLADE_PLACES, BLADE_SHARE, BLADE_ONWARDS = 12, 0.35, 0.6
+"""A way is in a blade where, of the places so near, this share lies so far beside it, and so on for most of the rest;
+at its tip there are so many."""
 
 
 @dataclass
@@ -60,13 +62,13 @@ class RawAxis:
     """Index of the axis that it leaves; -1 of the stem."""
     boll: int = 0
     """Index of the boll, from 1, at whose foot it ends; 0 = none."""
-    leafy: bool = False
-    """Whether it ends in a blade."""
+    bare_cm: float = np.inf
+    """Length before it enters a blade; infinite where it enters none."""
 
 
 def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
     """The stem and all ways that leave it or each other, longest first; empty where there is no stem."""
-    if len(cloud.places) < 20:
+    if len(cloud.places) < FEWEST_PLACES or np.ptp(cloud.places[:, 2]) < MIN_STEM_CM:
         return []
     places, n = cloud.places, len(cloud.places)
     graph, root = joined(places), _root(places)
@@ -77,8 +79,9 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
     if length_of(stem) < MIN_STEM_CM:
         return []
     beside = nearest_on(stem, places)[0] < stem_radius(stem, wood) + 0.5 * COVER_CM
+    leaf = cloud.leaf & ~beside
     feet = np.array([body.foot if np.isfinite(body.foot).all() else body.centre for body in cloud.bolls])
-    tree = shortest_paths(graph, (cloud.leaf | (cloud.bur > 0)) & ~beside, root, feet.reshape(-1, 3))
+    tree = shortest_paths(graph, leaf | ((cloud.bur > 0) & ~beside), root, feet.reshape(-1, 3))
     axes = [RawAxis(stem, -1)]
     owner = np.full(len(tree.places), -1)
     owner[:n][beside] = 0
@@ -95,10 +98,14 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
         rows = path_to(tree, tip, owner >= 0)
         parent = int(owner[rows[0]])
         curve = centred(tree.places[rows], tree.places[:n][cloud.bur == 0], CENTRE_REACH_CM)
-        leafy = tip < n and _ends_in_blade(curve, places[(owner[:n] < 0) & (cloud.bur == 0)])
-        axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, leafy))
+        free = places[(owner[:n] < 0) & (cloud.bur == 0)]
+        bare_cm = _bare_cm(curve, free) if tip < n else np.inf
+        axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, bare_cm))
         owner[rows[1:]] = len(axes) - 1
-        _cover(tree, owner, n, curve, BLADE_CM if leafy else COVER_CM)
+        if np.isinf(bare_cm):
+            _cover(tree, owner, n, curve, (len(axes) - 1, parent), COVER_CM)
+        else:
+            _cover(tree, owner, n, curve, (len(axes) - 1,), BLADE_CM)
     return axes
 
 
@@ -110,7 +117,7 @@ def _root(places: Float64) -> int:
 
 def _stem_rows(tree: WoodTree, cloud: WoodCloud) -> list[int]:
     """The way up with the least bend among those that end near the top."""
-    reached = np.flatnonzero(np.isfinite(tree.cost[: len(cloud.places)]) & ~cloud.leaf)
+    reached = np.flatnonzero(np.isfinite(tree.cost[: len(cloud.places)]) & (cloud.bur == 0))
     heights = tree.places[reached, 2]
     low = heights.min()
     high = reached[heights > low + TOP_SHARE * (heights.max() - low)]
@@ -155,14 +162,17 @@ def _lengths_left(tree: WoodTree, owner: NDArray[np.int64]) -> Float64:
     return np.where(done[ends], tree.lengths - tree.lengths[ends], -1.0)
 
 
-def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, reach: float) -> None:
-    """What lies beside the newest axis and hangs on it is its own; of the first n places only, the rest are feet."""
-    number = int(owner.max())
+def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, on: tuple[int, ...], reach: float) -> None:
+    """What lies beside the newest axis and hangs on it is its own; of the first n places only, the rest are feet.
+
+    Args:
+        on: the axis itself and, as some of what lies beside its foot hangs there instead, its parent.
+    """
     passed = (owner < 0) & (nearest_on(curve, tree.places)[0] < reach) & (tree.before >= 0)
     ends = _followed(np.where(passed, tree.before, np.arange(len(owner))))
-    own = passed & (owner[ends] == number)
+    own = passed & np.isin(owner[ends], on)
     own[n:] = False
-    owner[own] = number
+    owner[own] = on[0]
 
 
 def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -172,16 +182,24 @@ def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:
     return following
 
 
-def _ends_in_blade(curve: Float64, free: Float64) -> bool:
-    """Whether much of what is next to the tip lies beside the axis.
+def _bare_cm(curve: Float64, free: Float64) -> float:
+    """Length of an axis before it enters a blade: much of what is near lies beside it, from there to its tip.
 
     Args:
         free: (N, 3) places that belong to no other axis.
     """
-    near = free[np.linalg.norm(free - curve[-1], axis=1) < BLADE_CM]
-    if len(near) < BLADE_PLACES:
-        return False
-    return bool(np.mean(nearest_on(curve, near)[0] > BESIDE_CM) > BLADE_SHARE)
+    away, station = nearest_on(curve, free)
+    near, beside = away < BLADE_CM, away > BESIDE_CM
+    tip = near & (station > length_of(curve) - BLADE_CM)
+    if tip.sum() < BLADE_PLACES or np.mean(beside[tip]) < BLADE_SHARE:
+        return np.inf
+    bins = np.arange(0.0, length_of(curve) + 1.0)
+    shares = np.histogram(station[near & beside], bins)[0] / np.maximum(np.histogram(station[near], bins)[0], 1)
+    # The blade begins where it and most of what follows is blade.
+    blade = shares > BLADE_SHARE
+    onwards = np.cumsum(blade[::-1])[::-1] / np.arange(len(blade), 0, -1)
+    first = np.flatnonzero(blade & (onwards > BLADE_ONWARDS))
+    return float(first[0]) if len(first) else length_of(curve)
 
 
 def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOOTHING) -> Float64:

@@ -26,8 +26,10 @@ LEAF_CM = 1.3
 """Radius of the neighbourhood that tells a line from a blade."""
 LEAF_BREADTH_CM = 0.42
 """Standard deviation of places across the line from which they may be a blade, ..."""
-LEAF_FLATNESS = 0.6
-"""... and the share of it that a blade has at most in the third direction; a thick stem is as broad, but round."""
+LEAF_FLATNESS = 0.72
+"""... the share of it that a blade has at most in the third direction (a thick stem is as broad, but round), ..."""
+LEAF_PLACES = 35
+"""... and how many voxels of it are there at least; lines that fork have fewer."""
 RIM_CM = 1.0
 """How far the rim of a blade is from places that are broad on both sides."""
 FOOT_CM = 1.2
@@ -136,4 +138,4 @@ def _blades(places: Float64) -> NDArray[np.bool_]:
     thin, breadths = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, :2], 0)).T
     broad = (breadths > LEAF_BREADTH_CM) & (thin < LEAF_FLATNESS * breadths)
     share = np.bincount(rows, broad[np.concatenate(near)]) / counts
-    return (share > 0.5) & (counts >= 8)
+    return (share > 0.5) & (counts >= LEAF_PLACES)

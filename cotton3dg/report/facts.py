@@ -11,6 +11,7 @@ from ..documents.document import Document
 from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import SfmInfo
+from ..documents.skeleton import SkeletonInfo
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput, Cotton3dgError
 from ..files.tables import read_rows
@@ -39,6 +40,7 @@ class Facts:
     metrics: TrainMetrics | None
     effects: Effects | None
     scale: ScaleInfo | None
+    skeleton: SkeletonInfo | None
 
     def done(self, stage: str) -> bool:
         return any(item.stage == stage and item.done for item in self.stages)
@@ -75,6 +77,7 @@ def read_facts(workspace: Workspace) -> Facts:
         metrics=when_done("train", TrainMetrics, workspace.metrics_json),
         effects=when_done("train", Effects, workspace.effects_json),
         scale=when_done("scale", ScaleInfo, workspace.scale_json),
+        skeleton=when_done("traits", SkeletonInfo, workspace.skeleton_json),
     )
 
 

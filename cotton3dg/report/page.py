@@ -13,13 +13,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..core.state import State
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
+from ..files.skeleton import draw_map
 from ..files.tables import parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
@@ -27,7 +28,10 @@ from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 
-VERSION = 1
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+VERSION = 2
 RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
@@ -113,6 +117,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "traits": trait_cards(facts),
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
+        "plant_map": part("plant_map", lambda: drawn_map(pictures)) or "",
         "bolls": part("bolls", lambda: boll_rows(facts, cut_outs)) or [],
         "compared": part("compared", pictures.compared) or [],
         "overlaid": part("overlaid", pictures.overlaid) or [],
@@ -232,6 +237,13 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
         }
         for row in facts.bolls
     ]
+
+
+def drawn_map(pictures: Pictures) -> Markup | None:
+    """The plant map as an SVG inside the page; it holds nothing but numbers and our own words."""
+    from markupsafe import Markup
+
+    return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None
 
 
 def stage_rows(facts: Facts) -> list[dict[str, Any]]:

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
+from ..core.plant_map import PlantMap
 from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, read_bolls
 from ..documents.scale import read_scale
+from ..documents.skeleton import read_map
 from ..files.arrays import read_array
 from ..files.colmap import read_cameras
 from ..files.images import read_ids, read_image
@@ -34,7 +36,7 @@ from .figures import (
     outline_masks,
     render_photo,
 )
-from .scene import Frame, boll_bodies, describe_scene, plant_frame
+from .scene import Frame, boll_bodies, describe_scene, plant_frame, skeleton_lines
 from .walk import draw_walk
 
 WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
@@ -253,7 +255,14 @@ class Pictures:
                 frame,
             ),
             "bolls": boll_bodies(drawn, self.bolls[:MOST_BOLLS], known, frame),
+            "skeleton": skeleton_lines(self.plant_map) if self.plant_map else [],
         }
+
+    @property
+    def plant_map(self) -> PlantMap | None:
+        """None where there is none."""
+        found = read_map(self.facts.skeleton) if self.facts.skeleton else None
+        return found if found and found.axes else None
 
     def walk(self) -> dict[str, Any]:
         """The walk seen from above."""

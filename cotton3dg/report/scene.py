@@ -11,8 +11,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
+from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.camera_orbit import Orbit
+from ..geometry.polylines import length_of
 from ..traits.surface import sample_visible_surface, surface_rows
 from .figures import colour_of, encode
 
@@ -97,6 +99,29 @@ def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, 
             }
         )
     return bodies
+
+
+def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
+    """A line for the stem and for each branch with the stalks of its bolls, cm; null parts one from the next."""
+    lines = []
+    for axis in plant_map.axes:
+        pieces = [axis.curve, *(boll.stalk for boll in plant_map.bolls if boll.branch == axis.rank)]
+        places = np.vstack([np.vstack([piece, np.full((1, 3), np.nan)]) for piece in pieces])
+        told = [[None if np.isnan(x) else round(float(x), 2) for x in column] for column in places.T]
+        what = "Stem" if axis.rank == 0 else f"Branch {axis.rank}"
+        bolls = f", bolls {', '.join(map(str, axis.bolls))}" if axis.bolls else ", no bolls"
+        text = f"{what}: {length_of(axis.curve):.1f} cm{'' if axis.rank == 0 else ', ' + axis.kind}{bolls}"
+        red, green, blue = (90, 60, 30) if axis.rank == 0 else colour_of(axis.rank)
+        lines.append(
+            {
+                "name": what,
+                "text": text,
+                "bolls": list(axis.bolls),
+                "places": told,
+                "colour": f"rgb({red},{green},{blue})",
+            }
+        )
+    return lines
 
 
 def thin_points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Frame) -> dict[str, Any]:

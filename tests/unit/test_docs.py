@@ -20,7 +20,7 @@ from scenes.doc_commands import (
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
-from cotton3dg.files.tables import BOLLS, TRAITS
+from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.options import STAGE_OPTIONS, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
 from cotton3dg.stages import cluster, segment, traits
@@ -161,7 +161,7 @@ def table_of(columns):
     return "".join(f"{line}\n" for line in lines)
 
 
-@pytest.mark.parametrize("columns", [TRAITS, BOLLS], ids=["traits.csv", "bolls.csv"])
+@pytest.mark.parametrize("columns", [TRAITS, BOLLS, BRANCHES], ids=["traits.csv", "bolls.csv", "branches.csv"])
 def test_csv_md_has_the_table_of_the_columns(columns):
     table = table_of(columns)
     assert f"\n\n{table}\n" in (ROOT / "docs" / "csv.md").read_text(encoding="utf-8"), f"put this there:\n{table}"

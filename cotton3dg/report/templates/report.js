@@ -53,6 +53,21 @@
     panel.replaceChildren(heading, list, doubts, pictures);
   }
 
+  function chooseBranch(line) {
+    const heading = document.createElement("h3");
+    heading.textContent = line.name;
+    const words = document.createElement("p");
+    words.textContent = line.text;
+    const pictures = document.createElement("div");
+    pictures.className = "big";
+    for (const [id, row] of rows) {
+      const own = line.bolls.includes(Number(id));
+      row.classList.toggle("chosen", own);
+      if (own) pictures.append(...[...row.querySelectorAll(".cuts img")].map(image => image.cloneNode()));
+    }
+    panel?.replaceChildren(heading, words, pictures);
+  }
+
   for (const [id, row] of rows) row.addEventListener("click", () => choose(id));
 
   // ------------------------------------------------------------ the plant in 3D
@@ -109,6 +124,15 @@
     marker: { size: 24, symbol: "circle-open", color: "#e6007a", line: { width: 3 } },
   });
   const ring = traces.length - 1;
+  const lines = new Map(data.skeleton.map(line => ["line " + line.name, line]));
+  const firstLine = traces.length;
+  for (const [meta, line] of lines) {
+    const [x, y, z] = line.places;
+    traces.push({
+      type: "scatter3d", mode: "lines", x, y, z, meta, line: { color: line.colour, width: 6 },
+      text: x.map(() => line.text), hovertemplate: "%{text}<extra></extra>", connectgaps: false,
+    });
+  }
 
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -142,7 +166,8 @@
     element.addEventListener("pointerdown", event => { pressed = { id: touched, x: event.x, y: event.y }; }, true);
     element.addEventListener("pointerup", event => {
       const still = pressed && Math.hypot(event.x - pressed.x, event.y - pressed.y) < 5;
-      if (still && pressed.id) choose(pressed.id);
+      if (!still || !pressed.id) return;
+      lines.has(pressed.id) ? chooseBranch(lines.get(pressed.id)) : choose(pressed.id);
     }, true);
     mark = id => {
       const found = data.bolls.find(item => String(item.id) === id);
@@ -156,6 +181,12 @@
       const shown = toggle.getAttribute("aria-pressed") !== "true";
       toggle.setAttribute("aria-pressed", String(shown));
       Plotly.restyle(element, { visible: [...bodies.map(() => shown), !shown] }, [...bodies, 1]);
+    });
+    const skeleton = document.getElementById("skeleton");
+    skeleton?.addEventListener("click", () => {
+      const shown = skeleton.getAttribute("aria-pressed") !== "true";
+      skeleton.setAttribute("aria-pressed", String(shown));
+      Plotly.restyle(element, { visible: shown }, data.skeleton.map((_, n) => firstLine + n));
     });
     dark.addEventListener("change", () => {
       const { paper_bgcolor, font, scene } = layout();

@@ -1,0 +1,188 @@
+"""The plant map from places of wood: known tubes give known branches, angles, lengths, sites and thickness."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scenes.branch_scene import branch_scene, line, tube_places, zigzag
+
+from cotton3dg.core.plant_map import PlantMap
+from cotton3dg.core.scene import Gaussians
+from cotton3dg.geometry.polylines import (
+    length_of,
+    nearest_on,
+    path_lengths,
+    place_at,
+    resampled,
+    smoothed,
+)
+from cotton3dg.mapping.graph import joined, shortest_paths
+from cotton3dg.mapping.map_plant import map_cloud, map_places
+from cotton3dg.mapping.order import base_angle_deg, with_straight_base
+from cotton3dg.mapping.positions import infer_positions
+from cotton3dg.mapping.radii import radii_of
+from cotton3dg.mapping.summary import boll_rows, branch_rows, summarise_map
+from cotton3dg.mapping.wood import thinned
+
+
+@cache
+def mapped() -> PlantMap:
+    scene = branch_scene()
+    return map_places(thinned(scene.places, 0.25), scene.bolls)
+
+
+def test_lengths_and_places_along_a_polyline():
+    points = np.array([[0, 0, 0], [3, 0, 0], [3, 4, 0.0]])
+    assert path_lengths(points).tolist() == [0, 3, 7]
+    assert place_at(points, 5.0) == pytest.approx([3, 2, 0])
+    away, station = nearest_on(points, np.array([[1, 1, 0], [5, 4, 0.0]]))
+    assert away == pytest.approx([1, 2])
+    assert station == pytest.approx([1, 7])
+    even = resampled(points, 0.5)
+    assert np.allclose(np.linalg.norm(np.diff(even, axis=0), axis=1), 0.5)
+    assert smoothed(even, 2.0)[[0, -1]] == pytest.approx(even[[0, -1]])
+
+
+def test_branches_are_those_that_grew():
+    scene, found = branch_scene(), mapped()
+    assert [axis.kind for axis in found.axes] == ["stem"] + 5 * ["fruiting"]
+    assert nearest_on(scene.stem, found.stem.curve)[0].max() < 0.4
+    for axis, true in zip(found.branches, scene.branches, strict=True):
+        assert axis.parent == 0
+        assert axis.curve[0] == pytest.approx(true[0], abs=0.4)
+        assert base_angle_deg(axis.curve, found.stem.curve) == pytest.approx(base_angle_deg(true, scene.stem), abs=5)
+        assert nearest_on(true, axis.curve[4:-8])[0].max() < 0.35
+        assert axis.confidence > 0.95
+    barren = found.branches[1]
+    assert length_of(barren.curve) == pytest.approx(length_of(scene.branches[1]), rel=0.05)
+
+
+def test_each_boll_sits_on_its_branch_at_its_position():
+    found = mapped()
+    assert [(boll.branch, boll.rank, boll.position) for boll in found.bolls] == [
+        (1, 1, 1),
+        (1, 2, 2),
+        (3, 1, 1),
+        (4, 1, 1),
+    ]
+    for boll, node in zip(found.bolls, (9, 15, 7, 5), strict=True):
+        assert boll.path_cm == pytest.approx(node, abs=1.7)
+    assert found.branches[0].bolls == (1, 2)
+
+
+def test_the_same_places_give_the_same_map():
+    scene, found = branch_scene(), mapped()
+    again = map_places(thinned(scene.places, 0.25), scene.bolls)
+    for one, other in zip(found.axes, again.axes, strict=True):
+        assert one.curve.tobytes() == other.curve.tobytes()
+
+
+def test_traits_of_the_map():
+    found = mapped()
+    traits = summarise_map(found, 4.0, 0.002, 0.1)
+    assert traits.branch_count == traits.fruiting_branch_count == 5
+    assert traits.bearing_branch_count == 3
+    assert traits.first_fruiting_branch_height_cm == pytest.approx(20, abs=0.4)
+    assert traits.internode_mean_cm == pytest.approx(8.0, abs=0.15)
+    assert traits.stem_length_cm == pytest.approx(60, abs=1.0)
+    assert traits.stem_lean_deg < 1
+    assert traits.bolls_by_branch == (2, 0, 1, 1, 0)
+    assert traits.bolls_by_position == (3, 1, 0)
+    assert traits.first_position_share_pct == 75
+    assert np.isnan(traits.stem_diameter_mm)
+    rows = branch_rows(found)
+    assert [row.branch for row in rows] == [1, 2, 3, 4, 5]
+    assert rows[0].boll_ids == (1, 2)
+    assert rows[1].reach_cm < rows[1].length_cm
+    assert boll_rows(found)[3].branch == 3
+
+
+def test_a_gap_behind_a_boll_is_bridged():
+    scene = branch_scene()
+    hole = np.linalg.norm(scene.places - place_at(scene.branches[1], 6.0), axis=1) > 1.2
+    found = map_places(thinned(scene.places[hole], 0.25), scene.bolls)
+    assert len(found.branches) == 5
+    assert length_of(found.branches[1].curve) == pytest.approx(length_of(scene.branches[1]), rel=0.06)
+    assert found.branches[1].confidence < 1
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        np.zeros((0, 3)),
+        np.zeros((50, 3)),
+        np.random.default_rng(0).normal(0, 2, (300, 3)),
+        np.linspace((0, 0, 5), (0, 0, 9), 100),
+    ],
+    ids=["nothing", "one place", "a heap", "a stump"],
+)
+def test_without_a_stem_there_is_no_map_but_a_reason(places):
+    found = map_places(places, [(1, np.zeros(3), 4.5), (2, np.full(3, np.nan), np.nan)])
+    if not found.axes:
+        assert found.reason == "no_stem"
+    assert summarise_map(PlantMap((), (), "no_stem"), 4.0, 0.0, 0.1).branch_count is None
+
+
+def test_a_bare_stem_has_no_branches():
+    stem = tube_places(line((0, 0, 5), (0, 0, 50)), 0.6, np.random.default_rng(0), 60)
+    found = map_cloud(stem, [])
+    assert found.branches == ()
+    traits = summarise_map(found, 4.0, 0.0, 0.1)
+    assert traits.branch_count == 0
+    assert np.isnan(traits.first_fruiting_branch_height_cm)
+    assert traits.stem_diameter_mm == pytest.approx(12, abs=0.6)
+
+
+def test_shortest_paths_go_around_what_is_dear_and_through_no_foot():
+    straight = np.column_stack([np.zeros(21), np.zeros(21), np.arange(21) * 0.5])
+    feet = np.array([[0.4, 0, 5.0]])
+    tree = shortest_paths(joined(straight), np.zeros(21, bool), 0, feet)
+    assert tree.lengths[20] == pytest.approx(10)
+    assert tree.before[21] in (9, 10, 11)
+    assert 21 not in tree.before
+
+
+def test_a_base_is_continued_to_the_middle_of_its_parent():
+    parent = line((0, 0, 0), (0, 0, 40))
+    # A shortest path climbs the stem's surface before it leaves it.
+    curve = line((0.7, 0, 15), (0.7, 0, 19.3), (8.7, 0, 27.3), spacing=0.3)
+    straight = with_straight_base(curve, parent, 0.7)
+    assert straight[0] == pytest.approx([0, 0, 18.6], abs=0.15)
+    assert base_angle_deg(straight, parent) == pytest.approx(45, abs=1.5)
+
+
+@pytest.mark.parametrize(("site", "position"), [(0, 1), (1, 2), (2, 3), (3, 3)])
+def test_positions_count_the_kinks_before_a_boll(site, position):
+    lengths = (8, 5.6, 3.9, 2.8)
+    curve = line(*zigzag((0, 0, 0), 0.3, 0.6, (*lengths, 2.0)))
+    (sited,) = infer_positions(curve, [float(sum(lengths[: site + 1]))], 0.0, True)
+    assert sited.position == position
+    assert sited.confidence > 0.5
+
+
+def test_positions_of_vegetative_branches_are_not_inferred():
+    curve = line((0, 0, 0), (10, 0, 20))
+    (sited,) = infer_positions(curve, [8.0], 0.0, False)
+    assert sited.position == 0
+
+
+@pytest.mark.parametrize("radius", [0.75, 0.2])
+def test_thickness_is_that_of_the_silhouette(radius):
+    opacity = 0.9
+    # One long needle falls to half of the light at its width over sqrt(2 ln 2 opacity).
+    sigma = radius / np.sqrt(2 * np.log(opacity / 0.5))
+    gaussians = Gaussians(
+        np.float32([[0, 0, 10]]),
+        np.float32([[1, 0, 0, 0]]),
+        np.log(np.float32([[sigma, sigma, 300]])),
+        np.float32([np.log(opacity / (1 - opacity))]),
+        np.zeros((1, 1, 3), np.float32),
+    )
+    (radii,) = radii_of([line((0, 0, 9.2), (0, 0, 10.8))], gaussians, np.eye(3), np.zeros(3))
+    assert np.nanmedian(radii) == pytest.approx(radius, abs=0.01)
+
+
+def test_no_gaussians_have_no_thickness():
+    none = Gaussians(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))))
+    (radii,) = radii_of([line((0, 0, 0), (0, 0, 10))], none, np.eye(3), np.zeros(3))
+    assert np.isnan(radii).all()

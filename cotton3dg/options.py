@@ -219,7 +219,7 @@ class DbscanOptions:
     """Bolls as DBSCAN clusters of the points of the views' objects, as Cotton3DGaussians has it."""
 
     eps: float = option(
-        0.3, "radius that has to hold min-samples points, in median widths of an object", paper="0.3 su", at_least=0.0
+        0.4, "radius that has to hold min-samples points, in median widths of an object", paper="0.3 su", at_least=0.0
     )
     min_samples: int = option(10, "points within eps of a core point, itself among them", paper="10", at_least=1)
 
@@ -434,7 +434,7 @@ PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
         "masks": {"views": 4},
         # The paper gives neither; 32 is the default of SAGA's code, 10,000 what its instructions ask for.
         "segment": {"method": "affinity", "affinity": {"views": 4, "features": 32, "feature_steps": 10_000}},
-        "cluster": {"method": "dbscan", "dbscan": {"eps": 0.3, "min_samples": 10}},
+        "cluster": {"method": "dbscan"},
         "scale": {"method": "sections"},
     },
 }

@@ -51,6 +51,7 @@ class Scale:
 NO_SCALE = "no scale"
 NO_PLANT = "no scale; no plant on the table"
 NO_BODY = "no scale; too few Gaussians for a body (flagged)"
+NOT_CORRECTED = "not corrected"
 NO_VOLUME = "no scale; bolls, but none with a volume"
 
 
@@ -88,6 +89,15 @@ class BollTraits:
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
+    )
+    corrected: str = column(
+        "", "what a person did to it: merged, split or added", blank_when=NOT_CORRECTED, later=True, default=""
+    )
+    original_bolls: str = column(
+        "", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", later=True, default=""
+    )
+    original_volume_cm3: float = column(
+        "cm3", "sum of their volumes", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", later=True
     )
 
 
@@ -175,6 +185,15 @@ class PlantTraits:
     )
     canopy_size_error_cm: float = column(
         "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+    )
+    corrections: int | None = column(
+        "1", "corrections by a person that were applied", blank_when=NOT_CORRECTED, later=True, default=None
+    )
+    original_boll_count: int | None = column(
+        "1", "boll_count before them", blank_when=NOT_CORRECTED, later=True, default=None
+    )
+    original_boll_volume_cm3: float = column(
+        "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
     )
 
 

@@ -144,6 +144,11 @@ FLAGS = {
         "They are counted, but their total volume leaves them out.",
         "Look at the flagged rows of the boll table.",
     ),
+    "corrections_not_applied": Meaning(
+        "Some corrections do not apply",
+        "A boll that was corrected is not where it was; the warnings of the stage traits name it.",
+        "Look at the bolls again; correct them anew, or take the correction back (cotton3dg correct --undo).",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",

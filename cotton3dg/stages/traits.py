@@ -11,7 +11,8 @@ from ..core.columns import cells_of
 from ..core.measurements import PlantEvidence, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..documents.bolls import read_bolls
+from ..documents.bolls import boll_labels, describe_bolls, read_bolls
+from ..documents.corrections import Corrections
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.train import TrainMetrics
@@ -20,7 +21,8 @@ from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import TraitsOptions
-from ..traits.measure import measure_plant
+from ..traits.corrections import PlantFrame, apply_corrections
+from ..traits.measure import mark_corrections, measure_plant
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
@@ -35,6 +37,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.scale_json,
         workspace.metrics_json,
         workspace.sfm_json,
+        workspace.corrections_json,
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -49,6 +52,13 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
+    corrections = Corrections.load_if_there(workspace.corrections_json)
+    corrected = None
+    if corrections and corrections.corrections:
+        frame = PlantFrame(scale, measured.plant.foot) if scale and measured.plant else None
+        corrected = apply_corrections(bolls, corrections.corrections, gaussians, sha256, frame)
+        again = measure_plant(gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm)
+        measured = mark_corrections(measured, again, corrected)
     evidence = _evidence(workspace, scale, metrics, measured.flags)
     whose = {"plant_id": options.plant_id or workspace.plant_id}
     tables = {
@@ -62,6 +72,10 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         write_text_atomically(folder / workspace.columns_csv.name, meanings)
         rows_of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
         np.save(folder / workspace.plant_npy.name, rows_of_plant)
+        if corrected:
+            describe_bolls(corrected.bolls, sha256).save(folder / workspace.corrected_bolls_json.name)
+            labels = boll_labels(corrected.bolls, len(gaussians))
+            np.save(folder / workspace.corrected_labels_npy.name, labels)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
     return StageOutcome({key: getattr(measured.traits, key) for key in keys}, measured.flags, measured.warnings)
 
@@ -89,4 +103,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 1.5 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=6, inputs=inputs, run=run, cost=_cost)
+STAGE = Stage("traits", version=7, inputs=inputs, run=run, cost=_cost)

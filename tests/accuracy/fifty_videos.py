@@ -55,8 +55,8 @@ def film(folder: Path, seed: int) -> dict[str, str]:
         has_card = number < 48
         name = f"VID_20261123_{number:06d}.mp4"
         film_card(
-            folder / name, card_sheet(plant_id, 20) if has_card else None, n_frames=16, fps=4.0, size=(1280, 720),
-            code_px=float(rng.uniform(90, 140)), seed=seed + number, **how,
+            folder / name, card_sheet(plant_id, 20) if has_card else None, n_frames=8, fps=2.0, size=(960, 540),
+            code_px=float(rng.uniform(80, 120)), seed=seed + number, **how,
         )  # fmt: skip
         truth[name] = plant_id if has_card else ""
     return truth

@@ -15,9 +15,11 @@ CONTRACT = {
     "canopy_size_cm, canopy_length_cm, canopy_width_cm, scale_source, scale_error_pct, n_frames, registered_pct, "
     "psnr_db, seconds, qc_flags, version, plant_hull_volume_cm3, boll_height_mean_cm, boll_height_sd_cm, "
     "boll_height_min_cm, boll_height_max_cm, bolls_lower, bolls_middle, bolls_upper, lint_area_cm2, boll_count_error, "
-    "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm",
+    "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm, corrections, original_boll_count, "
+    "original_boll_volume_cm3",
     "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
-    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2",
+    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2, corrected, original_bolls, "
+    "original_volume_cm3",
 }
 COLUMNS = (Column("name", "", "a name"), Column("size", "cm", "a size", 2), Column("flags", "", "some flags"))
 

@@ -464,6 +464,34 @@ def import_(
 
 
 @app.command(rich_help_panel="Everything")
+def correct(
+    plant_dir: PlantDir,
+    file: Annotated[Path | None, typer.Argument(help="corrections.json that the plant's report saved")] = None,
+    merge: Annotated[list[str] | None, typer.Option(metavar="N,N", help="bolls that are one; repeatable")] = None,
+    split: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is two")] = None,
+    delete: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is none")] = None,
+    branch: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is a branch")] = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PICKS", help="a boll at 'IMAGE:X,Y IMAGE:X,Y', px of undistorted images"),
+    ] = None,
+    undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
+) -> None:
+    """Mend single bolls, for good: what is said of them is kept in corrections.json and applied by every run."""
+    from . import display
+    from .commands.correct import Asked
+    from .commands.correct import correct as mend
+    from .workspace import Workspace
+
+    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
+        asked = Asked(file, merge or (), split or (), delete or (), branch or (), add or (), undo)
+        outcome = mend(Workspace(plant_dir), asked, watcher)
+        display.print_corrections(outcome)
+    if outcome.refused:
+        raise typer.Exit(SOME_FAILED)
+
+
+@app.command(rich_help_panel="Everything")
 def export(
     folder: Annotated[Path, typer.Argument(help="field that `batch` has run")],
     format_: Annotated[

@@ -22,6 +22,7 @@ from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
     from .batch import Result
+    from .commands.correct import Outcome
     from .commands.doctor import Finding
     from .commands.import_videos import Row as ImportRow
     from .documents.check import CheckInfo
@@ -180,6 +181,15 @@ def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
     print(", ".join(f"{n} {state}" for state, n in counts.items()) + (" (dry run)" if dry_run else ""))
     if not dry_run:
         print(f"saved as {into / 'import.csv'}; next: cotton3dg batch {into}")
+
+
+def print_corrections(outcome: Outcome) -> None:
+    """What is kept of a plant, what does not apply, and what it changed."""
+    for correction in outcome.kept.corrections:
+        print(correction.told)
+    for reason in outcome.refused:
+        print(reason)
+    print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
 
 
 def print_findings(findings: list[Finding]) -> None:

@@ -51,6 +51,8 @@ class Workspace:
     """Boll masks that the user made, for the import back end."""
     scale_points = _Below("scale_points.csv")
     """Two points of known distance that the user picked in images, for scale --method distance."""
+    corrections_json = _Below("corrections.json")
+    """What a person says of single bolls."""
     truth_json = _Below("truth.json")
     """What is known of a simulated plant; no stage reads it."""
 
@@ -95,6 +97,9 @@ class Workspace:
     """The same as points and edges, for Blender and CloudCompare."""
     plant_map_svg = _Below("traits/plant_map.svg")
     """The same as a drawing to print."""
+    corrected_bolls_json = _Below("traits/bolls.json")
+    corrected_labels_npy = _Below("traits/labels.npy")
+    """The bolls that were measured, where they were corrected: as those of `cluster`."""
     plant_npy = _Below("traits/plant.npy")
     """(N,) bool: which Gaussians are the plant."""
 
@@ -209,6 +214,12 @@ class Workspace:
         record = self.read_record(stage)
         if record:
             other.write_record(record)
+
+    def final_bolls(self) -> tuple[Path, Path]:
+        """bolls.json and labels.npy of the bolls that `traits` measured: corrected ones where there are any."""
+        if self.corrected_bolls_json.is_file():
+            return self.corrected_bolls_json, self.corrected_labels_npy
+        return self.bolls_json, self.labels_npy
 
     def require(self, path: Path, stage: str) -> Path:
         """`path`, or MissingInput naming the stage that makes it."""

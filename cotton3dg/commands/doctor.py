@@ -22,6 +22,7 @@ MODULE_OF = {
     "imageio-ffmpeg": "imageio_ffmpeg",
     "opencv-contrib-python-headless": "cv2",
     "pillow": "PIL",
+    "zxing-cpp": "zxingcpp",
 }
 """Distribution -> module, where the names differ."""
 

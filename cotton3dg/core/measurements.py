@@ -52,6 +52,7 @@ NO_SCALE = "no scale"
 NO_PLANT = "no scale; no plant on the table"
 NO_BODY = "no scale; too few Gaussians for a body (flagged)"
 NO_WEIGHT = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
+NOT_CORRECTED = "not corrected"
 NO_VOLUME = "no scale; bolls, but none with a volume"
 
 
@@ -96,6 +97,15 @@ class BollTraits:
         2,
         blank_when=NO_BODY,
         later=True,
+    )
+    corrected: str = column(
+        "", "what a person did to it: merged, split or added", blank_when=NOT_CORRECTED, later=True, default=""
+    )
+    original_bolls: str = column(
+        "", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", later=True, default=""
+    )
+    original_volume_cm3: float = column(
+        "cm3", "sum of their volumes", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", later=True
     )
 
 
@@ -220,6 +230,15 @@ class PlantTraits:
         1,
         blank_when=f"{NO_WEIGHT}; no lint percentage",
         later=True,
+    )
+    corrections: int | None = column(
+        "1", "corrections by a person that were applied", blank_when=NOT_CORRECTED, later=True, default=None
+    )
+    original_boll_count: int | None = column(
+        "1", "boll_count before them", blank_when=NOT_CORRECTED, later=True, default=None
+    )
+    original_boll_volume_cm3: float = column(
+        "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
     )
 
 

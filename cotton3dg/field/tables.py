@@ -80,7 +80,11 @@ class Field:
         return date if DATE.fullmatch(date) else ""
 
 
-TRAIT_COLUMNS: Sequence[Column] = columns_of(PlantTraits)
+TRAIT_COLUMNS: Sequence[Column] = tuple(
+    column
+    for column in columns_of(PlantTraits)
+    if column.name != "corrections" and not column.name.startswith("original_")
+)
 """What is observed on a plant; the other columns tell how."""
 
 

@@ -44,7 +44,7 @@ def read_codes(grey: Picture) -> list[str]:
     """Texts of the QR codes and DataMatrix codes in a (H, W) picture.
 
     By zxing-cpp, which reads about twice as many small codes as OpenCV's two decoders, in a fifth of their time
-    (`tests/accuracy/card_codes.py`). Where that reads none but the markers of a card are seen, the code is looked for
+    (docs/notes/libraries.md). Where that reads none but the markers of a card are seen, the code is looked for
     where they say that it is.
     """
     return _texts(grey) or _read_by_markers(grey)

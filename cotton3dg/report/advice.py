@@ -154,6 +154,11 @@ FLAGS = {
         "About one touching boll in thirty is lost in its neighbour or counted twice, and where one ends is a guess.",
         "Look at the numbered bolls below; the count's error allows for it.",
     ),
+    "corrections_not_applied": Meaning(
+        "Some corrections do not apply",
+        "A boll that was corrected is not where it was; the warnings of the stage traits name it.",
+        "Look at the bolls again; correct them anew, or take the correction back (cotton3dg correct --undo).",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",

@@ -234,6 +234,7 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
             "doubts": boll_doubts(row),
             "colour": "rgb({},{},{})".format(*colour_of(int(row["boll_id"]))),
             "cut_outs": cut_outs.get(int(row["boll_id"]), []),
+            "centre_cm": _centre(row),
         }
         for row in facts.bolls
     ]
@@ -244,6 +245,12 @@ def drawn_map(pictures: Pictures) -> Markup | None:
     from markupsafe import Markup
 
     return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None
+
+
+def _centre(row: dict[str, str]) -> str:
+    """Its centre as corrections name it, `[x,y,z]` cm; empty where it is not known."""
+    places = [parse_number(row.get(f"{axis}_cm")) for axis in "xyz"]
+    return str(places).replace(" ", "") if all(map(math.isfinite, places)) else ""
 
 
 def stage_rows(facts: Facts) -> list[dict[str, Any]]:

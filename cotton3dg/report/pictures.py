@@ -73,7 +73,8 @@ class Pictures:
     def bolls(self) -> list[BollInstance]:
         if not self.facts.done("cluster"):
             return []
-        return read_bolls(self.workspace.bolls_json, self.workspace.labels_npy)[0]
+        final = self.workspace.final_bolls() if self.facts.done("traits") else None
+        return read_bolls(*(final or (self.workspace.bolls_json, self.workspace.labels_npy)))[0]
 
     @cached_property
     def scale(self) -> Scale | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..core.bolls import BollInstance
 from ..core.columns import cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantTraits, Scale
@@ -15,7 +16,8 @@ from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
 from ..core.scene import Gaussians
-from ..documents.bolls import read_bolls
+from ..documents.bolls import boll_labels, describe_bolls, read_bolls
+from ..documents.corrections import Corrections
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.skeleton import describe_map
@@ -29,7 +31,8 @@ from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..options import TraitsOptions
-from ..traits.measure import Measured, measure_plant
+from ..traits.corrections import Corrected, PlantFrame, apply_corrections
+from ..traits.measure import Measured, mark_corrections, measure_plant
 from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
 from ..workspace import Workspace
@@ -48,6 +51,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.scale_json,
         workspace.metrics_json,
         workspace.sfm_json,
+        workspace.corrections_json,
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -67,6 +71,10 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
+    corrected = _corrected(workspace, gaussians, bolls, scale, measured)
+    if corrected:
+        again = measure_plant(gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm)
+        measured = mark_corrections(measured, again, corrected)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
     flags = (*measured.flags, *([NO_MAP] if unmapped else []))
@@ -94,10 +102,25 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
             write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, whose["plant_id"]))
         rows_of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
         np.save(folder / workspace.plant_npy.name, rows_of_plant)
+        if corrected:
+            describe_bolls(corrected.bolls, sha256).save(folder / workspace.corrected_bolls_json.name)
+            labels = boll_labels(corrected.bolls, len(gaussians))
+            np.save(folder / workspace.corrected_labels_npy.name, labels)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
     summary = {key: getattr(measured.traits, key) for key in keys} | {"branch_count": map_traits.branch_count}
     warnings = (*measured.warnings, *([UNMAPPED] if unmapped else []))
     return StageOutcome(summary, flags, warnings)
+
+
+def _corrected(
+    workspace: Workspace, gaussians: Gaussians, bolls: list[BollInstance], scale: Scale | None, measured: Measured
+) -> Corrected | None:
+    """The bolls after a person's corrections; None without any."""
+    found = Corrections.load_if_there(workspace.corrections_json)
+    if not found or not found.corrections:
+        return None
+    frame = PlantFrame(scale, measured.plant.foot) if scale and measured.plant else None
+    return apply_corrections(bolls, found.corrections, gaussians, gaussians.sha256(), frame)
 
 
 def _map(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..core.measurements import BollTraits, PlantTraits, Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
+from .corrections import Corrected
 from .error_model import CROWDED_SHARE, boll_volume_error, count_error, find_touching, plant_volume_error_cm3
 from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
@@ -75,6 +76,33 @@ def measure_plant(
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
     traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
+
+
+def mark_corrections(before: Measured, after: Measured, corrected: Corrected) -> Measured:
+    """What was measured after the corrections, with what they changed in columns of their own."""
+    volumes = {boll.boll_id: boll.volume_cm3 for boll in before.bolls}
+
+    def marked(boll: BollTraits) -> BollTraits:
+        if boll.boll_id not in corrected.words:
+            return boll
+        was = corrected.origins[boll.boll_id]
+        volume = sum(volumes[boll_id] for boll_id in was) if was else np.nan
+        names = "+".join(map(str, was))
+        told = corrected.words[boll.boll_id]
+        return replace(boll, corrected=told, original_bolls=names, original_volume_cm3=volume)
+
+    traits = replace(
+        after.traits,
+        corrections=corrected.applied,
+        original_boll_count=before.traits.boll_count,
+        original_boll_volume_cm3=before.traits.boll_volume_cm3,
+    )
+    flags, warnings = after.flags, after.warnings
+    if corrected.refused:
+        flags += ("corrections_not_applied",)
+        warnings += tuple(f"correction not applied: {reason}" for reason in corrected.refused)
+    bolls = [marked(boll) for boll in after.bolls]
+    return replace(after, bolls=bolls, traits=traits, flags=flags, warnings=warnings)
 
 
 def measure_bolls(

@@ -15,6 +15,7 @@ from cotton3dg.workspace import Workspace
 
 QUICK_FILES = (
     "test_frames.py",
+    "test_corrections.py",
     "test_report_failures.py",
     "test_report_index.py",
     "test_report_page.py",

@@ -1,10 +1,14 @@
 """The pages in a real browser, by real input events."""
 
+import shutil
+import time
+
 import numpy as np
 import pytest
 from scenes.chromium import Browser, executable
 from scenes.report_page import HOSTILE, batch_rows, fail, picture
 
+from cotton3dg.commands.correct import Asked, correct
 from cotton3dg.report.facts import read_facts
 from cotton3dg.report.index import index_page
 from cotton3dg.report.page import make_report
@@ -205,3 +209,39 @@ def test_a_hostile_plant_does_nothing_in_a_browser(tmp_path):
         assert "160" in browser.value("document.getElementById('pointed').textContent")
         assert browser.complaints == []
         assert len([url for url in browser.requests if not url.startswith("data:")]) == 1
+
+
+def test_a_wrong_merge_and_a_false_boll_are_mended_by_two_clicks_each(reported_copy, tmp_path):
+    """Bolls 3 and 4 are one and boll 1 is none, by real clicks; what is saved replays to the same bytes twice."""
+    (tmp_path / "downloads").mkdir()
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(reported_copy.report_html)
+        browser.downloads_to(tmp_path / "downloads")
+        browser.click(*browser.middle("tr[data-boll='3'] th button"))
+        browser.click(*browser.middle("tr[data-boll='4'] [data-mend=merge]"))
+        browser.click(*browser.middle("tr[data-boll='2'] [data-mend=split]"))
+        assert browser.value("document.getElementById('said').textContent") == "merge 3 + 4split 2"
+        browser.click(*browser.middle("#undo"))
+        browser.click(*browser.middle("tr[data-boll='1'] [data-mend=delete]"))
+        said = "[...document.querySelectorAll('#said li')].map(item => item.textContent)"
+        assert browser.value(said) == ["merge 3 + 4", "delete 1"]
+        assert browser.value("[...document.querySelectorAll('tr.mended')].map(row => row.dataset.boll)") == [
+            "1",
+            "3",
+            "4",
+        ]
+        browser.click(*browser.middle("#save"))
+        saved = tmp_path / "downloads" / "corrections.json"
+        for _ in range(100):
+            if saved.is_file() and saved.stat().st_size:
+                break
+            time.sleep(0.1)
+        assert browser.complaints == []
+    results = []
+    for name in ("first", "second"):
+        copy = Workspace(shutil.copytree(reported_copy.root, tmp_path / name / "plant_017"))
+        outcome = correct(copy, Asked(file=saved))
+        assert (outcome.before, outcome.after, outcome.refused) == (4, 2, ())
+        results.append((copy.traits_csv.read_bytes(), copy.bolls_csv.read_bytes()))
+    assert results[0] == results[1]
+    assert b"merged,3+4" in results[0][1]

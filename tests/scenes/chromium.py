@@ -81,6 +81,10 @@ class Browser:
         theme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._ask("Emulation.setEmulatedMedia", features=[theme])
 
+    def downloads_to(self, folder: Path) -> None:
+        """Where the page's downloads go."""
+        self._ask("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+
     def on_paper(self, *, on: bool = True) -> None:
         """Show the page as it is printed."""
         self._ask("Emulation.setEmulatedMedia", media="print" if on else "")

@@ -190,19 +190,19 @@ def finished(tmp_path_factory) -> Workspace:
 
 
 def test_cells_are_blank_when_csv_md_says_so(finished):
-    no_fit = "no fit of weights (`traits.weight_model`)"
-    assert blank(finished.traits_csv) == [said_blank("traits.csv", no_fit)]
+    usual = "no fit of weights (`traits.weight_model`)", "not corrected"
+    assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual)]
     scale = finished.scale_json.read_text()
     with finished.writing("scale") as made:
         (made / "scale.json").write_text('{"source": "none"}')
     traits.run(finished, resolve("traits"))
-    assert blank(finished.traits_csv) == [said_blank("traits.csv", no_fit, "no scale")]
-    assert blank(finished.bolls_csv) == 4 * [said_blank("bolls.csv", "no scale")]
+    assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual, "no scale")]
+    assert blank(finished.bolls_csv) == 4 * [said_blank("bolls.csv", *usual, "no scale")]
     with finished.writing("scale") as made:
         (made / "scale.json").write_text(scale)
     with finished.writing("masks"):
         pass
     for module in (segment, cluster, traits):
         module.run(finished, resolve(module.__name__.rpartition(".")[2]))
-    no_bolls = said_blank("traits.csv", no_fit, "no bolls", "no boll with a volume", "fewer than two bolls")
+    no_bolls = said_blank("traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls")
     assert blank(finished.traits_csv) == [no_bolls]

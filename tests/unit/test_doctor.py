@@ -22,7 +22,8 @@ def told(tmp_path_factory):
 def test_this_machine_is_usable_and_every_dependency_is_looked_at(told):
     findings = told
     assert [f for f in findings.values() if f.fatal and f.remedy] == []
-    assert {"torch", "open3d", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python"} <= findings.keys()
+    named = {"torch", "open3d", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python", "zxing-cpp"}
+    assert named <= findings.keys()
     assert findings["numpy"].found == metadata.version("numpy")
     assert "instruction set" in findings["C++ core"].found
     assert "ultralytics" not in findings  # extras are not missed

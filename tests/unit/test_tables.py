@@ -17,9 +17,10 @@ CONTRACT = {
     "boll_height_min_cm, boll_height_max_cm, bolls_lower, bolls_middle, bolls_upper, lint_area_cm2, boll_count_error, "
     "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm, boll_volume_published_cm3, "
     "plant_height_published_cm, canopy_size_published_cm, seed_cotton_g, seed_cotton_low_g, seed_cotton_high_g, "
-    "lint_g",
+    "lint_g, corrections, original_boll_count, original_boll_volume_cm3",
     "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
-    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2, volume_published_cm3",
+    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2, volume_published_cm3, corrected, "
+    "original_bolls, original_volume_cm3",
 }
 COLUMNS = (Column("name", "", "a name"), Column("size", "cm", "a size", 2), Column("flags", "", "some flags"))
 

@@ -46,7 +46,7 @@
     }
     const doubts = document.createElement("p");
     doubts.className = "doubt";
-    doubts.textContent = row.cells[row.cells.length - 1].textContent;
+    doubts.textContent = row.cells[row.cells.length - 2].textContent;
     const pictures = document.createElement("div");
     pictures.className = "big";
     pictures.append(...[...row.querySelectorAll(".cuts img")].map(image => image.cloneNode()));
@@ -69,6 +69,44 @@
   }
 
   for (const [id, row] of rows) row.addEventListener("click", () => choose(id));
+
+  // ------------------------------------------------------------ mending
+  const said = [];
+  const mending = document.getElementById("mending");
+
+  function place(id) {
+    const centre = rows.get(id).dataset.centre;
+    return { boll_id: Number(id), ...(centre ? { centre_cm: JSON.parse(centre) } : {}) };
+  }
+
+  function tell() {
+    mending.hidden = !said.length;
+    document.getElementById("said").replaceChildren(...said.map(({ kind, ids }) =>
+      Object.assign(document.createElement("li"), { textContent: `${kind} ${ids.join(" + ")}` })));
+    const mended = new Set(said.flatMap(item => item.ids));
+    for (const [id, row] of rows) row.classList.toggle("mended", mended.has(id));
+  }
+
+  function say(kind, id) {
+    const chosen = document.querySelector("tr.chosen")?.dataset.boll;
+    if (kind === "merge" && (!chosen || chosen === id)) return choose(id);
+    said.push({ kind, ids: kind === "merge" ? [chosen, id] : [id] });
+    tell();
+  }
+
+  for (const button of document.querySelectorAll("[data-mend]")) {
+    button.addEventListener("click", event => {
+      event.stopPropagation();
+      say(button.dataset.mend, button.closest("tr").dataset.boll);
+    });
+  }
+  document.getElementById("undo")?.addEventListener("click", () => { said.pop(); tell(); });
+  document.getElementById("save")?.addEventListener("click", () => {
+    const corrections = said.map(({ kind, ids }) => ({ kind, bolls: ids.map(place) }));
+    const text = JSON.stringify({ corrections }, null, 1) + "\n";
+    const href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    Object.assign(document.createElement("a"), { href, download: "corrections.json" }).click();
+  });
 
   // ------------------------------------------------------------ the plant in 3D
   const element = document.getElementById("scene");

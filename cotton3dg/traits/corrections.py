@@ -1,0 +1,197 @@
+"""What a person says of the bolls, applied to them: merged, split, deleted, added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.bolls import BollInstance
+from ..core.measurements import Scale
+from ..core.scene import Float64, Gaussians
+from ..documents.corrections import Correction, Place
+from ..geometry.point_sets import find_compact_part, measure_extent
+
+NEAR = 0.5
+"""A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""
+LEAST_GAUSSIANS = 5
+REACH = 0.65
+"""An added boll reaches this many usual diameters around its place: picks err, and diameters are of centres."""
+ADDED_OPACITY = 0.1
+"""Fainter Gaussians are haze and no part of an added boll."""
+
+
+@dataclass(frozen=True)
+class PlantFrame:
+    """Where a place in the plant's frame is in the scene."""
+
+    scale: Scale
+    foot: Float64
+
+    def scene(self, place_cm: Sequence[float]) -> Float64:
+        """(3,) su of a place, cm."""
+        return self.foot + np.array(place_cm) / self.scale.cm_per_su @ self.scale.table_frame
+
+    def cm(self, place: NDArray) -> Float64:
+        """(3,) cm of a place, su."""
+        return np.asarray((place - self.foot) @ self.scale.table_frame.T * self.scale.cm_per_su)
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Bolls after the corrections."""
+
+    bolls: list[BollInstance]
+    """Those that nothing was said of keep their numbers; of merged ones the smallest number stays."""
+    origins: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    """Boll that was corrected -> the bolls that it was; none of an added one."""
+    words: dict[int, str] = field(default_factory=dict)
+    """Boll that was corrected -> what was done."""
+    applied: int = 0
+    refused: tuple[str, ...] = ()
+    """Why a correction does not apply, one a correction."""
+
+
+def apply_corrections(
+    bolls: Sequence[BollInstance],
+    corrections: Sequence[Correction],
+    gaussians: Gaussians,
+    model: str,
+    frame: PlantFrame | None,
+) -> Corrected:
+    """Apply corrections one after the other.
+
+    Args:
+        model: `gaussians.sha256()`. frame: None without a scale; then only corrections of this very model apply.
+    """
+    now = {boll.boll_id: boll for boll in bolls}
+    origins: dict[int, tuple[int, ...]] = {boll_id: (boll_id,) for boll_id in now}
+    words: dict[int, str] = {}
+    refused: list[str] = []
+    next_id = max(now, default=0) + 1
+    for correction in corrections:
+        problem = correction.problem()
+        places = [_scene_place(place, correction, model, frame) for place in correction.bolls]
+        if not problem and any(place is None for place in places):
+            problem = "its place is not known in this model; it was said of another one, without a scale"
+        if problem:
+            refused.append(f"{correction.told}: {problem}")
+            continue
+        known = [place for place in places if place is not None]
+        if correction.kind == "add":
+            made = _added(known[0], list(now.values()), gaussians, next_id) if known else "its place is not known"
+            if isinstance(made, str):
+                refused.append(f"add: {made}")
+                continue
+            now[next_id], origins[next_id], words[next_id] = made, (), "added"
+            next_id += 1
+            continue
+        found = [_boll_at(place, now) for place in known]
+        if None in found or len(set(found)) < len(found):
+            refused.append(f"{correction.told}: no boll is there any more")
+            continue
+        ids = [boll_id for boll_id in found if boll_id is not None]
+        sources = tuple(sorted({source for boll_id in ids for source in origins[boll_id]}))
+        if correction.kind == "merge":
+            kept = min(ids)
+            now[kept] = _merged(kept, [now[boll_id] for boll_id in sorted(ids)], gaussians)
+            for boll_id in set(ids) - {kept}:
+                del now[boll_id], origins[boll_id]
+                words.pop(boll_id, None)
+            origins[kept], words[kept] = sources, "merged"
+        elif correction.kind == "split":
+            parts = _split(now[ids[0]], gaussians, next_id)
+            if parts is None:
+                refused.append(f"{correction.told}: too few Gaussians for two bolls")
+                continue
+            for part in parts:
+                now[part.boll_id], origins[part.boll_id], words[part.boll_id] = part, sources, "split"
+            next_id += 1
+        else:
+            del now[ids[0]], origins[ids[0]]
+            words.pop(ids[0], None)
+    return Corrected(
+        [now[boll_id] for boll_id in sorted(now)],
+        {boll_id: origins[boll_id] for boll_id in sorted(words)},
+        words,
+        len(corrections) - len(refused),
+        tuple(refused),
+    )
+
+
+def _scene_place(place: Place, correction: Correction, model: str, frame: PlantFrame | None) -> Float64 | None:
+    """(3,) su of a place; None where this scene cannot tell."""
+    if place.centre_su is not None and correction.model == model:
+        return np.array(place.centre_su, np.float64)
+    if place.centre_cm is not None and frame is not None and np.isfinite(place.centre_cm).all():
+        return frame.scene(place.centre_cm)
+    return None
+
+
+def _boll_at(place: Float64, bolls: dict[int, BollInstance]) -> int | None:
+    """The boll whose centre is nearest, if it is near."""
+    if not bolls:
+        return None
+    away = {boll_id: float(np.linalg.norm(boll.centre - place)) for boll_id, boll in bolls.items()}
+    nearest = min(away, key=lambda boll_id: (away[boll_id], boll_id))
+    return nearest if away[nearest] <= NEAR * bolls[nearest].diameter_su else None
+
+
+def _of(boll: BollInstance, boll_id: int, indices: NDArray[np.int64], gaussians: Gaussians) -> BollInstance:
+    """A boll of other Gaussians, on a person's word."""
+    centre, widths = measure_extent(gaussians.means[indices])
+    return replace(
+        boll,
+        boll_id=boll_id,
+        indices=indices,
+        centre=centre,
+        diameter_su=float(widths.mean()),
+        confidence=1.0,
+        flags=(),
+    )
+
+
+def _merged(boll_id: int, bolls: list[BollInstance], gaussians: Gaussians) -> BollInstance:
+    whole = _of(bolls[0], boll_id, np.unique(np.concatenate([boll.indices for boll in bolls])), gaussians)
+    views = tuple(sorted({view for boll in bolls for view in boll.views}))
+    return replace(whole, views=views, masks=tuple(sorted({mask for boll in bolls for mask in boll.masks})))
+
+
+def _split(boll: BollInstance, gaussians: Gaussians, new_id: int) -> tuple[BollInstance, BollInstance] | None:
+    """Two halves by Lloyd's algorithm from the ends of the boll's longest axis; None of too few Gaussians."""
+    from scipy.cluster.vq import kmeans2
+
+    points = np.asarray(gaussians.means[boll.indices], np.float64)
+    if len(points) < 2 * LEAST_GAUSSIANS:
+        return None
+    mean = points.mean(axis=0)
+    axis = np.linalg.svd(points - mean, full_matrices=False)[2][0]
+    along = (points - mean) @ axis
+    ends = points[[int(along.argmin()), int(along.argmax())]]
+    halves = kmeans2(points, ends, iter=50, minit="matrix", missing="warn")[1]
+    if min((halves == 0).sum(), (halves == 1).sum()) < LEAST_GAUSSIANS:
+        return None
+    # The half with more Gaussians keeps the number and the masks.
+    larger = int((halves == 1).sum() > (halves == 0).sum())
+    first = _of(boll, boll.boll_id, boll.indices[halves == larger], gaussians)
+    second = _of(boll, new_id, boll.indices[halves != larger], gaussians)
+    return first, replace(second, masks=())
+
+
+def _added(place: Float64, bolls: list[BollInstance], gaussians: Gaussians, boll_id: int) -> BollInstance | str:
+    """A boll of the usual size at a place, or why there can be none."""
+    if not bolls:
+        return "no other boll tells how large it may be"
+    owned = np.zeros(len(gaussians), bool)
+    for boll in bolls:
+        owned[boll.indices] = True
+    radius = REACH * float(np.median([boll.diameter_su for boll in bolls]))
+    near = np.linalg.norm(gaussians.means - place, axis=1) <= radius
+    indices = np.flatnonzero(near & ~owned & (gaussians.opacities > ADDED_OPACITY))
+    if len(indices) >= LEAST_GAUSSIANS:
+        indices = indices[find_compact_part(gaussians.means[indices])]
+    if len(indices) < LEAST_GAUSSIANS:
+        return "the model has nothing there that is no other boll's"
+    return _of(replace(bolls[0], views=(), masks=()), boll_id, indices, gaussians)

@@ -1,0 +1,169 @@
+"""A person's corrections: applied, marked, taken back, replayed to the same bytes, and found again after a rerun."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, POSE
+from typer.testing import CliRunner
+
+from cotton3dg.cli import app
+from cotton3dg.commands.correct import Asked, correct
+from cotton3dg.documents.bolls import read_bolls
+from cotton3dg.documents.corrections import Correction, Corrections, Place
+from cotton3dg.documents.scale import read_scale
+from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.files.colmap import read_cameras
+from cotton3dg.files.ply import read_gaussians
+from cotton3dg.files.tables import read_rows
+from cotton3dg.report.facts import read_facts
+from cotton3dg.traits.corrections import PlantFrame, apply_corrections
+from cotton3dg.traits.measure import measure_plant
+from cotton3dg.workspace import Workspace
+
+
+def rows(workspace):
+    return {int(row["boll_id"]): row for row in read_rows(workspace.bolls_csv)}
+
+
+def plant_row(workspace):
+    return read_rows(workspace.traits_csv)[0]
+
+
+def tables(workspace):
+    return [path.read_bytes() for path in (workspace.traits_csv, workspace.bolls_csv)]
+
+
+def test_without_corrections_their_columns_are_blank(reported):
+    assert plant_row(reported)["corrections"] == plant_row(reported)["original_boll_count"] == ""
+    assert {row["corrected"] for row in rows(reported).values()} == {""}
+    assert not reported.corrected_bolls_json.exists()
+
+
+def test_merge_and_delete_are_marked_and_replay_to_the_same_bytes(reported_copy, tmp_path):
+    before, plant = rows(reported_copy), plant_row(reported_copy)
+    outcome = correct(reported_copy, Asked(merge=["3,4"], delete=[1]))
+    assert (outcome.before, outcome.after, outcome.refused) == (4, 2, ())
+    after = rows(reported_copy)
+    assert set(after) == {2, 3}  # numbers stay
+    assert after[2] == before[2]
+    assert after[3]["corrected"] == "merged" and after[3]["original_bolls"] == "3+4"
+    whole = sum(float(before[k]["volume_cm3"]) for k in (3, 4))
+    assert float(after[3]["original_volume_cm3"]) == pytest.approx(whole, abs=0.011)
+    assert float(after[3]["volume_cm3"]) > whole  # the hull of both
+    row = plant_row(reported_copy)
+    assert row["corrections"] == "2" and row["boll_count"] == "2"
+    assert row["original_boll_count"] == "4" and row["original_boll_volume_cm3"] == plant["boll_volume_cm3"]
+    # The page shows what was measured.
+    assert [row["boll_id"] for row in read_facts(reported_copy).bolls] == ["2", "3"]
+    page = reported_copy.report_html.read_text(encoding="utf-8")
+    assert 'data-boll="3"' in page and 'data-boll="4"' not in page
+    # The same file on another copy gives the same tables, and again on the same one.
+    again = Workspace(shutil.copytree(reported_copy.root, tmp_path / "again" / "plant_017"))
+    saved = tmp_path / "saved.json"
+    shutil.copyfile(reported_copy.corrections_json, saved)
+    first = tables(reported_copy)
+    again.corrections_json.unlink()
+    correct(again, Asked(file=saved))
+    assert tables(again) == first
+    assert correct(again, Asked(file=saved)).kept == Corrections.load(saved)  # said twice, kept once
+    assert tables(again) == first
+    correct(again, Asked(undo=True))
+    assert set(rows(again)) == {1, 2, 3}
+    correct(again, Asked(undo=True))
+    assert not again.corrections_json.exists() and not again.corrected_bolls_json.exists()
+    assert rows(again) == before
+
+
+def test_split_undoes_a_wrong_merge(reported_copy):
+    before = rows(reported_copy)
+    correct(reported_copy, Asked(merge=["3,4"]))
+    correct(reported_copy, Asked(split=[3]))
+    after = rows(reported_copy)
+    assert set(after) == {1, 2, 3, 5}
+    assert {after[k]["corrected"] for k in (3, 5)} == {"split"}
+    assert {after[k]["original_bolls"] for k in (3, 5)} == {"3+4"}
+    volumes = sorted(float(after[k]["volume_cm3"]) for k in (3, 5))
+    assert volumes == pytest.approx(sorted(float(before[k]["volume_cm3"]) for k in (3, 4)), rel=0.05)
+
+
+def test_a_boll_is_added_where_two_photos_show_it(reported_copy):
+    """Boll 2 is deleted, and put back by two clicks."""
+    bolls = {boll.boll_id: boll for boll in read_bolls(*reported_copy.final_bolls())[0]}
+    cameras = read_cameras(reported_copy.undistorted / "sparse")
+    correct(reported_copy, Asked(branch=[2]))
+    picks = []
+    for camera in (cameras[1], cameras[4]):
+        ((x, y),), _ = camera.project(bolls[2].centre[None])
+        picks.append(f"{camera.name}:{x + 0.4:.1f},{y - 0.3:.1f}")
+    correct(reported_copy, Asked(add=[" ".join(picks)]))
+    added = rows(reported_copy)[5]
+    assert added["corrected"] == "added" and added["original_bolls"] == ""
+    assert float(added["volume_cm3"]) == pytest.approx(4 / 3 * np.pi * BOLL_RADIUS_CM**3, rel=0.25)
+    place = [float(added[f"{axis}_cm"]) for axis in "xyz"]
+    told = Corrections.load(reported_copy.corrections_json).corrections[1].bolls[0].centre_cm
+    assert np.linalg.norm(np.subtract(place, told)) < 1.0
+
+
+def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
+    for asked, words in (
+        (Asked(delete=[9]), "there is no boll 9; its bolls are 1, 2, 3, 4"),
+        (Asked(merge=["3"]), "merge needs 2 bolls"),
+        (Asked(merge=["a,b"]), "--merge a,b"),
+        (Asked(add=["000000.jpg"]), "write IMAGE:X,Y twice"),
+        (Asked(add=["000000.jpg:1,2 nowhere.jpg:3,4"]), "nowhere.jpg is no placed image"),
+        (Asked(add=["000000.jpg:1,2"]), "two images"),
+        (Asked(undo=True), "no correction to take back"),
+    ):
+        with pytest.raises(BadUsage, match=words):
+            correct(reported_copy, asked)
+        assert not reported_copy.corrections_json.exists()
+    for text in ("", "[]", '{"corrections": 3}', '{"corrections": [{"kind": "merge", "bolls": [{"boll_id": "x"}]}]}'):
+        (tmp_path / "bad.json").write_text(text)
+        with pytest.raises((BadInput, BadUsage)):
+            correct(reported_copy, Asked(file=tmp_path / "bad.json"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(MissingInput, match="no finished result"):
+        correct(Workspace(tmp_path / "empty"), Asked(delete=[1]))
+
+
+def test_they_outlive_another_model_or_are_told_not_to_apply(reported_copy):
+    """The scene turned, moved, of another size and with other Gaussians: the plant's frame finds the bolls again."""
+    bolls, sha = read_bolls(*reported_copy.final_bolls())
+    gaussians = read_gaussians(reported_copy.gaussians_ply)
+    scale = read_scale(reported_copy.scale_json)
+    measured = measure_plant(gaussians, bolls, scale, 0.01, 4.0)
+    frame = PlantFrame(scale, measured.plant.foot)
+    for boll, row in zip(bolls, measured.bolls, strict=True):
+        assert frame.scene(row.centre_cm) == pytest.approx(boll.centre, abs=1e-9)
+        assert frame.cm(boll.centre) == pytest.approx(row.centre_cm, abs=1e-9)
+    said = Correction(
+        "delete", (Place(1, tuple(measured.bolls[0].centre_cm + 0.5), (99.0, 99.0, 99.0)),), model="other"
+    )
+    renumbered = [replace(boll, boll_id=boll.boll_id + 10) for boll in bolls]
+    corrected = apply_corrections(renumbered, [said], gaussians, "another", frame)
+    assert [boll.boll_id for boll in corrected.bolls] == [12, 13, 14]
+    gone = apply_corrections(renumbered[1:], [said], gaussians, "another", frame)
+    assert gone.refused == ("delete 1: no boll is there any more",) and len(gone.bolls) == 3
+    blind = apply_corrections(renumbered, [said], gaussians, "another", None)
+    assert "without a scale" in blind.refused[0] and len(blind.bolls) == 4
+    own = replace(said, model=sha, bolls=(Place(1, None, tuple(bolls[0].centre)),))
+    assert len(apply_corrections(bolls, [own], gaussians, sha, None).bolls) == 3
+    empty = apply_corrections(bolls, [Correction("add", (Place(0, (0.0, 0.0, 150.0)),))], gaussians, sha, frame)
+    assert "nothing there" in empty.refused[0]
+    assert POSE.cm(bolls[0].centre[None]) == pytest.approx(BOLLS_CM[:1], abs=1.0)
+
+
+def test_the_command_line(reported_copy):
+    told = CliRunner().invoke(app, ["correct", str(reported_copy.root), "--merge", "3,4", "--delete", "1"])
+    assert told.exit_code == 0, told.output
+    assert "merge 3 + 4\ndelete 1\n2 corrections kept; bolls: 4 -> 2" in told.output
+    content = json.loads(reported_copy.corrections_json.read_text())
+    content["corrections"][1]["bolls"][0] |= {"centre_cm": [0.0, 0.0, 0.0], "centre_su": [0.0, 0.0, 0.0]}
+    reported_copy.corrections_json.write_text(json.dumps(content))
+    told = CliRunner().invoke(app, ["correct", str(reported_copy.root)])
+    assert told.exit_code == 8
+    assert "delete 1: no boll is there any more" in told.output
+    assert "corrections_not_applied" in plant_row(reported_copy)["qc_flags"]

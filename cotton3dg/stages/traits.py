@@ -11,16 +11,19 @@ from ..core.columns import cells_of
 from ..core.measurements import PlantEvidence, Scale
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..core.scene import Camera
 from ..documents.bolls import read_bolls
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.train import TrainMetrics
 from ..errors import BadInput
+from ..files.colmap import read_cameras
 from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.tables import BOLLS, TRAITS, columns_text, csv_text
 from ..options import TraitsOptions
 from ..traits.measure import measure_plant
+from ..traits.whole_in_view import doubt_whole
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
@@ -35,6 +38,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.scale_json,
         workspace.metrics_json,
         workspace.sfm_json,
+        workspace.undistorted / "sparse",
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -49,7 +53,10 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
-    evidence = _evidence(workspace, scale, metrics, measured.flags)
+    of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
+    cut_flags, cut_warnings = doubt_whole(gaussians.means[of_plant], _cameras(workspace))
+    flags, warnings = (*measured.flags, *cut_flags), (*measured.warnings, *cut_warnings)
+    evidence = _evidence(workspace, scale, metrics, flags)
     whose = {"plant_id": options.plant_id or workspace.plant_id}
     tables = {
         workspace.traits_csv.name: (TRAITS, [whose | cells_of(measured.traits, evidence)]),
@@ -60,10 +67,15 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
             write_text_atomically(folder / name, csv_text(columns, rows, excel=options.excel))
         meanings = columns_text({name: columns for name, (columns, _) in tables.items()}, excel=options.excel)
         write_text_atomically(folder / workspace.columns_csv.name, meanings)
-        rows_of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
-        np.save(folder / workspace.plant_npy.name, rows_of_plant)
+        np.save(folder / workspace.plant_npy.name, of_plant)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
-    return StageOutcome({key: getattr(measured.traits, key) for key in keys}, measured.flags, measured.warnings)
+    return StageOutcome({key: getattr(measured.traits, key) for key in keys}, flags, warnings)
+
+
+def _cameras(workspace: Workspace) -> list[Camera]:
+    """Those of the plant's images; none of a model that came without."""
+    sparse = workspace.undistorted / "sparse"
+    return read_cameras(sparse) if sparse.is_dir() else []
 
 
 def _evidence(
@@ -89,4 +101,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 1.5 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=6, inputs=inputs, run=run, cost=_cost)
+STAGE = Stage("traits", version=7, inputs=inputs, run=run, cost=_cost)

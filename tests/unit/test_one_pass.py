@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.capture.held_frames import HeldFrames, thin_out
+from cotton3dg.capture.take_video import _looked_at_every
 from cotton3dg.capture.way import WayMeter
 from cotton3dg.files import video
 
@@ -128,3 +129,10 @@ def test_a_grey_picture_outlives_its_frame(tmp_path, pixel_format: str) -> None:
     subprocess.run(command, input=frames, check=True)
     scan = video.scan(path, video.probe(path), 64, lambda frame: frame.grey(64))
     np.testing.assert_allclose([grey.mean() for grey in scan.measures], np.arange(0, 240, 40), atol=2)
+
+
+def test_long_and_fast_films_are_looked_at_more_sparsely() -> None:
+    assert _looked_at_every(30.0, 900, 100) == 1
+    assert _looked_at_every(60.0, 2400, 100) == 4
+    assert _looked_at_every(30.0, 10**6, 100) == 2  # a header may claim anything
+    assert _looked_at_every(float("nan"), 0, 100) == 1

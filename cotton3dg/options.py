@@ -25,7 +25,11 @@ class FramesOptions:
     """Which images are taken from the video."""
 
     count: int = option(
-        100, "images to take, evenly spaced in time", paper="about 100; 150 in Table 3", at_least=8, at_most=2000
+        100,
+        "images to take, at even steps of the camera's way",
+        paper="about 100; 150 in Table 3",
+        at_least=8,
+        at_most=2000,
     )
     max_side: int = option(1920, "longer side of the images; larger ones are scaled down", unit="px", at_least=64)
 
@@ -330,6 +334,14 @@ class SimulateOptions:
     )
     width: int = option(640, "width of the video", unit="px", at_least=64, at_most=3840)
     height: int = option(360, "height of the video", unit="px", at_least=36, at_most=2160)
+    turn_deg: float = option(
+        0.0, "how far the camera goes round; 0 = a little more than a turn", unit="degrees", at_least=0.0, at_most=720.0
+    )
+    uneven: float = option(0.0, "share by which the pace rises and falls, twice a walk", at_least=0.0, at_most=0.98)
+    cut: float = option(0.0, "share of the plant, from its top, that the frame cuts", at_least=0.0, at_most=0.6)
+    turntable: bool = option(False, "the plant turns before a camera that stands still")
+    white_room: bool = option(False, "bare white walls and a bare floor")
+    pale_table: bool = option(False, "a table that is nearly white")
     supersampling: int = option(2, "rays a pixel, in each direction", at_least=1, at_most=8)
     mask_interval: int = option(10, "true masks of every n-th image", at_least=1)
     table: bool = option(True, "whether the plant stands on a table")

@@ -27,7 +27,7 @@ def sharpness(grey: Grey) -> float:
     """
     import cv2
 
-    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
+    return float(cv2.meanStdDev(cv2.Laplacian(grey, cv2.CV_16S))[1].item() ** 2)
 
 
 def blur(grey: Grey) -> float:

@@ -1,8 +1,8 @@
 """The best frames of a film so far, held while it streams by, in bounded space.
 
 Nobody knows beforehand how long the way is. At first every frame is held; when the room is full, the way so far is
-divided into so many intervals that half of the room is free, and of each the best frame is kept; from then on intervals
-double each time the room is full.
+divided into so many intervals that a third of the room is free, and of each the best frame is kept; from then on
+intervals become longer by half each time the room is full.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+WIDER = 1.5
 
 
 class HeldFrames:
@@ -68,9 +70,9 @@ class HeldFrames:
         return int(way / self._interval) if self._interval else frame
 
     def _widen(self, way: float) -> None:
-        """Longer intervals, so that at most half of the room is taken."""
-        start = 2 * max(way, 1e-9) / len(self._slots)
-        self._interval = max(2 * self._interval, start) * (1 + 1e-9)
+        """Longer intervals, so that at most two thirds of the room are taken."""
+        start = WIDER * max(way, 1e-9) / len(self._slots)
+        self._interval = max(WIDER * self._interval, start) * (1 + 1e-9)
         best: dict[int, tuple[int, int, float, float]] = {}
         for held in sorted(self._held.values(), key=lambda held: (-held[3], held[1])):
             place = self._place(held[1], held[2])

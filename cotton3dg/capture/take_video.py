@@ -26,8 +26,10 @@ MIN_FRAMES = 20
 MIN_INTACT_SHARE = 0.8
 HELD_A_FRAME = 2
 """Frames held for each that is wanted."""
-LOOKED_AT_FPS = 30.0
-"""Of faster films every second frame is looked at, and so on."""
+LOOKED_AT = 6
+"""Frames looked at for each that is wanted, at least: of a long film or a fast one only every n-th is, ..."""
+LEAST_FPS = 12.0
+"""... but never fewer a second, or corners could not be followed."""
 NO_WAY = 0.02
 """A camera that has gone no farther, in sides of the image, stands still."""
 SAVING_SHARE = 0.3
@@ -80,7 +82,7 @@ def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progres
     n_expected = round(facts.duration_s * facts.fps) if facts.duration_s * facts.fps > 0 else 0
     coding = video.coding_of(facts, options.max_side)
     held = HeldFrames(HELD_A_FRAME * options.count, coding.size, coding.kind, folder)
-    found = _scanned(path, facts, options.max_side, held, n_expected, progress)
+    found = _scanned(path, facts, options.max_side, held, n_expected, options.count, progress)
     usable = found.intact & ~found.blank
     if found.intact.all():
         usable &= np.isin(found.frames, held.frames)
@@ -107,12 +109,18 @@ def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progres
 
 
 def _scanned(
-    path: Path, facts: video.VideoFacts, max_side: int, held: HeldFrames, n_expected: int, progress: Progress
+    path: Path,
+    facts: video.VideoFacts,
+    max_side: int,
+    held: HeldFrames,
+    n_expected: int,
+    wanted: int,
+    progress: Progress,
 ) -> _Scanned:
     """Look at the frames, small, and hold the best of them."""
     before: Picture | None = None
     meter = WayMeter()
-    every = max(1, round(facts.fps / LOOKED_AT_FPS)) if facts.fps > 0 else 1
+    every = _looked_at_every(facts.fps, n_expected, wanted)
     numbers = count(0, every)
 
     def measure(frame: YuvFrame) -> _Measures:
@@ -142,6 +150,13 @@ def _scanned(
             flags += (flag,)
             warnings += (f"{which.sum()} of {len(which)} frames are {what} and were left out",)
     return _Scanned(scan, frames, scores, ways, blank, repeated, flags, warnings)
+
+
+def _looked_at_every(fps: float, n_expected: int, wanted: int) -> int:
+    """Every how many-th frame is looked at, of about `n_expected` frames of which some are wanted."""
+    if not fps > 0:
+        return 1
+    return max(1, min(n_expected // (LOOKED_AT * wanted), round(fps / LEAST_FPS)))
 
 
 def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[FrameInfo]) -> FramesInfo:

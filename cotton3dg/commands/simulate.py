@@ -20,10 +20,10 @@ from ..files.encode import video_encoder
 from ..files.images import write_ids
 from ..files.saving import explain_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions, resolve
-from ..simulate.camera import orbit
+from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
-from ..simulate.plant import grow_plant
-from ..simulate.render import light_scene
+from ..simulate.plant import PlantMeshes, grow_plant
+from ..simulate.render import Float32, RenderScene, light_scene, on_turntable, render
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 from ..workspace import Workspace
@@ -48,7 +48,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
     progress(0, options.frames, "growing")
     plant = grow_plant(options)
     path = orbit(options, plant.vertices)
-    scene = light_scene(plant, build_room(options, plant.stem_base))
+    scene, behind = _stage(plant, path, options)
 
     with explain_disk_errors(folder):
         instances = folder / "instances"
@@ -58,7 +58,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         partial = folder / ".video.partial.mp4"
         with video_encoder(partial, options.width, options.height, FRAMES_PER_SECOND, QUALITY) as append:
             for frame in range(options.frames):
-                append(film(scene, path, frame, options))
+                append(film(scene, path, frame, options, behind))
                 if frame % options.mask_interval == 0:
                     masks[frame] = film_ids(scene, path, frame, options)
                     write_ids(instances / f"frame_{frame:04d}.png", masks[frame])
@@ -70,6 +70,15 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
         partial.replace(folder / "video.mp4")
     return folder
+
+
+def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[RenderScene, Float32 | None]:
+    """What the camera goes round, and, of a plant that turns itself, what stands still behind it: (H, W, 3) light."""
+    room = build_room(options, plant.stem_base)
+    if not options.turntable:
+        return light_scene(plant, room), None
+    turning, standing = on_turntable(light_scene(plant, room), plant, room)
+    return turning, render(standing, path.at(0), k1=options.distortion)
 
 
 def film_standard_plant(folder: Path, progress: Progress = silent) -> None:

@@ -69,14 +69,14 @@ class YuvFrame:
         return self.numbers[: self.coding.width * self.coding.height].reshape(self.coding.height, self.coding.width)
 
     def grey(self, max_side: int) -> NDArray[np.uint8]:
-        """(h, w) brightness 0..255, its longer side at most `max_side` px."""
+        """(h, w) brightness 0..255, its longer side at most `max_side` px; the caller's own."""
         coding = self.coding
         size = fit_size(coding.width, coding.height, max_side)
         small = self.luma if size == (coding.width, coding.height) else _shrink(self.luma, size)
         scale = 2.0 ** (coding.bits - 8)
         gain, black = (1 / scale, 0.0) if coding.full_range else (255 / (219 * scale), 16 * scale)
         if coding.full_range and coding.bits == 8:
-            return np.asarray(small, np.uint8)
+            return np.array(small, np.uint8)
         # OpenCV takes the absolute value of what is blacker than black, which is next to nothing.
         return np.asarray(cv2.convertScaleAbs(small, alpha=gain, beta=-black * gain), np.uint8)
 

@@ -84,6 +84,12 @@ FLAGS = {
         "In some frames the plant's middle is outside the image.",
         "Keep the plant in the middle of the image.",
     ),
+    "plant_cut": Meaning(
+        "The frame cuts the plant",
+        "In more than a quarter of the images a part of the plant lies beyond the edge, so height and canopy may be too"
+        " small, and bolls there are seen by few images.",
+        "Step back, or hold the phone upright, until the whole plant is in view.",
+    ),
     "gaussians_culled": Meaning(
         "Part of the 3D model was left out",
         "Some of its elements could not be drawn and were dropped.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from .mesh import Float64, unit
 
 FOCAL = 0.82
 """Focal length in image widths: the main camera of a phone, about 26 mm in 35 mm terms with a video's crop."""
+HURRIES = 2
+"""How often an uneven walk slows down and hurries."""
 
 
 LOCAL_RADIUS_M = 0.55
@@ -42,10 +44,13 @@ class Orbit:
     frames: int
     width: int
     height_px: int
+    uneven: float = 0.0
+    """Share by which the pace rises and falls."""
 
     def at(self, frame: float) -> Camera:
         """The camera at a frame; fractions lie between frames."""
         t = frame / max(self.frames - 1, 1)
+        t -= self.uneven * np.sin(2 * np.pi * HURRIES * t) / (2 * np.pi * HURRIES)
         sway = (self.sway * np.sin(2 * np.pi * self.cycles[:, None] * t + self.phases)).sum(axis=0)
         done = len(self.rises) * t
         # The last tenth of a turn leads to the height of the next.
@@ -86,7 +91,7 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     plant, 0.55 m from it.
 
     Args:
-        options: `seed`, `frames`, `width`, `height`, `shot`.
+        options: `seed`, `frames`, `width`, `height`, `shot`, `turn_deg`, `uneven`, `cut`.
         vertices: (V, 3) m of the plant.
     """
     rng = np.random.default_rng([options.seed, 3])
@@ -103,6 +108,8 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     )
     height = centre[2] + rng.uniform(0.08, 0.30)
     turn = np.deg2rad(rng.uniform(366, 376)) * rng.choice([-1, 1])
+    if options.turn_deg:
+        turn = np.sign(turn) * np.deg2rad(options.turn_deg)
     start, phases = rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi, (3, 7))
     probe = vertices[:: max(1, len(vertices) // 4000)]
     probe = np.concatenate([probe, vertices[np.argmin(vertices, axis=0)], vertices[np.argmax(vertices, axis=0)]])
@@ -123,10 +130,20 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
             options.frames,
             options.width,
             options.height,
+            options.uneven,
         )
-        if options.shot == "local" or all(_in_view(camera, probe) for camera in path.cameras()):
+        if options.shot == "local":
             return path
+        if all(_in_view(camera, probe) for camera in path.cameras()):
+            return replace(path, centre=_aim(path, low[2], high[2], options.cut)) if options.cut else path
         radius += 0.02
+
+
+def _aim(path: Orbit, low: float, high: float, cut: float) -> Float64:
+    """(3,) m: what to look at for the frame's upper edge to cut this share of a plant from `low` to `high`."""
+    edge = np.arctan2(high - cut * (high - low) - path.height, path.radius)
+    half_view = np.arctan(0.5 * path.height_px / (FOCAL * path.width))
+    return np.append(path.centre[:2], path.height + path.radius * np.tan(edge - half_view))
 
 
 def _in_view(camera: Camera, points: Float64) -> bool:

@@ -18,21 +18,36 @@ BAND_ROWS = 4
 """Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
 
-def film(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB of one frame."""
+def film(
+    scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions, behind: Float32 | None = None
+) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB of one frame.
+
+    Args:
+        behind: (H, W, 3) linear light of a room that stands still while the scene turns.
+    """
     if options.blur:
         # Each sub-frame sees the pixel at another place (Roberts' R2 sequence), so that one ray each suffices.
         places = (np.arange(1, SUBFRAMES + 1)[:, None] * (0.7548776662466927, 0.5698402909980532) + 0.5) % 1 - 0.5
         times = frame + options.blur * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
         light = np.mean(
             [
-                _read_out(scene, path, time, options, supersampling=1, shift=(float(x), float(y)), footprint_px=0.5)
+                _read_out(
+                    scene,
+                    path,
+                    time,
+                    options,
+                    supersampling=1,
+                    shift=(float(x), float(y)),
+                    footprint_px=0.5,
+                    behind=behind,
+                )
                 for time, (x, y) in zip(times, places, strict=True)
             ],
             axis=0,
         )
     else:
-        light = _read_out(scene, path, frame, options, supersampling=options.supersampling)
+        light = _read_out(scene, path, frame, options, supersampling=options.supersampling, behind=behind)
     rng = np.random.default_rng([options.seed, 4, frame]) if options.noise else None
     return develop(light, exposure_ev=exposure_ev(frame, options), noise=options.noise, rng=rng)
 
@@ -53,7 +68,12 @@ def exposure_ev(frame: int, options: SimulateOptions) -> float:
 
 def _read_out(scene: RenderScene, path: Orbit, time: float, options: SimulateOptions, **how: Any) -> Float32:
     """(H, W, 3) linear light at a time (frames) that is the one of the middle row."""
-    bands = [render(scene, camera, k1=options.distortion, **how) for camera in _bands(path, time, options)]
+    bands, top = [], 0
+    behind = how.pop("behind")
+    for camera in _bands(path, time, options):
+        part = None if behind is None else behind[top : top + camera.height]
+        bands.append(render(scene, camera, k1=options.distortion, behind=part, **how))
+        top += camera.height
     return np.concatenate(bands)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 from .atlas import Atlas, pack
 from .lighting import irradiance
-from .mesh import merge
+from .mesh import Mesh, merge
 from .plant import PlantMeshes
 from .room import Panel, Room
 
@@ -46,13 +47,8 @@ def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     whole = merge(plant.parts)
     triangle_counts = [len(mesh.triangles) for mesh in plant.parts]
     boll_of_part = [0, 0, *(n for boll in range(1, len(plant.bolls) + 1) for n in (boll, 0))]
-    rays = o3d.t.geometry.RaycastingScene()
-    corners = np.concatenate([_corners(panel) for panel in room.panels]).astype(np.float32)
-    quads = 4 * np.arange(len(room.panels))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    rays = _trace(room, whole, [True] * len(room.panels))
     vertices = whole.vertices.astype(np.float32)
-    for points, triangles in ((corners, quads.reshape(-1, 3)), (vertices, whole.triangles)):
-        rays.add_triangles(*(o3d.core.Tensor.from_numpy(a) for a in (points, triangles.astype(np.uint32))))
-
     normals = np.concatenate([mesh.normals() for mesh in plant.parts]).astype(np.float32)
     plant_light = irradiance(rays, vertices, normals, room.lamps, 0.12) * whole.colours.astype(np.float32)
     boll_ids = np.repeat(boll_of_part, triangle_counts).astype(np.uint16)
@@ -71,6 +67,26 @@ def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     )
 
 
+def on_turntable(scene: RenderScene, plant: PlantMeshes, room: Room) -> tuple[RenderScene, RenderScene]:
+    """Of a lit scene what turns, the plant with its clamp, and the rest, which stands still."""
+    whole = merge(plant.parts)
+    nothing = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3)))
+    turns = [panel.turns for panel in room.panels]
+    turning, standing = _trace(room, whole, turns), _trace(room, nothing, [not turn for turn in turns])
+    return replace(scene, rays=turning), replace(scene, rays=standing)
+
+
+def _trace(room: Room, plant: Mesh, shown: Sequence[bool]) -> o3d.t.geometry.RaycastingScene:
+    """The ray tracer of a room and a plant; panels that are not shown have no size."""
+    rays = o3d.t.geometry.RaycastingScene()
+    corners = np.concatenate([_corners(p) * float(s) for p, s in zip(room.panels, shown, strict=True)])
+    quads = 4 * np.arange(len(room.panels))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    for points, triangles in ((corners, quads.reshape(-1, 3)), (plant.vertices, plant.triangles)):
+        kinds = points.astype(np.float32), triangles.astype(np.uint32)
+        rays.add_triangles(*(o3d.core.Tensor.from_numpy(array) for array in kinds))
+    return rays
+
+
 def render(
     scene: RenderScene,
     camera: Camera,
@@ -79,6 +95,7 @@ def render(
     k1: float = 0.0,
     shift: tuple[float, float] = (0.0, 0.0),
     footprint_px: float = 0.0,
+    behind: Float32 | None = None,
 ) -> Float32:
     """(H, W, 3) linear light.
 
@@ -88,11 +105,19 @@ def render(
         k1: radial distortion of the lens (OpenCV); 0 = none.
         shift: px that all rays are moved by.
         footprint_px: what a ray stands for, so how far textures are filtered; 0 = the distance of the rays.
+        behind: (H, W, 3) linear light where there is nothing in the scene; None = the darkness above the room.
     """
     n, h, w = supersampling, camera.height, camera.width
+
+    def void(x_px: Float32, y_px: Float32) -> Float32:
+        if behind is None:
+            return np.full((len(x_px), 3), VOID, np.float32)
+        return behind[y_px.astype(int), x_px.astype(int)]
+
     y, x = np.mgrid[: h * n, : w * n].astype(np.float32)
     directions = _directions(camera, (x.ravel() + 0.5) / n + shift[0], (y.ravel() + 0.5) / n + shift[1], k1)
-    light, on_plant = _light(scene, camera, directions, footprint_px or 1 / n)
+    background = void((x.ravel() + 0.5) / n, (y.ravel() + 0.5) / n)
+    light, on_plant = _light(scene, camera, directions, footprint_px or 1 / n, background)
     image = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
 
     # Twigs and fibres are finer than a pixel; textured panels are not, for they are prefiltered.
@@ -103,7 +128,8 @@ def render(
         x = columns[:, None, None] + inside[None, None, :] + shift[0]
         y = rows[:, None, None] + inside[None, :, None] + shift[1]
         x, y = (np.broadcast_to(a, (len(rows), 2 * n, 2 * n)).ravel().astype(np.float32) for a in (x, y))
-        light, _ = _light(scene, camera, _directions(camera, x, y, k1), 0.5 / n)
+        background = void(x - np.float32(shift[0]), y - np.float32(shift[1]))
+        light, _ = _light(scene, camera, _directions(camera, x, y, k1), 0.5 / n, background)
         image[rows, columns] = light.reshape(len(rows), -1, 3).mean(axis=1)
     return image
 
@@ -163,13 +189,16 @@ def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> dict[str, 
 
 
 def _light(
-    scene: RenderScene, camera: Camera, directions: Float32, footprint_px: float
+    scene: RenderScene, camera: Camera, directions: Float32, footprint_px: float, light: Float32
 ) -> tuple[Float32, NDArray[np.bool_]]:
-    """(N, 3) linear light that comes in along each ray, and whether the ray hits the plant."""
+    """(N, 3) linear light that comes in along each ray, and whether the ray hits the plant.
+
+    Args:
+        light: (N, 3) of rays that hit nothing; the others are written into it.
+    """
     hits = _cast(scene, camera, directions)
     geometry, triangles = hits["geometry_ids"].numpy(), hits["primitive_ids"].numpy()
     depths, barycentric = hits["t_hit"].numpy(), hits["primitive_uvs"].numpy()
-    light = np.full((len(directions), 3), VOID, np.float32)
 
     hit = np.flatnonzero(geometry == 0)
     panels, second = np.divmod(triangles[hit].astype(np.intp), 2)

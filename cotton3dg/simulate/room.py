@@ -6,7 +6,7 @@ Metres, z up, z = 0 at the table top, x along the table's long side, origin at i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..options import SimulateOptions
 from .mesh import Float64
-from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
+from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
 
 TABLE_HEIGHT = 0.75
 TABLE_THICKNESS = 0.035
@@ -31,6 +31,8 @@ class Panel:
     down: Float64
     image: Image
     """(H, W, 3) sRGB in 0..1."""
+    turns: bool = False
+    """Whether a turntable takes it along."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +90,19 @@ def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
     build = _Builder(rng, 360 * float(np.clip(options.width / 640, 0.3, 1.5)))
     half = np.array([rng.uniform(2.4, 2.8), rng.uniform(2.3, 2.7)])
     floor = -TABLE_HEIGHT
-    build.panel((-half[0], half[1], floor), (2 * half[0], 0, 0), (0, -2 * half[1], 0), _floor(rng))
-    _walls(build, half, floor, 3.0)
-    _shelf(build, half, floor, int(rng.integers(4)))
-    for _ in range(int(rng.integers(5, 9))):
-        _floor_box(build, half, floor)
+    if options.white_room:
+        _bare_walls(build, half, floor, 3.0)
+    else:
+        build.panel((-half[0], half[1], floor), (2 * half[0], 0, 0), (0, -2 * half[1], 0), _floor(rng))
+        _walls(build, half, floor, 3.0)
+        _shelf(build, half, floor, int(rng.integers(4)))
+        for _ in range(int(rng.integers(5, 9))):
+            _floor_box(build, half, floor)
     if options.table:
-        _table(build, 0.01 * options.table_length_cm, 0.01 * options.table_width_cm)
+        _table(build, 0.01 * options.table_length_cm, 0.01 * options.table_width_cm, options.pale_table)
+    before = len(build.panels)
     _clamp(build, stem_base)
+    build.panels[before:] = [replace(panel, turns=True) for panel in build.panels[before:]]
     # Drawn last and with other numbers: the same seed is the same room with and without them.
     build.rng = np.random.default_rng([options.seed, 3])
     _markers(build, options)
@@ -114,6 +121,25 @@ def _floor(rng: np.random.Generator) -> Painter:
     return lambda canvas: planks(canvas, wood, plank=0.14)
 
 
+def _bare_walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
+    """A white laboratory: four walls and a floor with hardly a speck on them."""
+    white, grey = np.full(3, build.rng.uniform(0.80, 0.92)), np.full(3, build.rng.uniform(0.6, 0.75))
+    build.panel((-half[0], half[1], floor), (2 * half[0], 0, 0), (0, -2 * half[1], 0), lambda c: bare(c, grey))
+    for wall in range(4):
+        x, inwards, corner = _wall(half, floor, height, wall)
+        build.panel(corner, x * 2 * half[wall % 2], (0, 0, -height), lambda c: bare(c, white))
+        door = corner + x * half[wall % 2] * build.rng.uniform(0.4, 1.2) - (0, 0, height - 2.05) + 0.004 * inwards
+        build.panel(door, 0.9 * x, (0, 0, -2.05), lambda c: bare(c, 0.9 * white))
+
+
+def _wall(half: Float64, floor: float, height: float, number: int) -> tuple[Float64, Float64, Float64]:
+    """Along it, into the room, and its upper corner. Walls turn clockwise seen from above, so that their pictures read
+    from inside the room."""
+    x = np.array([[1, 0, 0], [0, -1, 0], [-1, 0, 0], [0, 1, 0]][number], float)
+    inwards = np.array([x[1], -x[0], 0.0])
+    return x, inwards, -inwards * np.append(half, 0) - x * np.append(half, 0) + (0, 0, floor + height)
+
+
 def _walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
     rng = build.rng
     red, grey = np.array([0.60, 0.27, 0.19]), np.full(3, rng.uniform(0.35, 0.75))
@@ -127,10 +153,7 @@ def _walls(build: _Builder, half: Float64, floor: float, height: float) -> None:
     ]
     rng.shuffle(painters)
     for wall, paint in enumerate(painters):
-        # Walls turn clockwise seen from above, so that their pictures read from inside the room.
-        x = np.array([[1, 0, 0], [0, -1, 0], [-1, 0, 0], [0, 1, 0]][wall], float)
-        inwards = np.array([x[1], -x[0], 0.0])
-        corner = -inwards * np.append(half, 0) - x * np.append(half, 0) + (0, 0, floor + height)
+        x, inwards, corner = _wall(half, floor, height, wall)
         length = 2 * half[wall % 2]
         build.panel(corner, x * length, (0, 0, -height), paint)
         for layer in range(int(rng.integers(4, 8))):
@@ -184,17 +207,20 @@ def _floor_box(build: _Builder, half: Float64, floor: float) -> None:
     build.box((*(direction * reach), floor), size, rng.uniform(0, np.pi), cardboard)
 
 
-def _table(build: _Builder, length: float, width: float) -> None:
+def _table(build: _Builder, length: float, width: float, pale: bool) -> None:
     rng = build.rng
     wood = np.array([0.72, 0.55, 0.37]) * rng.uniform(0.65, 1.15)
     dark = np.full(3, rng.uniform(0.08, 0.3))
+    white = np.full(3, 0.86)
 
     def top(canvas: Canvas) -> Image:
+        if pale:
+            return bare(canvas, white)
         image = planks(canvas, wood, plank=float(rng.uniform(0.08, 0.2)), gap=0.0015)
         return shaded(image, -np.clip(2 * canvas.noise(0.12) - 1, 0, 1), 0.25)
 
     def edge(canvas: Canvas) -> Image:
-        return planks(canvas, 0.85 * wood, plank=1.0)
+        return bare(canvas, 0.8 * white) if pale else planks(canvas, 0.85 * wood, plank=1.0)
 
     build.box((0, 0, -TABLE_THICKNESS), (length, width, TABLE_THICKNESS), 0.0, edge, top, finer=3.0)
     for x in (-1, 1):

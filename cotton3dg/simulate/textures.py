@@ -119,6 +119,12 @@ def plaster(canvas: Canvas, colour: NDArray) -> Image:
     )
 
 
+def bare(canvas: Canvas, colour: NDArray) -> Image:
+    """Smooth paint, with the dust and the roller's marks that a camera just sees."""
+    image = shaded(shaded(canvas.filled(colour), canvas.noise(0.5), 0.015), canvas.noise(0.012, octaves=2), 0.012)
+    return speckled(canvas, image, int(6 * canvas.width * canvas.height), (0.002, 0.006), [colour * 0.8])
+
+
 def speckled(
     canvas: Canvas, image: Image, count: int, sizes: tuple[float, float], colours: list[NDArray] | NDArray
 ) -> Image:

@@ -47,8 +47,11 @@ def _disk_bytes(_: Workspace, options: FramesOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """Every frame of the capture is decoded twice."""
-    return Cost(2.5 + 0.045 * work.source.frames * work.source.width * work.source.height / 1e6)
+    """Every frame of the capture is decoded once; those that are kept are saved."""
+    mp = work.source.width * work.source.height / 1e6
+    return Cost(
+        2.5 + 0.006 * work.source.frames * mp + 0.015 * work.images * work.megapixels(work.options["frames"].max_side)
+    )
 
 
 STAGE = Stage(

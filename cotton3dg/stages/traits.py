@@ -15,7 +15,7 @@ from ..core.measurements import PlantEvidence, PlantTraits, Scale
 from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
-from ..core.scene import Gaussians
+from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, describe_bolls, read_bolls
 from ..documents.corrections import Corrections
 from ..documents.scale import read_scale
@@ -24,6 +24,7 @@ from ..documents.skeleton import describe_map
 from ..documents.train import TrainMetrics
 from ..documents.weights import WeightModel
 from ..errors import BadInput
+from ..files.colmap import read_cameras
 from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.skeleton import draw_map, skeleton_ply
@@ -35,6 +36,7 @@ from ..traits.corrections import Corrected, PlantFrame, apply_corrections
 from ..traits.measure import Measured, mark_corrections, measure_plant
 from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
+from ..traits.whole_in_view import doubt_whole
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
@@ -52,6 +54,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.metrics_json,
         workspace.sfm_json,
         workspace.corrections_json,
+        workspace.undistorted / "sparse",
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -77,7 +80,10 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         measured = mark_corrections(measured, again, corrected)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
-    flags = (*measured.flags, *([NO_MAP] if unmapped else []))
+    of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
+    cut_flags, cut_warnings = doubt_whole(gaussians.means[of_plant], _cameras(workspace))
+    flags = (*measured.flags, *cut_flags, *([NO_MAP] if unmapped else []))
+    warnings = (*measured.warnings, *cut_warnings, *([UNMAPPED] if unmapped else []))
     if weights := named_files(workspace, options):
         measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
     evidence = _evidence(workspace, scale, metrics, flags)
@@ -100,15 +106,13 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         write_text_atomically(folder / workspace.skeleton_ply.name, skeleton_ply(plant_map))
         if plant_map.axes:
             write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, whose["plant_id"]))
-        rows_of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
-        np.save(folder / workspace.plant_npy.name, rows_of_plant)
+        np.save(folder / workspace.plant_npy.name, of_plant)
         if corrected:
             describe_bolls(corrected.bolls, sha256).save(folder / workspace.corrected_bolls_json.name)
             labels = boll_labels(corrected.bolls, len(gaussians))
             np.save(folder / workspace.corrected_labels_npy.name, labels)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
     summary = {key: getattr(measured.traits, key) for key in keys} | {"branch_count": map_traits.branch_count}
-    warnings = (*measured.warnings, *([UNMAPPED] if unmapped else []))
     return StageOutcome(summary, flags, warnings)
 
 
@@ -146,6 +150,12 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
         seed_cotton_high_g=weight.high_g,
         lint_g=weight.lint_g,
     )
+
+
+def _cameras(workspace: Workspace) -> list[Camera]:
+    """Those of the plant's images; none of a model that came without."""
+    sparse = workspace.undistorted / "sparse"
+    return read_cameras(sparse) if sparse.is_dir() else []
 
 
 def _evidence(

@@ -1,0 +1,130 @@
+"""Films as people make them, judged by `cotton3dg check`: eight kinds of fault, five plants each.
+
+    python tests/accuracy/hard_walks.py FOLDER [--kinds half_turn,cut] [--seeds 1,2] [--run]
+
+Each walk is simulated small into FOLDER (once), checked, and with --run measured to the end. A verdict is right when it
+is the one that the fault deserves, named below, or, with --run, when it is green and the count is within 1 and height
+and canopy within 2 % of the truth, or not green and the row is flagged, refused or off. Writes hard_walks.csv and
+prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from markdown_tables import markdown
+
+from cotton3dg import pipeline
+from cotton3dg.commands.check import check
+from cotton3dg.commands.simulate import simulate
+from cotton3dg.documents.check import GREEN, RED, YELLOW
+from cotton3dg.errors import Cotton3dgError
+from cotton3dg.files.tables import read_rows
+from cotton3dg.options import resolve
+from cotton3dg.workspace import Workspace
+
+FILM = {"frames": 96, "width": 640, "height": 360, "supersampling": 1, "mask_interval": 48}
+OPTIONS = {"frames": {"count": 60}}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of fault."""
+
+    film: dict[str, Any]
+    deserved: tuple[str, ...]
+    """Verdicts that are right."""
+    said: str = ""
+    """What a verdict that is not green has to speak of."""
+
+
+KINDS = {
+    "good": Kind({}, (GREEN,)),
+    "half_turn": Kind({"turn_deg": 200.0}, (YELLOW,), "degrees"),
+    "short_arc": Kind({"turn_deg": 70.0}, (RED,), "degrees"),
+    "uneven": Kind({"uneven": 0.9}, (GREEN, YELLOW)),
+    "cut": Kind({"cut": 0.3}, (RED,), "cut by the top"),
+    "white_room": Kind({"white_room": True, "noise": 2.0}, (GREEN, YELLOW, RED)),
+    "pale_table": Kind({"pale_table": True}, (GREEN, YELLOW)),
+    "turntable": Kind({"turntable": True}, (RED,)),
+    "blurred": Kind({"blur": 0.9, "frames": 60}, (GREEN, YELLOW)),
+}
+
+
+def walk(folder: Path, name: str, seed: int, run: bool) -> dict[str, Any]:
+    """One row of the table."""
+    kind, root = KINDS[name], folder / f"{name}_{seed}"
+    if not (root / "video.mp4").is_file():
+        simulate(root, resolve("simulate", {**FILM, "seed": seed, **kind.film}))
+    truth = json.loads((root / "truth.json").read_text())
+    workspace = Workspace(root)
+    options = pipeline.stage_options(workspace, "draft", OPTIONS)
+    cpu_s = time.process_time()
+    info = check(workspace, options, pipeline.Watcher())
+    right = info.verdict in kind.deserved and (info.verdict == GREEN or kind.said in info.line)
+    row = {
+        "kind": name,
+        "seed": seed,
+        "verdict": info.verdict,
+        "right": right,
+        "line": info.line,
+        "placed": f"{info.figures.get('placed', '-')}/{info.figures.get('looked_at', '-')}",
+        "bolls": info.figures.get("bolls", "-"),
+        "true_bolls": truth["boll_count"],
+        "seconds": round(time.process_time() - cpu_s, 1),
+        "outcome": "",
+    }
+    if run:
+        outcome, good = measure(workspace, options, truth)
+        right = (info.verdict == GREEN) == good
+        row |= {"outcome": outcome, "right": right}
+    return row
+
+
+def measure(workspace: Workspace, options: dict[str, Any], truth: dict[str, Any]) -> tuple[str, bool]:
+    """What the whole run gives, in words, and whether it is good without a flag."""
+    try:
+        pipeline.run(workspace, options)
+    except Cotton3dgError as error:
+        return f"refused: {error}", False
+    (row,) = read_rows(workspace.traits_csv)
+    off = [abs(int(row["boll_count"]) - truth["boll_count"]) > 1]
+    told = [f"{row['boll_count']} bolls"]
+    for trait in ("plant_height_cm", "canopy_size_cm"):
+        if not row[trait]:
+            off.append(True)
+            continue
+        error = 100 * (float(row[trait]) / truth[trait] - 1)
+        off.append(abs(error) > 2)
+        told.append(f"{trait} {error:+.1f} %")
+    return ", ".join([*told, row["qc_flags"]]), not any(off) and not row["qc_flags"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--seeds", default="11,12,13,14,15")
+    parser.add_argument("--run", action="store_true")
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name in arguments.kinds.split(","):
+        for seed in map(int, arguments.seeds.split(",")):
+            rows.append(walk(arguments.folder, name, seed, arguments.run))
+            print(rows[-1], flush=True)
+    table = pd.DataFrame(rows)
+    table.to_csv(arguments.folder / "hard_walks.csv", index=False)
+    text = markdown(table.drop(columns="line"))
+    print(text)
+    print(f"{sum(row['right'] for row in rows)} of {len(rows)} verdicts right")
+
+
+if __name__ == "__main__":
+    main()

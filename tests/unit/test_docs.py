@@ -204,5 +204,7 @@ def test_cells_are_blank_when_csv_md_says_so(finished):
         pass
     for module in (segment, cluster, traits):
         module.run(finished, resolve(module.__name__.rpartition(".")[2]))
-    no_bolls = said_blank("traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls")
+    no_bolls = said_blank(
+        "traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls", "no boll has a position"
+    )
     assert blank(finished.traits_csv) == [no_bolls]

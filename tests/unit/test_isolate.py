@@ -163,7 +163,7 @@ def test_without_a_scale_only_counts_are_given():
     row = summarise_plant(traits, None, None)
     assert row.boll_count == 4
     metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm2", "_cm3"))]
-    assert len(metric) == 19
+    assert len(metric) == 20
     assert np.isnan(metric).all()
     assert row.flags == ()
     assert row.bolls_by_third is None

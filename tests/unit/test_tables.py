@@ -8,16 +8,24 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput
-from cotton3dg.files.tables import BOLLS, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
+from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, plant_height_obb_cm, "
     "canopy_size_cm, canopy_length_cm, canopy_width_cm, scale_source, scale_error_pct, n_frames, registered_pct, "
     "psnr_db, seconds, qc_flags, version, plant_hull_volume_cm3, boll_height_mean_cm, boll_height_sd_cm, "
     "boll_height_min_cm, boll_height_max_cm, bolls_lower, bolls_middle, bolls_upper, lint_area_cm2, boll_count_error, "
-    "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm",
+    "boll_volume_error_cm3, plant_height_error_cm, canopy_size_error_cm, stem_length_cm, stem_length_error_cm, "
+    "stem_diameter_mm, stem_diameter_error_mm, stem_lean_deg, branch_count, branch_count_error, fruiting_branch_count, "
+    "bearing_branch_count, first_fruiting_branch_height_cm, first_fruiting_branch_height_error_cm, internode_mean_cm, "
+    "internode_mean_error_cm, branch_angle_mean_deg, branch_angle_mean_error_deg, branch_length_mean_cm, "
+    "branch_length_mean_error_cm, branch_density_lower, branch_density_middle, branch_density_upper, bolls_by_branch, "
+    "bolls_position_1, bolls_position_2, bolls_position_3, first_position_share_pct",
     "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
-    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2",
+    "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2, branch, branch_confidence, rank_on_branch, "
+    "path_from_stem_cm, fruiting_position, fruiting_position_confidence",
+    "branches.csv": "plant_id, branch, kind, parent, height_cm, azimuth_deg, angle_deg, length_cm, reach_cm, "
+    "diameter_mm, n_bolls, boll_ids, confidence",
 }
 COLUMNS = (Column("name", "", "a name"), Column("size", "cm", "a size", 2), Column("flags", "", "some flags"))
 
@@ -29,7 +37,8 @@ def read(text):
 def test_columns_are_those_of_the_contract():
     assert ", ".join(c.name for c in TRAITS) == CONTRACT["traits.csv"]
     assert ", ".join(c.name for c in BOLLS) == CONTRACT["bolls.csv"]
-    assert all(c.name.isascii() for c in TRAITS + BOLLS)
+    assert ", ".join(c.name for c in BRANCHES) == CONTRACT["branches.csv"]
+    assert all(c.name.isascii() for c in TRAITS + BOLLS + BRANCHES)
 
 
 def test_quotes_commas_and_newlines_survive():

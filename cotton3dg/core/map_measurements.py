@@ -183,6 +183,6 @@ class MapTraits:
         "%",
         "share of first positions among the bolls that have one",
         1,
-        blank_when=f"{NO_MAP}; no boll has a position",
+        blank_when=f"{NO_MAP}; no bolls; no boll has a position",
         later=True,
     )

@@ -45,7 +45,7 @@ def test_columns_are_those_of_the_contract():
     assert ", ".join(c.name for c in TRAITS) == CONTRACT["traits.csv"]
     assert ", ".join(c.name for c in BOLLS) == CONTRACT["bolls.csv"]
     assert ", ".join(c.name for c in BRANCHES) == CONTRACT["branches.csv"]
-    assert all(c.name.isascii() for c in TRAITS + BOLLS)
+    assert all(c.name.isascii() for c in TRAITS + BOLLS + BRANCHES)
 
 
 def test_quotes_commas_and_newlines_survive():

@@ -35,7 +35,7 @@ def test_a_check_places_every_second_frame_and_saves_its_page(checked):
     workspace, info = checked
     assert info.figures["looked_at"] == 30
     assert info.figures["placed"] >= 29
-    assert info.figures["orbit_coverage_deg"] == 360
+    assert info.figures["orbit_coverage_deg"] > 340
     assert CheckInfo.load(workspace.check_json) == info
     page = workspace.check_html.read_text()
     assert info.line in page.replace("&#39;", "'")

@@ -1,0 +1,65 @@
+"""What is kept of a film's keyframes is what was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from cotton3dg.capture.features import Features
+from cotton3dg.capture.keyframes import MODEL, Keyframes, keyframe_spacing, will_do
+from cotton3dg.capture.matching import PairMatches
+from cotton3dg.errors import BadInput
+
+
+@pytest.fixture
+def keyframes(tmp_path: Path) -> Keyframes:
+    rng = np.random.default_rng(0)
+    features = {
+        i: Features(rng.random((5 + i, 2), np.float32), rng.integers(0, 255, (5 + i, 128), np.uint8)) for i in (0, 2, 4)
+    }
+    matches = {
+        (0, 2): PairMatches(rng.random((3, 3)), rng.integers(0, 5, (4, 2)).astype(np.uint32)),
+        (2, 4): PairMatches(rng.random((3, 3)), rng.integers(0, 5, (0, 2)).astype(np.uint32)),
+    }
+    return Keyframes((0, 2, 4), features, matches, tmp_path)
+
+
+def test_all_comes_back(keyframes: Keyframes) -> None:
+    keyframes.save()
+    loaded = Keyframes.load(keyframes.folder)
+    assert loaded.images == (0, 2, 4)
+    assert list(loaded.features) == [0, 2, 4]
+    assert list(loaded.matches) == [(0, 2), (2, 4)]
+    for i in (0, 2, 4):
+        np.testing.assert_array_equal(loaded.features[i].places_px, keyframes.features[i].places_px)
+        np.testing.assert_array_equal(loaded.features[i].descriptors, keyframes.features[i].descriptors)
+    for pair in ((0, 2), (2, 4)):
+        np.testing.assert_array_equal(loaded.matches[pair].fundamental, keyframes.matches[pair].fundamental)
+        np.testing.assert_array_equal(loaded.matches[pair].rows, keyframes.matches[pair].rows)
+
+
+def test_without_a_model_there_is_none_and_with_one_it_is_read(keyframes: Keyframes) -> None:
+    assert keyframes.read_model() is None
+    assert not will_do(None, 3)
+    what = pycolmap.SyntheticDatasetOptions()
+    what.num_rigs, what.num_frames_per_rig, what.num_points3D = 1, 6, 50
+    (keyframes.folder / MODEL).mkdir()
+    pycolmap.synthesize_dataset(what).write_binary(keyframes.folder / MODEL)
+    model = keyframes.read_model()
+    assert model.num_reg_images() == 6
+    assert will_do(model, 6)
+    assert not will_do(model, 7)
+
+
+def test_a_damaged_file_is_told(keyframes: Keyframes) -> None:
+    keyframes.save()
+    (keyframes.folder / "matches.npz").write_bytes(b"nonsense")
+    with pytest.raises(BadInput):
+        Keyframes.load(keyframes.folder)
+
+
+def test_long_films_have_about_fifty() -> None:
+    assert [keyframe_spacing(n) for n in (10, 60, 100, 150, 400)] == [1, 1, 2, 3, 8]

@@ -12,7 +12,7 @@ from ..geometry.polylines import length_of
 
 INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
 PX_PER_CM = 9.0
-MARGIN_PX = 70.0
+MARGIN_PX = 110.0
 RISE = np.tan(np.radians(18.0))
 """Slope at which branches are drawn, one as the other."""
 

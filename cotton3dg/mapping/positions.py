@@ -63,8 +63,11 @@ def infer_positions(curve: Float64, nodes_cm: list[float], up: float, fruiting: 
     steps = [int(np.clip(round(node / STEP_CM), 1, len(bends) - 1)) for node in nodes_cm]
     evidence = _bend_evidence(bends, steps)
     first = FIRST_CM[0] * (1 - FIRST_CM[1] * up)
+    shares = [_shares(_position_weights(evidence, steps[: number + 1], first)) for number in range(len(steps))]
+    chosen = _outwards(shares)
     return [
-        _sited(node, _position_weights(evidence, steps[: number + 1], first)) for number, node in enumerate(nodes_cm)
+        Sited(node, position, float(own[position - 1]))
+        for node, position, own in zip(nodes_cm, chosen, shares, strict=True)
     ]
 
 
@@ -148,11 +151,24 @@ def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> F
     return weights
 
 
-def _sited(node_cm: float, weights: Float64) -> Sited:
+def _shares(weights: Float64) -> Float64:
+    """(LAST,) probability of each position; equal ones where nothing tells."""
     if not np.isfinite(weights).any():
-        return Sited(node_cm, 0, np.nan)
+        return np.full(LAST, 1 / LAST)
     shares = np.exp(weights - weights.max())
     shares /= shares.sum()
-    grouped = np.append(shares[: LAST - 1], shares[LAST - 1 :].sum())
-    best = int(np.argmax(grouped))
-    return Sited(node_cm, best + 1, float(grouped[best]))
+    return np.append(shares[: LAST - 1], shares[LAST - 1 :].sum())
+
+
+def _outwards(shares: list[Float64]) -> list[int]:
+    """The likeliest positions that grow outwards; only the last one, which is many, may come again."""
+    best: dict[int, tuple[float, list[int]]] = {0: (0.0, [])}
+    for own in shares:
+        following: dict[int, tuple[float, list[int]]] = {}
+        for before, (score, row) in best.items():
+            for position in range(min(before + 1, LAST), LAST + 1):
+                reached = score + float(np.log(max(own[position - 1], 1e-12)))
+                if position not in following or reached > following[position][0]:
+                    following[position] = reached, [*row, position]
+        best = following
+    return max(best.values(), key=lambda item: item[0])[1]

@@ -32,6 +32,7 @@ from true_scene import TruePlant, true_plant, true_scale
 from cotton3dg.core.machine import usable_cores
 from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
+from cotton3dg.evaluation.plant_map import MapScores, evaluate_map
 from cotton3dg.files.saving import write_text_atomically
 from cotton3dg.options import PRESET_VALUES
 from cotton3dg.stages.stage import STAGES
@@ -60,6 +61,13 @@ TOUCHING = {
 """As hard as bolls grow: 85 % touch others, and lie in each other down to 0.72 diameters from middle to middle. Filmed
 at twice the size of the others, where a boll is some 25 px wide, as in a phone's video."""
 
+NATURAL = {
+    f"natural-{number}": f"--seed {600 + number} --architecture natural --vegetative {number % 3} --barren 0.25"
+    f" --broken 0.15 --crossing {2 * (number % 2)} --lean {4 * (number % 4)} {LARGE}"
+    for number in range(1, 13)
+}
+"""A branch at every node, some barren, vegetative, broken or touching another: for the plant map."""
+
 AIMS_PCT = {"count": 4.6, "canopy": 1.8, "height": 1.2, "volume": 4.0, "one_boll": 8.0, "scale": 0.5}
 """Half of what Cotton3DGaussians errs by, and what that asks of single bolls and of the scale."""
 NAMES = {
@@ -78,7 +86,9 @@ def made_and_run(folder: Path, name: str, preset: str) -> int:
     commands = [["run", str(plant), "--preset", preset, "--no-report"]]
     if not (plant / "video.mp4").is_file():
         shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        commands.insert(0, ["simulate", str(plant), "--mask-interval", "1", *(PLANTS | TOUCHING)[name].split()])
+        commands.insert(
+            0, ["simulate", str(plant), "--mask-interval", "1", *(PLANTS | TOUCHING | NATURAL)[name].split()]
+        )
     with (folder / f"{name}.log").open("a", encoding="utf-8") as log:
         for command in commands:
             code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
@@ -101,7 +111,24 @@ def judged(plant: TruePlant) -> dict[str, float | str | tuple[float, ...]]:
         "one_boll": bolls.median_volume_error_pct,
         "scale": 100 * (scale.cm_per_su / true_scale(plant).cm_per_su - 1) if scale else math.nan,
         "cpu_s": sum(record.cpu_seconds for record in map(plant.run.read_record, STAGES) if record),
+        **map_columns(evaluate_map(plant.run, plant.truth / "truth.json")),
         "each_boll": bolls.volume_errors_pct,
+    }
+
+
+def map_columns(scores: MapScores | None) -> dict[str, float]:
+    """How the plant map agrees with the true skeleton; nothing where there is none."""
+    if scores is None:
+        return {}
+    return {
+        "branch_f1": scores.f1,
+        "angle_deg": scores.angle_error_deg,
+        "length_pct": scores.length_error_pct,
+        "on_branch_pct": 100 * scores.bolls_on_branch / max(scores.bolls, 1),
+        "position_pct": 100 * scores.positions_right / max(scores.positions, 1),
+        "first_cm": scores.first_height_error_cm,
+        "internode_pct": scores.internode_error_pct,
+        "diameter_mm": scores.stem_diameter_error_mm,
     }
 
 
@@ -132,10 +159,11 @@ def main() -> None:
     parser.add_argument("--preset", choices=PRESET_VALUES, default="draft")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--touching", action="store_true")
-    parser.add_argument("--only", nargs="*", choices=PLANTS | TOUCHING)
+    parser.add_argument("--natural", action="store_true")
+    parser.add_argument("--only", nargs="*", choices=PLANTS | TOUCHING | NATURAL)
     parser.add_argument("--also", nargs="*", type=true_plant, default=[], metavar="RUN:TRUTH")
     wanted = parser.parse_args()
-    names = wanted.only or list(TOUCHING if wanted.touching else PLANTS)
+    names = wanted.only or list(TOUCHING if wanted.touching else NATURAL if wanted.natural else PLANTS)
     cores: SimpleQueue[list[int]] = SimpleQueue()
     for job in range(wanted.jobs):
         cores.put(usable_cores()[job :: wanted.jobs] or usable_cores())

@@ -160,6 +160,15 @@ def test_positions_count_the_kinks_before_a_boll(site, position):
     assert sited.confidence > 0.5
 
 
+def test_positions_grow_outwards():
+    # Two bolls so far out that each alone may be anywhere.
+    curve = line((0, 0, 0), (32, 0, 8))
+    sited = infer_positions(curve, [10.0, 19.0, 30.0], 0.0, True)
+    positions = [site.position for site in sited]
+    assert positions == sorted(positions)
+    assert len(set(positions) - {3}) == sum(position < 3 for position in positions)
+
+
 def test_positions_of_vegetative_branches_are_not_inferred():
     curve = line((0, 0, 0), (10, 0, 20))
     (sited,) = infer_positions(curve, [8.0], 0.0, False)

@@ -265,7 +265,7 @@ def _find_doubles(rows: dict[Path, Row], prints: dict[Path, str]) -> None:
         ids = {path: rows[path].plant_id for path in paths}
         for path in paths:
             others = ", ".join(f"{other.name} ({ids[other]})" for other in paths if other != path)
-            reason = f"reads {ids[path]}, and so or too much alike does {others}; {_REMEDY}, or leave one video out"
+            reason = f"reads {ids[path]}, which shares its folder with {others}; {_REMEDY}, or leave one video out"
             rows[path] = replace(rows[path], plant_id="", reason=reason)
 
 

@@ -79,7 +79,7 @@ def test_a_film_of_a_still_camera_is_red_and_exits_4(tmp_path):
     assert done.returncode == 4
     assert done.stdout.startswith("RED walk: the camera stands still; film one slow full turn")
     assert "see " in done.stdout
-    assert (tmp_path / "walk" / "check" / "check.html").read_text().count("data:image/jpeg") >= 4
+    assert "the camera stands still" in (tmp_path / "walk" / "check" / "check.html").read_text()
     told = in_shell("cotton3dg", "check", "--json", tmp_path / "walk", cwd=tmp_path)
     assert told.returncode == 4
     assert json.loads(told.stdout)["verdict"] == "red"

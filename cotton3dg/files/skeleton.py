@@ -143,4 +143,5 @@ def _text(place: str, text: str, anchor: str, colour: str, size: int) -> str:
     from xml.sax.saxutils import escape
 
     x, y = place.split(",")
-    return f'<text x="{x}" y="{y}" text-anchor="{anchor}" fill="{colour}" font-size="{size}">{escape(text)}</text>'
+    # As a style, since the report's own style of texts would win over attributes.
+    return f'<text x="{x}" y="{y}" text-anchor="{anchor}" style="fill:{colour};font-size:{size}px">{escape(text)}</text>'

@@ -144,4 +144,6 @@ def _text(place: str, text: str, anchor: str, colour: str, size: int) -> str:
 
     x, y = place.split(",")
     # As a style, since the report's own style of texts would win over attributes.
-    return f'<text x="{x}" y="{y}" text-anchor="{anchor}" style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
+    return (
+        f'<text x="{x}" y="{y}" text-anchor="{anchor}" style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
+    )

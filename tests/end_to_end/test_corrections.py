@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 
 from cotton3dg.cli import app
 from cotton3dg.commands.correct import Asked, correct
+from cotton3dg.core.columns import columns_of
+from cotton3dg.core.measurements import BollTraits
 from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.documents.corrections import Correction, Corrections, Place
 from cotton3dg.documents.scale import read_scale
@@ -48,7 +50,8 @@ def test_merge_and_delete_are_marked_and_replay_to_the_same_bytes(reported_copy,
     assert (outcome.before, outcome.after, outcome.refused) == (4, 2, ())
     after = rows(reported_copy)
     assert set(after) == {2, 3}  # numbers stay
-    assert after[2] == before[2]
+    own = [column.name for column in columns_of(BollTraits)]  # where it sits on the plant's map depends on the others
+    assert [after[2][name] for name in own] == [before[2][name] for name in own]
     assert after[3]["corrected"] == "merged" and after[3]["original_bolls"] == "3+4"
     whole = sum(float(before[k]["volume_cm3"]) for k in (3, 4))
     assert float(after[3]["original_volume_cm3"]) == pytest.approx(whole, abs=0.011)

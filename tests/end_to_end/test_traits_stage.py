@@ -15,7 +15,7 @@ from cotton3dg.documents.record import Record
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.tables import BOLLS, TRAITS
+from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.options import TraitsOptions
 from cotton3dg.stages import traits
 from cotton3dg.workspace import Workspace
@@ -111,6 +111,7 @@ def test_columns_are_described_beside_the_tables(workspace):
     assert [(row["table"], row["column"]) for row in described] == [
         *(("traits.csv", column.name) for column in TRAITS),
         *(("bolls.csv", column.name) for column in BOLLS),
+        *(("branches.csv", column.name) for column in BRANCHES),
     ]
 
 

@@ -235,7 +235,7 @@ CASES = (
     )),
     Case(40, "variable frame rate", "timestamps, never frame counts", (
         VIDEO + "test_variable_frame_rate_keeps_true_times",
-        "tests/unit/test_frame_quality.py::test_frames_are_spread_in_time_not_by_number",
+        "tests/unit/test_one_pass.py::test_lingering_does_not_double_views_and_hurrying_does_not_tear_the_orbit",
         CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
     Case(41, "rotation tag, EXIF orientation", "applied to the pixels, recorded", (

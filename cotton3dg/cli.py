@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import __version__
+from . import __version__, cli_field
 from .cli_arguments import (
     CardFiles,
     Force,
@@ -430,88 +430,15 @@ def _markers(file: Path, **flags: Any) -> None:
         typer.echo(print_markers(file, options.resolve("markers", keep_given(flags))))
 
 
-def _cards(files: list[Path], **flags: Any) -> None:
-    from . import options
-    from .commands.cards import print_cards
-
-    with report_errors(files[-1]):
-        if len(files) > 2:
-            raise BadUsage(f"{len(files)} files; give the field book, if any, and the cards to write (.pdf)")
-        fieldbook = files[0] if len(files) > 1 else None
-        typer.echo(print_cards(fieldbook, files[-1], options.resolve("cards", keep_given(flags))))
-
-
-@app.command("import", rich_help_panel="Everything")
-def import_(
-    videos: Annotated[list[Path], typer.Argument(help="videos, or folders that hold them, as a phone's DCIM")],
-    into: Annotated[Path, typer.Option(help="folder of the field; made if needed")],
-    fieldbook: Annotated[Path | None, typer.Option(help="table with a row for each plant (.csv, .xlsx)")] = None,
-    id_column: Annotated[str, typer.Option(help="its column with the ids; default: plant_id and the like")] = "",
-    names: Annotated[Path | None, typer.Option(help="table with the columns file and plant_id, by hand")] = None,
-    how: Annotated[str, typer.Option(help="copy | move | link")] = "copy",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="change nothing: only say what would happen")] = False,
-) -> None:
-    """A folder for each plant from videos that show its card; what is in doubt is told and never guessed."""
-    from . import display
-    from .commands.import_videos import DOUBT, Import, import_videos
-
-    with report_errors(into), display.ProgressDisplay() as watcher:
-        asked = Import(into, fieldbook, id_column, names, how, dry_run)
-        rows = import_videos(videos, asked, watcher.watched("import"))
-        display.print_import(rows, into, dry_run=dry_run)
-    if any(row.state == DOUBT for row in rows):
-        raise typer.Exit(SOME_FAILED)
-
-
-@app.command(rich_help_panel="Everything")
-def correct(
-    plant_dir: PlantDir,
-    file: Annotated[Path | None, typer.Argument(help="corrections.json that the plant's report saved")] = None,
-    merge: Annotated[list[str] | None, typer.Option(metavar="N,N", help="bolls that are one; repeatable")] = None,
-    split: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is two")] = None,
-    delete: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is none")] = None,
-    branch: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is a branch")] = None,
-    add: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PICKS", help="a boll at 'IMAGE:X,Y IMAGE:X,Y', px of undistorted images"),
-    ] = None,
-    undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
-) -> None:
-    """Mend single bolls, for good: what is said of them is kept in corrections.json and applied by every run."""
-    from . import display
-    from .commands.correct import Asked
-    from .commands.correct import correct as mend
-    from .workspace import Workspace
-
-    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
-        asked = Asked(file, merge or (), split or (), delete or (), branch or (), add or (), undo)
-        outcome = mend(Workspace(plant_dir), asked, watcher)
-        display.print_corrections(outcome)
-    if outcome.refused:
-        raise typer.Exit(SOME_FAILED)
-
-
-@app.command(rich_help_panel="Everything")
-def export(
-    folder: Annotated[Path, typer.Argument(help="field that `batch` has run")],
-    format_: Annotated[
-        str, typer.Option("--format", help="brapi | miappe | frictionless | cottongen | fieldbook | xlsx")
-    ] = "xlsx",
-    out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
-) -> None:
-    """A field's tables for breeding databases and spreadsheets."""
-    from .commands.export import export as write
-
-    with report_errors(folder):
-        typer.echo(write(folder, format_, out))
-
-
 for _stage in STAGE_OPTIONS:
     app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
 app.command("render", rich_help_panel="Everything")(add_flags(_render, RenderOptions, plant_dir=PlantDir))
 app.command("masks-train", rich_help_panel="Own masks")(add_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
 app.command("markers", rich_help_panel="Trying it out")(add_flags(_markers, MarkersOptions, file=NewFile))
-app.command("cards", rich_help_panel="Everything")(add_flags(_cards, CardsOptions, files=CardFiles))
+app.command("cards", rich_help_panel="Everything")(add_flags(cli_field.cards, CardsOptions, files=CardFiles))
+app.command("import", rich_help_panel="Everything")(cli_field.import_)
+app.command("correct", rich_help_panel="Everything")(cli_field.correct)
+app.command("export", rich_help_panel="Everything")(cli_field.export)
 app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

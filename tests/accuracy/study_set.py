@@ -107,7 +107,7 @@ def judged(plant: TruePlant) -> dict[str, float | str | tuple[float, ...]]:
         "found": bolls.n_matched,
         "false": bolls.n_measured - bolls.n_matched,
         "f1": 2 * bolls.n_matched / (bolls.n_true + bolls.n_measured),
-        **{NAMES[error.trait]: error.error_pct for error in errors},
+        **{NAMES[error.trait]: error.error_pct for error in errors if error.trait in NAMES},
         "one_boll": bolls.median_volume_error_pct,
         "scale": 100 * (scale.cm_per_su / true_scale(plant).cm_per_su - 1) if scale else math.nan,
         "cpu_s": sum(record.cpu_seconds for record in map(plant.run.read_record, STAGES) if record),

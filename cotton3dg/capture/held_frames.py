@@ -7,6 +7,7 @@ intervals become longer by half each time the room is full.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -28,6 +29,9 @@ class HeldFrames:
             folder: on the disk that has the space.
         """
         with TemporaryFile(dir=folder) as file:
+            # Taken at once: writing to a mapped file that finds the disk full would end the process without a word.
+            if hasattr(os, "posix_fallocate"):  # macOS has none
+                os.posix_fallocate(file.fileno(), 0, room * size * np.dtype(kind).itemsize)
             self._slots = np.memmap(file, kind, "w+", shape=(room, size))
         self._free = list(range(room - 1, -1, -1))
         self._interval = 0.0

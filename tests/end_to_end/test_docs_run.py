@@ -33,6 +33,7 @@ ELSEWHERE = {
     "examples/slurm_array.sh": "make slurm-test",
     "pip install 'cotton3dg[slurm]'": "make setup, by way of [dev]",
     "pip install -e '.[sam]'": "make setup, by way of [dev]",
+    "pip install -e '.[stats]'": "make setup, by way of [dev]",
     "pip install -e '.[yolo]'": "make yolo-test",
     "sudo apt-get": "make bare-test",
     "git clone": "make bare-test",
@@ -49,6 +50,20 @@ ELSEWHERE = {
     "make bolls-network": "test_bolls_backend.py",
     "effect_decisions.py": "test_accuracy_tools.py",
     "mkdir plant_017": "examples/one_plant.sh in test_examples.py",
+    "cotton3dg check walk.mp4": "test_check.py",
+    "for film in today": "test_check.py",
+    "cotton3dg correct": "test_corrections.py",
+    "evaluate-weights": "test_weights.py",
+    "--weight-model": "test_weights.py",
+    "--architecture natural": "test_architecture.py",
+    "splat.ply": "test_foreign_models.py",
+    "cotton3dg cards": "test_cards.py",
+    "cotton3dg import": "test_import_videos.py",
+    "cotton3dg export": "test_export.py",
+    "--preset paper": "test_segment_methods.py and test_scale_methods.py",
+    "preset=standard,paper1,paper2": "test_study.py",
+    "train.start=dense": "test_study.py",
+    "--lpips": "test_study.py",
 }
 YOLO = ("best.pt", "--network yolo")
 

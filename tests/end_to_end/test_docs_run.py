@@ -54,7 +54,6 @@ ELSEWHERE = {
     "for film in today": "test_check.py",
     "cotton3dg correct": "test_corrections.py",
     "evaluate-weights": "test_weights.py",
-    "--cloud scan.ply": "test_cloud.py",
     "--weight-model": "test_weights.py",
     "--architecture natural": "test_architecture.py",
     "splat.ply": "test_foreign_models.py",

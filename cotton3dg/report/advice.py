@@ -74,6 +74,12 @@ FLAGS = {
         "The camera's position is unknown for these frames and they were not used.",
         "Look at the walk below for where they are; walk more slowly there, or film with more light.",
     ),
+    "cameras_contradicted": Meaning(
+        "The cameras contradict the images",
+        "Pairs of images have something in common that their cameras do not explain: something moved while filming, or"
+        " much of the scene looks alike. Shapes and sizes may be wrong.",
+        "Film again with the plant and everything around it at rest.",
+    ),
     "orbit_gap": Meaning(
         "One side was not filmed",
         "Bolls on that side are seen from few directions: some may be missing, and volumes are less sure.",

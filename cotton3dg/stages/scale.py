@@ -80,4 +80,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))
+STAGE = Stage("scale", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

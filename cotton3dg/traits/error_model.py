@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from ..core.measurements import BollTraits, Scale
 
+COVERED = 1.96
+"""Standard errors to either side of a value that make its 95 % interval."""
 EDGE_PX = 1.0
 """Standard error of a boll's diameter in one view: half a pixel at either side."""
 ALIKE = 8
@@ -76,3 +78,19 @@ def count_error(confidences: NDArray, n_touching: int) -> float:
     if not len(confidences):
         return np.nan
     return float(np.sqrt((confidences * (1 - confidences)).sum() + MISCOUNTED * n_touching))
+
+
+def interval(value: float, error: float) -> tuple[float, float]:
+    """Ends of the 95 % interval of a trait that is never negative; NaN where value or error is."""
+    return float(np.maximum(value - COVERED * error, 0.0)), float(value + COVERED * error)
+
+
+def count_interval(count: int, error: float) -> tuple[int, int] | None:
+    """Ends of the 95 % interval of a count, to the nearest whole numbers; None without bolls.
+
+    A count that is certain to a quarter of a boll is its own interval.
+    """
+    if not np.isfinite(error):
+        return None
+    either_side = int(np.floor(COVERED * error + 0.5))
+    return max(count - either_side, 0), count + either_side

@@ -15,7 +15,15 @@ from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
-from .error_model import CROWDED_SHARE, boll_volume_error, count_error, find_touching, plant_volume_error_cm3
+from .error_model import (
+    CROWDED_SHARE,
+    boll_volume_error,
+    count_error,
+    count_interval,
+    find_touching,
+    interval,
+    plant_volume_error_cm3,
+)
 from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
@@ -245,9 +253,13 @@ def summarise_plant(
     if size.height_cm > 0 and len(heights) == len(bolls):
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
+    volume_cm3 = float(known.sum()) if measured else np.nan
+    of_count = count_error(confidences, int(touching.sum()))
+    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
+    of_height, of_canopy = (float(np.hypot(length * shared, pixel_cm)) for length in (size.height_cm, canopy_cm))
     return PlantTraits(
         boll_count=len(bolls),
-        boll_volume_cm3=float(known.sum()) if measured else np.nan,
+        boll_volume_cm3=volume_cm3,
         boll_volume_mean_cm3=float(known.mean()) if len(known) else np.nan,
         plant_height_cm=size.height_cm,
         plant_height_obb_cm=size.height_obb_cm,
@@ -262,11 +274,15 @@ def summarise_plant(
         boll_height_max_cm=float(heights.max()) if len(heights) else np.nan,
         bolls_by_third=thirds,
         lint_area_cm2=float(areas[np.isfinite(volumes)].sum()) if measured else np.nan,
-        boll_count_error=count_error(confidences, int(touching.sum())),
-        boll_volume_error_cm3=plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan,
-        plant_height_error_cm=float(np.hypot(size.height_cm * shared, pixel_cm)),
-        canopy_size_error_cm=float(np.hypot(canopy_cm * shared, pixel_cm)),
+        boll_count_error=of_count,
+        boll_volume_error_cm3=of_volume,
+        plant_height_error_cm=of_height,
+        canopy_size_error_cm=of_canopy,
         boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,
         plant_height_published_cm=size.published.height_cm,
         canopy_size_published_cm=size.published.canopy_cm,
+        boll_count_interval=count_interval(len(bolls), of_count),
+        boll_volume_interval_cm3=interval(volume_cm3, of_volume),
+        plant_height_interval_cm=interval(size.height_cm, of_height),
+        canopy_size_interval_cm=interval(canopy_cm, of_canopy),
     )

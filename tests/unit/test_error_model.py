@@ -11,7 +11,9 @@ from cotton3dg.traits import error_model
 from cotton3dg.traits.error_model import (
     boll_volume_error,
     count_error,
+    count_interval,
     find_touching,
+    interval,
     plant_volume_error_cm3,
 )
 
@@ -61,3 +63,18 @@ def test_the_count_errs_as_draws_of_its_parts_do() -> None:
     assert count_error(confidences, n_touching) == pytest.approx((real - lost).std(), rel=0.03)
     assert np.isnan(count_error(np.zeros(0), 0))
     assert count_error(np.ones(8), 0) == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "error", "ends"),
+    [(19, 0.25, (19, 19)), (19, 0.26, (18, 20)), (19, 0.8, (17, 21)), (1, 2.0, (0, 5)), (0, np.nan, None)],
+)
+def test_a_count_has_whole_ends(count, error, ends):
+    assert count_interval(count, error) == ends
+
+
+def test_an_interval_is_never_negative():
+    assert interval(100.0, 10.0) == pytest.approx((80.4, 119.6))
+    assert interval(10.0, 10.0) == pytest.approx((0.0, 29.6))
+    assert np.isnan(interval(np.nan, 1.0)).all()
+    assert np.isnan(interval(1.0, np.nan)).all()

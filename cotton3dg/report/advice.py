@@ -171,6 +171,12 @@ FLAGS = {
         "A boll that was corrected is not where it was; the warnings of the stage traits name it.",
         "Look at the bolls again; correct them anew, or take the correction back (cotton3dg correct --undo).",
     ),
+    "bolls_off_plant": Meaning(
+        "A boll does not hang on the plant",
+        "Something taken for a boll hangs on nothing that hangs together with the stem: a boll that fell, or another"
+        " white thing. It is counted, but height and canopy leave it out.",
+        "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",
@@ -185,6 +191,7 @@ BOLL_FLAGS = {
     "close": "nearer to another than bolls usually are: perhaps one boll counted twice",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
+    "off_plant": "hangs on nothing that hangs together with the stem: perhaps no boll of this plant",
     "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
     "too_small": "narrower than 2.5 cm: perhaps a part of a boll, or none",
     "too_large": "wider than 7 cm: perhaps two bolls in one",

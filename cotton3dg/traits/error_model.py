@@ -80,8 +80,10 @@ def count_error(confidences: NDArray, n_touching: int) -> float:
     return float(np.sqrt((confidences * (1 - confidences)).sum() + MISCOUNTED * n_touching))
 
 
-def interval(value: float, error: float) -> tuple[float, float]:
-    """Ends of the 95 % interval of a trait that is never negative; NaN where value or error is."""
+def interval(value: float, error: float) -> tuple[float, float] | None:
+    """Ends of the 95 % interval of a trait that is never negative; None where value or error is NaN."""
+    if not np.isfinite(value + error):
+        return None
     return float(np.maximum(value - COVERED * error, 0.0)), float(value + COVERED * error)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -39,6 +39,8 @@ NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
+UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
+"""Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -80,7 +82,13 @@ def measure_plant(
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
     drawn = as_drawn(gaussians, pixel_su)
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm)
+    apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5}
+    if apart:
+        concerns["bolls_off_plant"] = (
+            f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem; look"
+            " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
+        )
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
     traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
@@ -120,6 +128,7 @@ def measure_bolls(
     foot: Float64 | None,
     pixel_su: float = 0.0,
     clamp_cm: float = 0.0,
+    apart: Collection[int] = (),
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
 
@@ -127,6 +136,7 @@ def measure_bolls(
         drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
+        apart: ids of bolls that do not hang on the plant.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
@@ -147,6 +157,7 @@ def measure_bolls(
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
         doubts = [*boll.flags, volume.reason or ""]
+        doubts += ["off_plant"] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
@@ -248,7 +259,7 @@ def summarise_plant(
     hulls = hulls[np.isfinite(hulls)]
     heights = np.array([boll.centre_cm[2] for boll in bolls])
     heights = heights[np.isfinite(heights)]
-    confidences = np.array([boll.confidence for boll in bolls])
+    confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
     thirds = None
     if size.height_cm > 0 and len(heights) == len(bolls):
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)

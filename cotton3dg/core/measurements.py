@@ -240,6 +240,16 @@ class PlantTraits:
     original_boll_volume_cm3: float = column(
         "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
     )
+    boll_count_halves: tuple[int, int] | None = columns(
+        {
+            "boll_count_odd": "bolls that every second image alone gives",
+            "boll_count_even": "bolls that the other images give",
+        },
+        "1",
+        blank_when="the masks do not come from the bolls' network on a trained model; corrected",
+        later=True,
+        default=None,
+    )
     boll_count_interval: tuple[int, int] | None = columns(
         {
             "boll_count_low": "lower end of the 95 % interval of boll_count, by its standard error",

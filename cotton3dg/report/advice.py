@@ -177,6 +177,11 @@ FLAGS = {
         " white thing. It is counted, but height and canopy leave it out.",
         "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
     ),
+    "halves_disagree": Meaning(
+        "Half of the images count otherwise",
+        "Every second image alone gives another number of bolls than the others, so the count is less sure.",
+        "Look at the numbered bolls below; film more slowly in even light, or mend what is wrong (cotton3dg correct).",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",

@@ -21,6 +21,7 @@ from .error_model import (
     count_error,
     count_interval,
     find_touching,
+    halves_disagree,
     interval,
     plant_volume_error_cm3,
 )
@@ -60,13 +61,19 @@ class Measured:
 
 
 def measure_plant(
-    gaussians: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, pixel_su: float, clamp_cm: float
+    gaussians: Gaussians,
+    bolls: Sequence[BollInstance],
+    scale: Scale | None,
+    pixel_su: float,
+    clamp_cm: float,
+    halves: tuple[int, int] | None = None,
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
     Args:
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
+        halves: bolls that either half of the images counts, where that is known.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -90,7 +97,11 @@ def measure_plant(
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
+    if halves and halves_disagree(halves):
+        concerns["halves_disagree"] = (
+            f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
+        )
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -232,7 +243,11 @@ def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSiz
 
 
 def summarise_plant(
-    bolls: Sequence[BollTraits], silhouette: PlantSize | None, scale: Scale | None, pixel_su: float = 0.0
+    bolls: Sequence[BollTraits],
+    silhouette: PlantSize | None,
+    scale: Scale | None,
+    pixel_su: float = 0.0,
+    halves: tuple[int, int] | None = None,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
@@ -265,7 +280,7 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()))
+    of_count = count_error(confidences, int(touching.sum()), halves)
     of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
     of_height, of_canopy = (float(np.hypot(length * shared, pixel_cm)) for length in (size.height_cm, canopy_cm))
     return PlantTraits(
@@ -292,6 +307,7 @@ def summarise_plant(
         boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,
         plant_height_published_cm=size.published.height_cm,
         canopy_size_published_cm=size.published.canopy_cm,
+        boll_count_halves=halves,
         boll_count_interval=count_interval(len(bolls), of_count),
         boll_volume_interval_cm3=interval(volume_cm3, of_volume),
         plant_height_interval_cm=interval(size.height_cm, of_height),

@@ -13,6 +13,7 @@ from cotton3dg.traits.error_model import (
     count_error,
     count_interval,
     find_touching,
+    halves_disagree,
     interval,
     plant_volume_error_cm3,
 )
@@ -78,3 +79,17 @@ def test_an_interval_is_never_negative():
     assert interval(10.0, 10.0) == pytest.approx((0.0, 29.6))
     assert interval(np.nan, 1.0) is None
     assert interval(1.0, np.nan) is None
+
+
+def test_halves_that_count_differently_widen_the_error():
+    """Two counts drawn alike with a standard deviation of 1.5: the error that they state is right on average."""
+    rng = np.random.default_rng(0)
+    pairs = rng.normal(20, 1.5, (4000, 2))
+    stated = [count_error(np.ones(20), 0, (first, second)) ** 2 for first, second in pairs]
+    assert np.sqrt(np.mean(stated)) == pytest.approx(1.5, rel=0.05)
+    assert count_error(np.ones(20), 0, (20, 20)) == 0
+
+
+@pytest.mark.parametrize(("halves", "flagged"), [(None, False), ((9, 10), False), ((8, 10), True), ((49, 51), False)])
+def test_halves_that_differ_by_more_than_one_boll_are_flagged(halves, flagged):
+    assert halves_disagree(halves) is flagged

@@ -12,6 +12,7 @@ from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import LensDecision, SfmInfo
 from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
+from ..splat.exposure import ALIKE
 from .facts import Facts
 
 BLURRED = 0.4
@@ -300,6 +301,9 @@ def _advise_on_exposure(found: ExposureDecision) -> list[Advice]:
         text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
         return [Advice(False, "Exposure", text)]
     visible = f"{found.visible_from_pct:.0f} % begins to matter"
+    if found.likeness is not None and found.spread_pct > (found.visible_from_pct or 0) and found.likeness <= ALIKE:
+        text = f"Things change their brightness by {size} from image to image, dark and bright ones not alike: gleams,"
+        return [Advice(True, "Exposure", f"{text} not the camera; nothing was corrected.")]
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
 
 

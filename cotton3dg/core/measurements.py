@@ -50,6 +50,7 @@ class Scale:
 
 NO_SCALE = "no scale"
 NO_PLANT = "no scale; no plant on the table"
+NO_SIZE = f"{NO_PLANT}; cut by the frame nearly everywhere (flagged)"
 NO_BODY = "no scale; too few Gaussians for a body (flagged)"
 NO_WEIGHT = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
 NOT_CORRECTED = "not corrected"
@@ -123,22 +124,22 @@ class PlantTraits:
         "height above the table top that the plant's third-highest Gaussian reaches with an opacity of 0.25",
         2,
         ontology="CO_358:0001138",
-        blank_when=NO_PLANT,
+        blank_when=NO_SIZE,
     )
     plant_height_obb_cm: float = column(
-        "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2, blank_when=NO_PLANT
+        "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2, blank_when=NO_SIZE
     )
-    canopy_size_cm: float = column("cm", "mean of canopy_length_cm and canopy_width_cm", 2, blank_when=NO_PLANT)
+    canopy_size_cm: float = column("cm", "mean of canopy_length_cm and canopy_width_cm", 2, blank_when=NO_SIZE)
     canopy_length_cm: float = column(
-        "cm", "long side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_PLANT
+        "cm", "long side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
     )
     canopy_width_cm: float = column(
-        "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_PLANT
+        "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
     )
     flags: tuple[str, ...] = ()
     """Those of the stage traits; the row has those of all stages."""
     plant_hull_volume_cm3: float = column(
-        "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_PLANT, later=True
+        "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_SIZE, later=True
     )
     boll_height_mean_cm: float = column(
         "cm", "mean height of the bolls' centres above the table top", 2, blank_when=f"{NO_PLANT}; no bolls", later=True
@@ -170,7 +171,7 @@ class PlantTraits:
             for third in ("lower", "middle", "upper")
         },
         "1",
-        blank_when=NO_PLANT,
+        blank_when=NO_SIZE,
         later=True,
         default=None,
     )
@@ -193,10 +194,10 @@ class PlantTraits:
         later=True,
     )
     plant_height_error_cm: float = column(
-        "cm", "standard error of plant_height_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+        "cm", "standard error of plant_height_cm, of the scale and a pixel", 2, blank_when=NO_SIZE, later=True
     )
     canopy_size_error_cm: float = column(
-        "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_PLANT, later=True
+        "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_SIZE, later=True
     )
     boll_volume_published_cm3: float = column(
         "cm3", "sum of volume_published_cm3 over the measured bolls", 2, blank_when=NO_VOLUME, later=True
@@ -205,11 +206,11 @@ class PlantTraits:
         "cm",
         "upright side of the oriented box around the middles of the plant's Gaussians and its foot, as published",
         2,
-        blank_when=NO_PLANT,
+        blank_when=NO_SIZE,
         later=True,
     )
     canopy_size_published_cm: float = column(
-        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_PLANT, later=True
+        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_SIZE, later=True
     )
     seed_cotton_g: float = column(
         "g",
@@ -278,7 +279,7 @@ class PlantTraits:
         },
         "cm",
         2,
-        blank_when=NO_PLANT,
+        blank_when=NO_SIZE,
         later=True,
         default=None,
     )
@@ -289,7 +290,7 @@ class PlantTraits:
         },
         "cm",
         2,
-        blank_when=NO_PLANT,
+        blank_when=NO_SIZE,
         later=True,
         default=None,
     )

@@ -37,7 +37,6 @@ from ..traits.corrections import Corrected, PlantFrame, apply_corrections
 from ..traits.measure import Measured, mark_corrections, measure_plant
 from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
-from ..traits.whole_in_view import doubt_whole
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
@@ -77,17 +76,19 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     masks = MasksInfo.load_if_there(workspace.masks_json)
     halves = masks.halves if masks else None
-    measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm, halves)
+    cameras = _cameras(workspace)
+    measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm, halves, cameras)
     corrected = _corrected(workspace, gaussians, bolls, scale, measured)
     if corrected:
-        again = measure_plant(gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm)
+        again = measure_plant(
+            gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm, cameras=cameras
+        )
         measured = mark_corrections(measured, again, corrected)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
     of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
-    cut_flags, cut_warnings = doubt_whole(gaussians.means[of_plant], _cameras(workspace))
-    flags = (*measured.flags, *cut_flags, *([NO_MAP] if unmapped else []))
-    warnings = (*measured.warnings, *cut_warnings, *([UNMAPPED] if unmapped else []))
+    flags = (*measured.flags, *([NO_MAP] if unmapped else []))
+    warnings = (*measured.warnings, *([UNMAPPED] if unmapped else []))
     if weights := named_files(workspace, options):
         measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
     evidence = _evidence(workspace, scale, metrics, flags)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
 from ..core.measurements import BollTraits, PlantTraits, Scale
-from ..core.scene import Float64, Gaussians
+from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
@@ -29,6 +29,7 @@ from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
 from .surface import SAMPLES, as_drawn, sample_surface_of_volume, sample_visible_surface, surface_rows
+from .whole_in_view import doubt_whole
 
 TIP_OPACITY = 0.25
 """Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one."""
@@ -67,6 +68,7 @@ def measure_plant(
     pixel_su: float,
     clamp_cm: float,
     halves: tuple[int, int] | None = None,
+    cameras: Sequence[Camera] = (),
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
@@ -74,6 +76,7 @@ def measure_plant(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         halves: bolls that either half of the images counts, where that is known.
+        cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -88,6 +91,9 @@ def measure_plant(
             concerns["no_stem"] = (
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
+    cut, lost = doubt_whole(gaussians.means[plant.rows], cameras) if plant else ("", False)
+    if cut:
+        concerns["plant_cut"] = cut
     drawn = as_drawn(gaussians, pixel_su)
     apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5}
     if apart:
@@ -96,7 +102,7 @@ def measure_plant(
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
-    silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
+    silhouette = measure_silhouette(drawn, plant, scale) if plant and scale and not lost else None
     if halves and halves_disagree(halves):
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"

@@ -16,6 +16,9 @@ LEAST_SHARE = 0.003
 OFTEN = 0.25
 """Share of the images from which on it matters: bolls lose views, and beyond what all images cut nothing is known."""
 
+NEARLY_ALWAYS = 0.9
+"""Share of the images from which on no size is stated: where the plant ends, none of them shows."""
+
 
 def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
     """Names of the images whose frame cuts a plant of (N, 3) points, su."""
@@ -29,12 +32,27 @@ def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
     return cut
 
 
-def doubt_whole(plant: NDArray, cameras: Sequence[Camera]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Flags and warnings about a plant that the frame cuts often."""
+def find_beheaded(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
+    """Names of the images whose top or sides cut a plant of (N, 3) points, su; what the bottom cuts is its foot."""
+    cut = []
+    for camera in cameras:
+        pixels, depths = camera.project(plant)
+        edge = EDGE * max(camera.width, camera.height)
+        inside = (pixels[:, 1] >= edge) & (pixels[:, 0] >= edge) & (pixels[:, 0] <= camera.width - edge)
+        if len(plant) and np.mean(~inside & (depths > 0)) > LEAST_SHARE:
+            cut.append(camera.name)
+    return cut
+
+
+def doubt_whole(plant: NDArray, cameras: Sequence[Camera]) -> tuple[str, bool]:
+    """What to warn of when the frame cuts a plant often, empty where it does not; and whether nearly all images cut it
+    so that its size cannot be measured."""
     cut = find_cut(plant, cameras)
     if len(cut) <= OFTEN * len(cameras):
-        return (), ()
-    return ("plant_cut",), (
-        f"the frame cuts the plant in {len(cut)} of {len(cameras)} images, e.g. {cut[0]}, so height and canopy may be"
-        " too small; step back until the whole plant is in view",
-    )
+        return "", False
+    lost = len(find_beheaded(plant, cameras)) >= NEARLY_ALWAYS * len(cameras)
+    effect = "height and canopy cannot be measured" if lost else "height and canopy may be too small"
+    return (
+        f"the frame cuts the plant in {len(cut)} of {len(cameras)} images, e.g. {cut[0]}, so {effect}; step back until"
+        " the whole plant is in view"
+    ), lost

@@ -53,7 +53,8 @@ DEPTH_CM = 0.1
 
 def measured(workspace: Workspace, preset: str) -> dict[str, Any]:
     """Run to `train`; figures that every set has, or why there are none."""
-    options = pipeline.stage_options(workspace, preset)
+    images = len(list_images(workspace.images_input))
+    options = pipeline.stage_options(workspace, preset, {"frames": {"count": max(images, 8)}})
     row: dict[str, Any] = {"refused": ""}
     for stage in ("frames", "sfm", "train"):
         try:

@@ -34,7 +34,7 @@ FEWEST = 3
 MOST_CHANCE = 0.01
 LEAST_LEAD = 1.0
 """Bolls or branches that lie on each other at the best turn and not at the second best."""
-LEAST_SHARE = 0.4
+LEAST_SHARE = 0.5
 """Of the bolls and branches of the plant that has fewer, that must lie on the other's."""
 SHUFFLES = 1999
 MOST_LEAN_DEG = 12.0

@@ -110,23 +110,25 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
     away = np.abs(np.arange(len(total)) - best) * STEP_DEG
     others = np.where(np.minimum(away, 360 - away) > APART_DEG, total, 0.0)
     support, second = float(total[best]), float(others.max())
-    chance = float("nan")
-    if turn_deg is None:
-        if n_items < FEWEST:
-            return NoAlignment(f"a film shows {n_items} bolls and branches, too few to tell the turn by")
+    doubt, chance = "", float("nan")
+    if turn_deg is None and n_items < FEWEST:
+        doubt = f"a film shows {n_items} bolls and branches, too few to tell the turn by"
+    elif turn_deg is None:
         chance = found.chance(support)
         if chance > MOST_CHANCE:
-            return NoAlignment(
+            doubt = (
                 f"no turn lays the two plants on each other: the best, {_signed(best)} degrees, fits {support:.1f} of "
                 f"{n_items} bolls and branches, which chance does in {100 * chance:.0f} % of cases"
             )
-        if support - second < LEAST_LEAD:
-            return NoAlignment(
+        elif support - second < LEAST_LEAD:
+            doubt = (
                 f"two turns lay the plants on each other about as well, {_signed(best)} and "
                 f"{_signed(int(others.argmax()))} degrees"
             )
     elif support < LEAST_LEAD:
-        return NoAlignment(f"at a turn of {turn_deg:g} degrees no boll and no branch of the plants lie on each other")
+        doubt = f"at a turn of {turn_deg:g} degrees no boll and no branch of the plants lie on each other"
+    if doubt:
+        return NoAlignment(doubt)
     rotation, shift = _refine(a, b, np.radians(best * STEP_DEG), reach_cm)
     support = _support(a, b, rotation, shift)
     if support < LEAST_SHARE * n_items:

@@ -97,20 +97,16 @@ def _draw_plants(axes: Axes, comparison: Comparison, x: int, y: int) -> None:
     for boll in comparison.bolls:
         a = None if boll.boll_first is None else comparison.first.centres_cm[first[boll.boll_first]]
         b = None if boll.boll_other is None else placed_other[other[boll.boll_other]]
-        at = np.array([place for place in (a, b) if place is not None])
-        diameter = np.nanmean([boll.diameter_first_cm, boll.diameter_other_cm]) if _has_diameter(boll) else 4.0
-        axes.plot(at[:, x], at[:, y], "-", color=COLOURS[boll.state], linewidth=1.2, zorder=3)
-        axes.scatter(*at[-1, [x, y]], s=6, color=COLOURS[boll.state], zorder=3)
-        _circle(axes, at[0, [x, y]], 0.5 * diameter, boll.state)
+        at = np.array([place for place in (a, b) if place is not None])[:, [x, y]]
+        diameter = boll.diameter_first_cm if math.isfinite(boll.diameter_first_cm) else boll.diameter_other_cm
+        axes.plot(at[:, 0], at[:, 1], "-", color=COLOURS[boll.state], linewidth=1.2, zorder=3)
+        axes.plot(at[-1:, 0], at[-1:, 1], ".", color=COLOURS[boll.state], markersize=4, zorder=3)
+        _circle(axes, at[0], 0.5 * diameter if math.isfinite(diameter) else 2.0, boll.state)
         name = boll.boll_first if boll.boll_first is not None else boll.boll_other
-        axes.annotate(str(name), at[0, [x, y]], fontsize=7, ha="center", va="center", zorder=4)
+        axes.text(at[0, 0], at[0, 1], str(name), fontsize=7, ha="center", va="center", zorder=4)
     axes.autoscale_view()
     axes.grid(color="0.93")
     axes.set_axisbelow(True)
-
-
-def _has_diameter(boll: BollChange) -> bool:
-    return math.isfinite(boll.diameter_first_cm) or math.isfinite(boll.diameter_other_cm)
 
 
 def _circle(axes: Axes, middle: NDArray[np.float64], radius: float, state: str) -> None:

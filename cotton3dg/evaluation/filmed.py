@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import Column, columns_of
+from ..core.lint_colour import LintColour
 from ..core.map_measurements import MapTraits
 from ..core.measurements import PlantTraits
 from ..core.plant_map import PlantMap
@@ -87,7 +88,7 @@ def comparable_traits() -> list[Column]:
     """Columns of traits.csv that are measured on the plant."""
     return [
         column
-        for column in columns_of(PlantTraits, MapTraits)
+        for column in columns_of(PlantTraits, MapTraits, LintColour)
         if column.unit and column.name not in NO_TRAIT and column.name not in _errors().values()
     ]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def write_repeats(folder: Path, repeats: Repeats) -> None:
     """Save repeat_traits.csv, repeat_bolls.csv, repeat_bias.csv and repeat.png."""
-    tables = {
+    tables: dict[str, tuple[type, Sequence[Any]]] = {
         "repeat_traits.csv": (TraitRepeat, repeats.traits),
         "repeat_bolls.csv": (BollRepeat, repeats.bolls),
         "repeat_bias.csv": (Bias, repeats.bias),

@@ -157,7 +157,7 @@ def develop(
     if exposure_ev:
         light = light * np.float32(2.0**exposure_ev)
     light = light.clip(0, 1)
-    grey = 255 * to_srgb(light)
+    grey: NDArray[np.floating] = 255 * to_srgb(light)
     if noise and rng is not None:
         grey = grey + rng.normal(0, noise, grey.shape)
     return (grey + 0.5).clip(0, 255).astype(np.uint8)

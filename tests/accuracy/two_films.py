@@ -65,8 +65,9 @@ def main() -> None:
                     right, wrong = right + near, wrong + (not near)
                 others = (shown[(seed + 1) % n], shown[(seed + 5) % n])
                 mistaken += sum(isinstance(align(plant, other, REACH_CM), Alignment) for other in others)
-            rows.append({"plants": architecture, "by": "bolls and map" if mapped else "bolls", "right": right,
-                         "wrong": wrong, "refused": n - right - wrong, f"of {2 * n} pairs of two plants": mistaken})  # fmt: skip
+            row = {"plants": architecture, "by": "bolls and map" if mapped else "bolls"}
+            row |= {"right": right, "wrong": wrong, "refused": n - right - wrong}
+            rows.append(row | {f"of {2 * n} pairs of two plants": mistaken})
     print(markdown(pd.DataFrame(rows)))
 
 

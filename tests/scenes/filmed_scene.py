@@ -1,4 +1,4 @@
-"""A plant of known bolls and branches in its plant frame, moved as another film would have it, and saved as a folder."""
+"""A plant of known bolls and branches in its plant frame, moved as another film has it, and saved as a folder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -85,9 +85,7 @@ def save_film(folder: Path, layout, volumes_cm3, ids=None, error_pct=5.0, traits
     (out / "bolls.csv").write_text(csv_text(BOLLS, rows), newline="")
     plant_map = replace(
         layout.plant_map,
-        bolls=tuple(
-            replace(boll, boll_id=boll_id) for boll, boll_id in zip(layout.plant_map.bolls, ids, strict=False)
-        ),
+        bolls=tuple(replace(boll, boll_id=boll_id) for boll, boll_id in zip(layout.plant_map.bolls, ids, strict=False)),
     )
     describe_map(plant_map).save(out / "skeleton.json")
     return folder

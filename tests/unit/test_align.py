@@ -113,7 +113,8 @@ def test_plants_without_bolls_and_branches():
 def test_another_plant_is_refused(branches):
     """Of the same species: branches at the same heights, three eighths of a turn apart."""
     accepted = sum(
-        isinstance(align(grown(10, seed, branches), grown(8, 100 + seed, branches), 3.0), Alignment) for seed in range(12)
+        isinstance(align(grown(10, seed, branches), grown(8, 100 + seed, branches), 3.0), Alignment)
+        for seed in range(12)
     )
     assert accepted <= 1
 

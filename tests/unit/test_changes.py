@@ -1,4 +1,4 @@
-"""What changed between two films: bolls gone, new, moved and grown, traits with errors; tables, pictures, page, command."""
+"""What changed between two films: bolls gone, new, moved and grown; traits with errors; tables, pictures, a page."""
 
 import math
 

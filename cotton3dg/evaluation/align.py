@@ -41,6 +41,8 @@ MOST_LEAN_DEG = 12.0
 STEM_STEP_CM = 4.0
 STEM_WEIGHT = 0.3
 """Of a place of the stem beside a boll: the stem bends."""
+WOOD_WEIGHT = 0.05
+"""Of a cm of a branch: its points slide along it."""
 REFINEMENTS = 6
 
 
@@ -273,25 +275,49 @@ def _item_scores(item: Float64, targets: Float64, angles: Float64) -> Float64:
 
 # --------------------------------------------------- shift and lean
 def _refine(a: Layout, b: Layout, angle: float, reach_cm: float) -> tuple[Float64, Float64]:
-    """Rotation and shift by matched bolls and by the stems at equal heights."""
+    """Rotation and shift by matched bolls, by the stems at equal heights and by points of branches that are near."""
     rotation = about_vertical(angle)
     stem_a, stem_b = _stem_places(a, b)
-    start = stem_a.mean(axis=0) - stem_b.mean(axis=0) @ rotation.T if len(stem_a) else np.zeros(3)
-    shift = start
+    wood_a, wood_b = (_targets(_items(layout, by_stem=False))[True][:-1] for layout in (a, b))
+    shift = stem_a.mean(axis=0) - stem_b.mean(axis=0) @ rotation.T if len(stem_a) else np.zeros(3)
     for round_ in range(REFINEMENTS):
         # The first matches are made from afar, for the shift is not known yet.
-        gate = reach_cm * (2.0 if round_ < 2 else 1.0)
-        pairs = match_bolls(a.centres_cm, b.centres_cm @ rotation.T + shift, gate)
+        afar = 2.0 if round_ < 2 else 1.0
+        pairs = match_bolls(a.centres_cm, b.centres_cm @ rotation.T + shift, afar * reach_cm)
         ends_a, ends_b = a.centres_cm[pairs[:, 0]], b.centres_cm[pairs[:, 1]]
         away = np.linalg.norm(ends_a - (ends_b @ rotation.T + shift), axis=1)
         # Bolls that moved by themselves say nothing of the frame.
         trusted = away <= max(2.5 * float(np.median(away)), 0.5) if len(away) else np.zeros(0, bool)
-        to, source = np.vstack([ends_a[trusted], stem_a]), np.vstack([ends_b[trusted], stem_b])
-        weights = np.append(np.ones(trusted.sum()), np.full(len(stem_a), STEM_WEIGHT))
-        if not trusted.sum():
+        near_a, near_b = _near_wood(wood_a, wood_b, rotation, shift, afar * NEAR_CM)
+        to = np.vstack([ends_a[trusted], stem_a, near_a])
+        source = np.vstack([ends_b[trusted], stem_b, near_b])
+        if not trusted.sum() + len(near_a):
             break
-        rotation, shift = _fit(source, to, weights, rotation, leans=len(stem_a) > 0)
+        counts = trusted.sum(), len(stem_a), len(near_a)
+        weights = np.repeat([1.0, STEM_WEIGHT, WOOD_WEIGHT], counts)
+        fitted, moved = _fit(source, to, weights, rotation, leans=len(stem_a) > 0)
+        if _turn(about_vertical(-angle) @ fitted) > np.radians(0.5 * APART_DEG):
+            break  # what is left stands on the stem's line and tells no turn
+        rotation, shift = fitted, moved
     return rotation, shift
+
+
+def _near_wood(
+    wood_a: Float64, wood_b: Float64, rotation: Float64, shift: Float64, reach_cm: float
+) -> tuple[Float64, Float64]:
+    """(W, 3) points of the branches of both that lie on each other."""
+    if not (len(wood_a) and len(wood_b)):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    from scipy.spatial import cKDTree
+
+    away, nearest = cKDTree(wood_a).query(wood_b @ rotation.T + shift)
+    near = away <= reach_cm
+    return wood_a[nearest[near]], wood_b[near]
+
+
+def _turn(rotation: Float64) -> float:
+    """Size of its part about the vertical, rad."""
+    return abs(float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])))
 
 
 def _stem_places(a: Layout, b: Layout) -> tuple[Float64, Float64]:

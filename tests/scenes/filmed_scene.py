@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.columns import cells_of
+from cotton3dg.core.lint_colour import BollColour
 from cotton3dg.core.map_measurements import BollMapTraits
 from cotton3dg.core.measurements import BollTraits
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap
@@ -47,7 +48,7 @@ def leaning(turn_deg, lean_deg=0.0, towards_deg=0.0):
 def filmed_again(layout, rotation, shift=(0, 0, 0), kept=None, noise_cm=0.0, seed=0):
     """The layout as a film sees it whose frame is another; `kept`: rows of the bolls that are left."""
     rng = np.random.default_rng(seed)
-    kept = np.arange(len(layout.centres_cm)) if kept is None else np.asarray(kept)
+    kept = np.arange(len(layout.centres_cm)) if kept is None else np.asarray(kept, int)
 
     def seen(points, noise):
         return points @ rotation.T + np.asarray(shift, float) + rng.normal(0, noise, points.shape)
@@ -75,7 +76,7 @@ def save_film(folder: Path, layout, volumes_cm3, ids=None, error_pct=5.0, traits
     for boll_id, centre, volume in zip(ids, layout.centres_cm, volumes, strict=True):
         boll = BollTraits(boll_id, centre, volume, volume, (6 * volume / np.pi) ** (1 / 3), 100, 20, 0.99,
                           volume_error_cm3=volume * error_pct / 100)  # fmt: skip
-        rows.append({"plant_id": folder.name} | cells_of(boll, BollMapTraits()))
+        rows.append({"plant_id": folder.name} | cells_of(boll, BollMapTraits(), BollColour()))
     row = dict.fromkeys(column.name for column in TRAITS) | {
         "plant_id": folder.name, "scale_source": "table", "seconds": 1.0, "version": "test",
         "boll_count": len(ids), "boll_count_error": 0.3,

@@ -59,6 +59,17 @@ def test_a_plant_picked_bare_is_aligned_by_its_branches():
     assert turn_error(align(a, b, 3.0), -100) < 4
 
 
+def test_bolls_on_the_line_of_the_stem_do_not_spoil_the_turn():
+    """All that is left is the boll on the tip; its branch is the stem."""
+    a = grown(8, seed=2)
+    tip = a.plant_map.stem.curve[-1] + (0, 0, 2)
+    a = Layout(np.vstack([a.centres_cm, tip]), (*a.branch_of, 0), a.plant_map)
+    b = filmed_again(a, leaning(-100), kept=[8], noise_cm=0.3)
+    assert turn_error(align(a, b, 3.0), -100) < 4
+    bare = filmed_again(a, leaning(-100), kept=[])
+    assert turn_error(align(a, bare, 3.0), -100) < 4
+
+
 def ring(n, heights=30.0, odd=()):
     """n bolls evenly around the stem at one height."""
     angles = 2 * np.pi * np.arange(n) / n

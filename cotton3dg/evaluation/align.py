@@ -72,7 +72,8 @@ class Alignment:
     shift_cm: Float64
     """(3,)"""
     turn_deg: float
-    """About the vertical, counter-clockwise seen from above."""
+    """How far the plant was turned on the table from the first film to this one, counter-clockwise seen from above.
+    The ends of a table look alike, so half a turn may be wanting."""
     lean_deg: float
     """Angle of the two verticals: the plant leans otherwise by so much."""
     n_items: int
@@ -99,7 +100,8 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
 
     Args:
         reach_cm: how far a boll may have moved.
-        turn_deg: the turn where it is known, to some 10 degrees; None = find it.
+        turn_deg: how far the plant was turned from a to b where that is known, to some 10 degrees and perhaps half a
+            turn, as the ends of a table look alike; None = find it.
     """
     curves = [_turn_curves(a, b, by_stem) for by_stem in (True, False)]
     n_items = len(curves[0].sizes)
@@ -139,7 +141,7 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
             " on each other"
         )
     lean = float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1))))
-    turn = float(np.degrees(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])))
+    turn = -float(np.degrees(_turn(rotation)))
     return Alignment(rotation, shift, turn, lean, n_items, support, chance)
 
 
@@ -163,12 +165,13 @@ class _Curves:
     """Whether the first plant was turned instead of the second."""
 
     def total(self, around_deg: float | None = None) -> Float64:
-        """(T,) at each turn of the second plant; -1 where it is more than half `APART_DEG` off `around_deg`."""
+        """(T,) at each turn that takes the second plant back; -1 where that is more than half `APART_DEG` off taking
+        `around_deg`, or half a turn more, back."""
         total = self.scores.sum(axis=0)
         if self.backwards:
             total = np.roll(total[::-1], 1)
         if around_deg is not None:
-            away = np.abs((np.arange(len(total)) * STEP_DEG - around_deg + 180) % 360 - 180)
+            away = np.abs((np.arange(len(total)) * STEP_DEG + around_deg + 90) % 180 - 90)
             total = np.where(away <= 0.5 * APART_DEG, total, -1.0)
         return total
 
@@ -296,7 +299,7 @@ def _refine(a: Layout, b: Layout, angle: float, reach_cm: float) -> tuple[Float6
         counts = trusted.sum(), len(stem_a), len(near_a)
         weights = np.repeat([1.0, STEM_WEIGHT, WOOD_WEIGHT], counts)
         fitted, moved = _fit(source, to, weights, rotation, leans=len(stem_a) > 0)
-        if _turn(about_vertical(-angle) @ fitted) > np.radians(0.5 * APART_DEG):
+        if abs(_turn(about_vertical(-angle) @ fitted)) > np.radians(0.5 * APART_DEG):
             break  # what is left stands on the stem's line and tells no turn
         rotation, shift = fitted, moved
     return rotation, shift
@@ -316,8 +319,8 @@ def _near_wood(
 
 
 def _turn(rotation: Float64) -> float:
-    """Size of its part about the vertical, rad."""
-    return abs(float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])))
+    """Its part about the vertical, rad."""
+    return float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]))
 
 
 def _stem_places(a: Layout, b: Layout) -> tuple[Float64, Float64]:
@@ -353,5 +356,5 @@ def _fit(source: Float64, to: Float64, weights: Float64, before: Float64, *, lea
 
 
 def _signed(step: int) -> int:
-    """Degrees of a turn, -180..180."""
-    return round((step * STEP_DEG + 180) % 360 - 180)
+    """Degrees of the plant's turn that a step takes back, -180..180."""
+    return round((180 - step * STEP_DEG) % 360 - 180)

@@ -74,7 +74,7 @@ def write_changes_plot(path: Path, comparison: Comparison) -> None:
         axes.set(title=title, xlabel=f"{'xyz'[x]}, cm", ylabel=f"{'xyz'[y]}, cm", aspect="equal")
     handles, labels = side.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    side.legend(unique.values(), unique.keys(), loc="lower right", fontsize=8)
+    figure.legend(unique.values(), unique.keys(), loc="outside lower left", ncols=3, fontsize=9, frameon=False)
     _draw_volumes(volumes, comparison)
     figure.suptitle(f"{comparison.first.name} (first) and {comparison.other.name} (other)")
     figure.savefig(path, format="png", dpi=110)
@@ -100,10 +100,11 @@ def _draw_plants(axes: Axes, comparison: Comparison, x: int, y: int) -> None:
         at = np.array([place for place in (a, b) if place is not None])[:, [x, y]]
         diameter = boll.diameter_first_cm if math.isfinite(boll.diameter_first_cm) else boll.diameter_other_cm
         axes.plot(at[:, 0], at[:, 1], "-", color=COLOURS[boll.state], linewidth=1.2, zorder=3)
-        axes.plot(at[-1:, 0], at[-1:, 1], ".", color=COLOURS[boll.state], markersize=4, zorder=3)
+        if boll.state == SAME:
+            axes.plot(at[-1:, 0], at[-1:, 1], ".", color=COLOURS[boll.state], markersize=4, zorder=3)
         _circle(axes, at[0], 0.5 * diameter if math.isfinite(diameter) else 2.0, boll.state)
         name = boll.boll_first if boll.boll_first is not None else boll.boll_other
-        axes.text(at[0, 0], at[0, 1], str(name), fontsize=7, ha="center", va="center", zorder=4)
+        axes.annotate(str(name), (at[0, 0], at[0, 1]), xytext=(3, 3), textcoords="offset points", fontsize=7, zorder=4)
     axes.autoscale_view()
     axes.grid(color="0.93")
     axes.set_axisbelow(True)

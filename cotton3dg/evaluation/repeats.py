@@ -251,7 +251,8 @@ def repeats_text(repeats: Repeats) -> str:
     n = repeats.n_films
     whole = sum(row.n_films == n for row in repeats.bolls)
     lines = [
-        f"{len(repeats.plants)} plants, {n} films of each; {whole} of {len(repeats.bolls)} bolls found in all films",
+        f"{n} films of {len(repeats.plants)} plant{'s' * (len(repeats.plants) > 1)}; "
+        f"{whole} of {len(repeats.bolls)} bolls found in all films",
         f"{'trait':<34}{'n':>5}{'mean':>10}{'SD':>9}{'CV %':>8}{'stated':>9}",
     ]
     lines += [

@@ -61,7 +61,7 @@ def main() -> None:
                 again = filmed_again(plant, rotation, rng.normal(0, 0.5, 3), kept, noise_cm=0.4, seed=seed)
                 found = align(plant, again, REACH_CM)
                 if isinstance(found, Alignment):
-                    near = abs((found.turn_deg + turn_deg + 180) % 360 - 180) < 5
+                    near = abs((found.turn_deg - turn_deg + 180) % 360 - 180) < 5
                     right, wrong = right + near, wrong + (not near)
                 others = (shown[(seed + 1) % n], shown[(seed + 5) % n])
                 mistaken += sum(isinstance(align(plant, other, REACH_CM), Alignment) for other in others)

@@ -8,16 +8,16 @@ from cotton3dg.evaluation.align import Alignment, Layout, NoAlignment, about_ver
 
 
 def turn_error(found: Alignment, turn_deg: float) -> float:
-    """Degrees; `found` takes the other film back, so it turns the other way."""
-    return abs((found.turn_deg + turn_deg + 180) % 360 - 180)
+    """Degrees."""
+    return abs((found.turn_deg - turn_deg + 180) % 360 - 180)
 
 
 def test_a_quarter_turn_is_taken_back_to_the_digit():
-    """Bolls of a to b by (x, y) -> (-y, x): the alignment is its inverse, by hand."""
+    """Bolls of a to b by (x, y) -> (-y, x), counter-clockwise: the alignment is its inverse, by hand."""
     a = Layout(np.array([[10.0, 0, 20], [0, 12, 30], [-7, -7, 40], [3, -11, 50], [8, 6, 33]]), (0,) * 5, NO_MAP)
     b = Layout(np.array([[0.0, 10, 20], [-12, 0, 30], [7, -7, 40], [11, 3, 50], [-6, 8, 33]]), (0,) * 5, NO_MAP)
     found = align(a, b, 3.0)
-    assert found.turn_deg == pytest.approx(-90)
+    assert found.turn_deg == pytest.approx(90)
     assert found.lean_deg == pytest.approx(0, abs=1e-4)
     np.testing.assert_allclose(found.apply(b.centres_cm), a.centres_cm, atol=1e-9)
     assert found.support == pytest.approx(5)
@@ -89,7 +89,7 @@ def test_a_symmetrical_plant_is_refused_and_an_odd_boll_decides():
 
 def test_a_symmetrical_plant_is_aligned_by_a_turn_that_is_known():
     b = filmed_again(ring(5), leaning(20))
-    for told, turn in ((-20.0, -20.0), (-27.0, -20.0), (52.0, 52.0)):
+    for told, turn in ((20.0, 20.0), (27.0, 20.0), (-52.0, -52.0), (-160.0, 20.0)):
         found = align(ring(5), b, 3.0, turn_deg=told)
         assert found.turn_deg == pytest.approx(turn, abs=0.2)
         assert np.isnan(found.chance)

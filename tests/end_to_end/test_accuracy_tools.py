@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from error_budget import put_true_cameras, share
-from scenes.tiny_plant import FILM, ROOT
+from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.commands.simulate import simulate
@@ -20,18 +20,6 @@ from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
 TOOLS = ROOT / "tests" / "accuracy"
-# Bolls of the tiny plant's 320 px are found or not by chance.
-FINER_FILM = FILM | {"width": 480, "height": 270}
-FINER_OPTIONS = """\
-[frames]
-count = 40
-[train]
-max_side = 480
-steps = 400
-max_gaussians = 30000
-[masks]
-views = 16
-"""
 
 
 @pytest.fixture

@@ -148,8 +148,9 @@ def _draw_volumes(axes: Axes, comparison: Comparison) -> None:
     for row in np.flatnonzero(known):
         axes.annotate(str(comparison.first.ids[a[row]]), (x[row], y[row]), xytext=(4, 4), textcoords="offset points",
                       fontsize=7)  # fmt: skip
-    low, high = min(x[known].min(), y[known].min()), max(x[known].max(), y[known].max())
-    margin = 0.08 * (high - low or 1.0)
+    values, halves = np.stack([x, y])[:, known], np.stack(errors)[:, known]
+    low, high = float((values - halves).min()), float((values + halves).max())
+    margin = 0.03 * (high - low or 1.0)
     limits = low - margin, high + margin
     axes.plot(limits, limits, color="0.5", linewidth=1)
     axes.set(xlim=limits, ylim=limits, aspect="equal")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, PlantMap
 from ..geometry.polylines import resampled
+from .align_bolls import BollAlignment, align_by_bolls
 from .match import match_bolls
 
 Float64 = NDArray[np.float64]
@@ -132,7 +133,8 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
     elif support < LEAST_LEAD:
         doubt = f"at a turn of {turn_deg:g} degrees no boll and no branch of the plants lie on each other"
     if doubt:
-        return NoAlignment(doubt)
+        by_bolls = align_by_bolls(a.centres_cm, b.centres_cm) if turn_deg is None else None
+        return _without_foot(a, b, by_bolls) if by_bolls else NoAlignment(doubt)
     rotation, shift = _refine(a, b, np.radians(best * STEP_DEG), reach_cm)
     support = _support(a, b, rotation, shift)
     if support < LEAST_SHARE * n_items:
@@ -143,6 +145,13 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
     lean = float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1))))
     turn = -float(np.degrees(_turn(rotation)))
     return Alignment(rotation, shift, turn, lean, n_items, support, chance)
+
+
+def _without_foot(a: Layout, b: Layout, found: BollAlignment) -> Alignment:
+    n_bolls = min(int(np.isfinite(layout.centres_cm).all(axis=1).sum()) for layout in (a, b))
+    turn_deg = -float(np.degrees(_turn(about_vertical(found.angle))))
+    rotation = about_vertical(found.angle)
+    return Alignment(rotation, found.shift_cm, turn_deg, 0.0, n_bolls, found.support, found.chance)
 
 
 def about_vertical(angle: float) -> Float64:

@@ -5,6 +5,7 @@ import pytest
 from scenes.filmed_scene import NO_MAP, filmed_again, grown, leaning
 
 from cotton3dg.evaluation.align import Alignment, Layout, NoAlignment, about_vertical, align
+from cotton3dg.evaluation.align_bolls import align_by_bolls
 
 
 def turn_error(found: Alignment, turn_deg: float) -> float:
@@ -132,3 +133,33 @@ def test_another_plant_is_refused(branches):
 
 def test_about_vertical_turns_x_towards_y():
     np.testing.assert_allclose(about_vertical(np.pi / 2) @ [1, 0, 5], [0, 1, 5], atol=1e-12)
+
+
+@pytest.mark.parametrize("branches", [True, False])
+def test_a_foot_that_was_guessed_is_found_from_the_bolls(branches):
+    """Of the other film the stem is not known, and its foot is 13 cm beside the place."""
+    a = grown(8, seed=6, branches=branches)
+    b = filmed_again(a, leaning(70), (4.4, 12.6, 0.1), kept=[0, 1, 3, 4, 6, 7], noise_cm=0.3)
+    b = Layout(b.centres_cm, (0,) * 6, NO_MAP)
+    found = align(a, b, 3.0)
+    assert turn_error(found, 70) < 3
+    kept = a.centres_cm[[0, 1, 3, 4, 6, 7]]
+    assert np.linalg.norm(found.apply(b.centres_cm) - kept, axis=1).max() < 1.2
+    assert (found.n_items, found.lean_deg) == (6, 0.0)
+    assert 5 < found.support <= 6
+    assert found.chance <= 0.01
+
+
+def test_bolls_alone_need_four_and_no_second_turn():
+    a = np.array([[10.0, 0, 20], [0, 12, 30], [-7, -7, 40], [3, -11, 50], [8, 6, 60]])
+    moved = a @ about_vertical(1.0).T + (9.0, -4.0, 0.0)
+    found = align_by_bolls(a, moved)
+    assert found.angle == pytest.approx(-1.0)
+    np.testing.assert_allclose(found.shift_cm, -np.array([9.0, -4.0, 0.0]) @ about_vertical(-1.0).T, atol=1e-9)
+    assert align_by_bolls(a[:3], moved) is None
+    assert align_by_bolls(a, moved * (1, -1, 1)) is None  # a mirror image
+    assert align_by_bolls(a, moved + (0, 0, 5)) is None  # another height above the table
+    assert align_by_bolls(np.full((5, 3), np.nan), moved) is None
+    angles = np.pi / 3 * np.arange(6)
+    regular = np.column_stack([12 * np.cos(angles), 12 * np.sin(angles), np.full(6, 30.0)])
+    assert align_by_bolls(regular, regular) is None

@@ -38,8 +38,8 @@ THUMBNAIL_PX = 160
 
 
 NEW_FILM = frozenset(
-    ("video_damaged", "few_frames", "blurred", "underexposed", "overexposed", "few_frames_registered", "orbit_gap",
-     "plant_out_of_view", "no_scale", "table_edge_unclear", "no_plant")
+    ("video_damaged", "few_frames", "blurred", "underexposed", "overexposed", "few_frames_registered",
+     "cameras_contradicted", "orbit_gap", "plant_out_of_view", "no_scale", "table_edge_unclear", "no_plant")
 )  # fmt: skip
 """Flags that another film may mend."""
 MOST_CHOICES = 40

@@ -104,4 +104,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))
+STAGE = Stage("scale", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

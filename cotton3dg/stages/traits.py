@@ -20,6 +20,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, describe_bolls, read_bolls
 from ..documents.corrections import Corrections
+from ..documents.masks import MasksInfo
 from ..documents.patches import PatchesInfo
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
@@ -59,6 +60,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.metrics_json,
         workspace.sfm_json,
         workspace.corrections_json,
+        workspace.masks_json,
         workspace.undistorted / "sparse",
         workspace.patches_json,
         *([workspace.folder("masks"), workspace.undistorted / "images"] if workspace.patches_json.exists() else []),
@@ -80,7 +82,9 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
     scale = read_scale(workspace.require(workspace.scale_json, "scale"))
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
-    measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm)
+    masks = MasksInfo.load_if_there(workspace.masks_json)
+    halves = masks.halves if masks else None
+    measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm, halves)
     corrected = _corrected(workspace, gaussians, bolls, scale, measured)
     if corrected:
         again = measure_plant(gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm)
@@ -218,4 +222,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=8, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=9, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -20,7 +20,9 @@ from ..files.tables import parse_number, read_rows
 from ..workspace import Workspace
 from .align import Layout
 
-NO_TRAIT = ("corrections", "original_boll_count", "original_boll_volume_cm3", "seed_cotton_low_g", "seed_cotton_high_g")
+NO_TRAIT = ("corrections", "original_boll_count", "original_boll_volume_cm3", "boll_count_odd", "boll_count_even")
+INTERVAL = {"low", "high"}
+"""Words in the names of columns that are ends of an interval."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ def comparable_traits() -> list[Column]:
     return [
         column
         for column in columns_of(PlantTraits, MapTraits, LintColour)
-        if column.unit and column.name not in NO_TRAIT and column.name not in _errors().values()
+        if column.unit
+        and column.name not in (*NO_TRAIT, *_errors().values())
+        and not INTERVAL & set(column.name.split("_"))
     ]
 
 

@@ -81,6 +81,8 @@ def test_stated_errors_are_found_by_their_names():
     names = {column.name for column in comparable_traits()}
     assert {"boll_count", "stem_length_cm", "branch_count"} <= names
     assert not {name for name in names if "error" in name or name.startswith("original")}
+    assert not {name for name in names if name.endswith(("_low", "_high", "_low_cm", "_high_g"))}
+    assert "bolls_lower" in names
 
 
 def test_command_writes_tables_pictures_and_a_page(two_dates, tmp_path):

@@ -100,6 +100,6 @@ def test_effect_decisions_are_counted(filmed, tmp_path):
 
 def test_a_card_alone_gives_the_scale_of_a_film(tmp_path):
     """Through structure from motion; the film is as large as its markers need."""
-    row = card_scale(tmp_path / "film", {"seed": 5, "bolls": 6, "frames": 40})
+    row = card_scale(tmp_path / "film", {"seed": 5, "bolls": 6})
     assert abs(row["error, %"]) < 0.5
     assert row["photos with patches"] >= 6

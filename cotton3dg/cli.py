@@ -446,6 +446,8 @@ app.command("cards", rich_help_panel="Everything")(add_flags(cli_field.cards, Ca
 app.command("import", rich_help_panel="Everything")(cli_field.import_)
 app.command("correct", rich_help_panel="Everything")(cli_field.correct)
 app.command("export", rich_help_panel="Everything")(cli_field.export)
+app.command("compare", rich_help_panel="Everything")(cli_field.compare)
+app.command("repeat", rich_help_panel="Trying it out")(cli_field.repeat)
 app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

@@ -82,3 +82,47 @@ def export(
 
     with report_errors(folder):
         typer.echo(write(folder, format_, out))
+
+
+FilmsOut = Annotated[Path, typer.Option(help="folder for tables and pictures")]
+Reach = Annotated[float, typer.Option(help="how far a boll may have moved and still be the same, cm", min=0.1)]
+TurnDeg = Annotated[
+    float | None,
+    typer.Option(help="how far the plant was turned between the films, degrees, where it is known; default: found"),
+]
+
+
+def compare(
+    films: Annotated[list[Path], typer.Argument(help="folders of one finished plant, filmed at several dates")],
+    out: FilmsOut = Path("comparison"),
+    reach_cm: Reach = 3.0,
+    turn_deg: TurnDeg = None,
+) -> None:
+    """What changed between films of one plant: each boll and each trait of the others against the first."""
+    from .evaluation.changes import compare as lay_beside
+    from .evaluation.changes import comparison_text
+    from .evaluation.changes_page import write_comparisons
+
+    with report_errors(films[0]):
+        comparisons = lay_beside(films, reach_cm, turn_deg)
+        write_comparisons(out, comparisons)
+        for comparison in comparisons:
+            typer.echo(comparison_text(comparison))
+        typer.echo(f"saved in {out}")
+
+
+def repeat(
+    films: Annotated[list[Path], typer.Argument(help="folders of a plant filmed several times, or of such fields")],
+    out: FilmsOut = Path("repeat"),
+    reach_cm: Reach = 3.0,
+    turn_deg: TurnDeg = None,
+) -> None:
+    """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
+    from .evaluation.repeats import repeat as lay_beside
+    from .evaluation.repeats import repeats_text
+    from .evaluation.repeats_page import write_repeats
+
+    with report_errors(films[0]):
+        repeats = lay_beside(films, reach_cm, turn_deg)
+        write_repeats(out, repeats)
+        typer.echo(f"{repeats_text(repeats)}\nsaved in {out}")

@@ -30,6 +30,11 @@ class SimulateOptions:
         0.90, "least distance of the centres of touching bolls, in their diameters", at_least=0.5, at_most=0.97
     )
     stem_cm: float = option(0.0, "length of the stem; 0 = 56 to 80, drawn", unit="cm", at_least=0.0, at_most=120.0)
+    picked: int = option(0, "bolls of this plant that were taken off with their burs", at_least=0, at_most=60)
+    turned_deg: float = option(
+        0.0, "how far the plant was turned about its foot", unit="degrees", at_least=-360.0, at_most=360.0
+    )
+    walk: int = option(0, "another walk of the camera around the same plant in the same room", at_least=0)
     frames: int = option(80, "images of the video, a little more than one turn", at_least=2, at_most=2000)
     shot: str = option(
         "whole", "one turn with the whole plant in view, or close by at three heights", choices=("whole", "local")
@@ -51,6 +56,7 @@ class SimulateOptions:
     table_width_cm: float = option(60.0, "short side of the table top", unit="cm", at_least=30.0, at_most=120.0)
     markers: int = option(0, "printed ArUco markers (4x4_50) that lie on the table", at_least=0, at_most=6)
     marker_cm: float = option(12.0, "black square of a marker", unit="cm", at_least=2.0, at_most=20.0)
+    card: str = option("", "id of a plant's card (cotton3dg cards) that lies on the table; none = no card")
     hidden: float = option(0.0, "share of the table that a box hides at one end", at_least=0.0, at_most=0.5)
     second_table: bool = option(False, "another table, of another shape, beside the plant's")
     blur: float = option(0.0, "motion blur: open time of the shutter, share of a frame", at_least=0.0, at_most=1.0)

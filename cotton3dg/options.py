@@ -264,6 +264,7 @@ class CardOptions:
     ruler_cm: float = option(
         10.0, "the printed card's ruler of 10 cm, as measured", unit="cm", at_least=5.0, at_most=20.0
     )
+    patches: str = option("", "reflectances of its grey patches from white to black, %, as measured; none = usual")
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,8 @@ class Workspace:
     views_jpg = _Below("cluster/views.jpg")
     """Bolls as one view shows them, beside all views together."""
     scale_json = _Below("scale/scale.json")
+    patches_json = _Below("scale/patches.json")
+    """The grey patches of the plant's card, where it was sought and seen."""
     traits_csv = _Below("traits/traits.csv")
     bolls_csv = _Below("traits/bolls.csv")
     columns_csv = _Below("traits/columns.csv")

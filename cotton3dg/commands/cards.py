@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..core.card import PAPER_CM
 from ..errors import BadInput, BadUsage
 from ..files.fieldbook import FieldBook, read_fieldbook
 from ..files.saving import explain_disk_errors, replacing
@@ -15,7 +16,6 @@ from ..identity.names import card_text, id_problem
 from ..options import CardsOptions
 
 DOTS_PER_CM = 100
-PAPER_CM = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
 LINES = 6
 
 

@@ -13,12 +13,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.card import PAPER_CM, printed_reflectance
 from ..core.progress import Progress, silent
+from ..core.srgb import to_srgb
 from ..documents.truth import TrueMasks, TruthOrigin
 from ..errors import BadInput, BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
 from ..files.saving import explain_disk_errors, json_text, write_text_atomically
+from ..identity.card import draw_card
+from ..identity.codes import code_picture
+from ..identity.names import card_text, id_problem
 from ..options import SimulateOptions, resolve
 from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
@@ -29,6 +34,8 @@ from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 from ..workspace import Workspace
 
 FRAMES_PER_SECOND = 30
+CARD_DOTS = 60
+"""A cm of a simulated card: as fine as a film from half a metre sees it."""
 QUALITY = 12
 """x264's constant rate factor; a phone at 15 Mbit/s is about as good."""
 
@@ -74,11 +81,19 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
 
 def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[RenderScene, Float32 | None]:
     """What the camera goes round, and, of a plant that turns itself, what stands still behind it: (H, W, 3) light."""
-    room = build_room(options, plant.stem_base)
+    room = build_room(options, plant.stem_base, _printed_card(options.card) if options.card else None)
     if not options.turntable:
         return light_scene(plant, room), None
     turning, standing = on_turntable(light_scene(plant, room), plant, room)
     return turning, render(standing, path.at(0), k1=options.distortion)
+
+
+def _printed_card(plant_id: str) -> Float32:
+    """(H, W, 3) sRGB in 0..1 of a card on A4, as a printer makes it of white paper and black ink."""
+    if problem := id_problem(plant_id):
+        raise BadUsage(f"--card {plant_id!r} is no id: {problem}")
+    sheet = draw_card(code_picture(card_text(plant_id)), plant_id, (), PAPER_CM["a4"], CARD_DOTS)
+    return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
 
 
 def film_standard_plant(folder: Path, progress: Progress = silent) -> None:

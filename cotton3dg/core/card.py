@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .srgb import to_linear
+
+PAPER_CM = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
 WIDTH_CM, HEIGHT_CM = 18.6, 25.9
 """Of what is printed, with the ruler; A4 and Letter leave a margin around it."""
 MARKER_DICTIONARY = "4x4_100"
@@ -15,6 +21,13 @@ PATCHES_CM = ((0.0, 15.7), 5.9, 2.9, 1.73)
 PATCH_LEVELS = (255, 205, 155, 105, 55, 0)
 """Grey levels of the left column from the top; the right one has them from below, which tells light that falls off."""
 RULER_CM = 10.0
+INK, PAPER = 0.04, 0.86
+"""Reflectance of black toner and of office paper."""
+
+
+def printed_reflectance(levels: NDArray) -> NDArray[np.float32]:
+    """Reflectance of printed grey levels, 0..255, as a printer that keeps to sRGB makes them."""
+    return np.float32(INK) + np.float32(PAPER - INK) * to_linear(np.asarray(levels, np.float32) / 255)
 
 
 def marker_corner_cm(number: int, corner: int) -> tuple[float, float]:

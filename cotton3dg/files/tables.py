@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.columns import Column, columns_of
+from ..core.lint_colour import BollColour, LintColour
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
 from ..errors import BadInput
@@ -18,11 +19,11 @@ BYTE_ORDER_MARK = "\ufeff"
 
 TRAITS = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
-    *columns_of(PlantTraits, PlantEvidence, MapTraits),
+    *columns_of(PlantTraits, PlantEvidence, MapTraits, LintColour),
 )
 """Of traits.csv."""
 
-BOLLS = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits))
+BOLLS = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
 """Of bolls.csv."""
 
 BRANCHES = (Column("plant_id", "", "name of the plant"), *columns_of(BranchTraits))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..documents.scale import NO_SOURCE, ScaleInfo
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
 from .card import CARD_MARKERS, scale_from_card
-from .markers import MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
+from .markers import Corner, MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
+from .patches import read_patches
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
 from .sections import cut_table, draw_sections, scale_from_all_sections, scale_from_central_section
@@ -53,6 +55,8 @@ class FoundScale:
     outcome: StageOutcome
     pictures: Pictures = field(default_factory=dict)
     """File name -> photo with the reference drawn on it."""
+    patches: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Photo -> (6, 3) grey levels of the card's patches, where the card was sought."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,16 @@ class _Scene:
     table: TableFit | NoTable
     ground: Rectangle | None
     """The table top, or else the highest large level plane."""
+
+    @cached_property
+    def card_views(self) -> list[tuple[dict[Corner, NDArray[np.float64]], NDArray[np.float64] | None]]:
+        """Corners of the card's markers in the photo of each camera, and the levels of its patches."""
+        views = []
+        for camera in self.plant.cameras:
+            photo = self.plant.photo(camera.name)
+            corners = find_markers(photo, CARD_MARKERS)
+            views.append((corners, read_patches(photo, corners)))
+        return views
 
     def shown(self) -> list[tuple[Camera, NDArray[np.uint8]]]:
         """Photos for pictures, from around the plant."""
@@ -91,11 +105,16 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent)
             refused[source] = found.reason
         else:
             references.append(found)
+    patches = {}
+    if "card" in wanted:
+        seen = zip(plant.cameras, scene.card_views, strict=True)
+        patches = {camera.name: levels for camera, (_, levels) in seen if levels is not None}
     if scene.ground is None:
         references, refused["plane"] = [], "no level plane lies below the cameras"
     if not references or scene.ground is None:
         reason = "; ".join(f"{source}: {why}" for source, why in refused.items())
-        return no_scale(reason, f"no scale was found ({reason}); {_REMEDY[options.method]}")
+        found_none = no_scale(reason, f"no scale was found ({reason}); {_REMEDY[options.method]}")
+        return replace(found_none, patches=patches)
     progress(len(scene.chosen) + 1, len(scene.chosen) + 1)
     together = reconcile(references)
     scale = scale_on(scene.ground, together.cm_per_su, together.relative_error, "+".join(together.agreeing))
@@ -103,7 +122,7 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent)
     info = ScaleInfo.of_scale(scale, evidence=evidence, references=_facts(references), refused=refused)
     summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
     unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
-    return FoundScale(info, StageOutcome(summary, *_doubts(together, unclear)), pictures)
+    return FoundScale(info, StageOutcome(summary, *_doubts(together, unclear)), pictures, patches)
 
 
 def no_scale(reason: str, *warnings: str) -> FoundScale:
@@ -163,7 +182,7 @@ def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReferenc
 
 
 def _card(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
-    found = [find_markers(scene.plant.photo(camera.name), CARD_MARKERS) for camera in scene.plant.cameras]
+    found = [corners for corners, _ in scene.card_views]
     fit = scale_from_card(scene.plant.cameras, found, options.card.ruler_cm)
     if isinstance(fit, NoReference):
         return fit, {}

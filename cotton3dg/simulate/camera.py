@@ -91,10 +91,10 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     plant, 0.55 m from it.
 
     Args:
-        options: `seed`, `frames`, `width`, `height`, `shot`, `turn_deg`, `uneven`, `cut`.
+        options: `seed`, `walk`, `frames`, `width`, `height`, `shot`, `turn_deg`, `uneven`, `cut`.
         vertices: (V, 3) m of the plant.
     """
-    rng = np.random.default_rng([options.seed, 3])
+    rng = np.random.default_rng([options.seed, 3, *([options.walk] if options.walk else [])])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre = 0.5 * (low + high)
     # Walking: slow drifts of centimetres, steps (about 12 a turn) of millimetres.

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.srgb import to_linear
 from ..core.training_picture import LINT, UNKNOWN, TrainingPicture
 from .plates import LIGHTS, PLATE_PX, Plate
-from .render import linear
 
 Float32 = NDArray[np.float32]
 
@@ -134,7 +134,7 @@ def _background(rng: np.random.Generator, picture: NDArray[np.uint8], size: int)
     )
     if rng.random() < 0.5:
         piece = piece[:, ::-1]
-    light = linear(piece.astype(np.float32) / 255) * rng.uniform(0.85, 1.15, 3).astype(np.float32)
+    light = to_linear(piece.astype(np.float32) / 255) * rng.uniform(0.85, 1.15, 3).astype(np.float32)
     if rng.random() < 0.35:
         grey = light.mean(axis=2, keepdims=True)
         light = grey + (light - grey) * np.float32(rng.uniform(0, 0.6))

@@ -94,7 +94,8 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 
     Args:
         options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
-            the top, `contact`, how close these are, and `stem_cm` (0 = 56 to 80, drawn).
+            the top, `contact`, how close these are, `stem_cm` (0 = 56 to 80, drawn), and what was done to the plant:
+            `picked`, `turned_deg`.
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
@@ -110,13 +111,41 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     wood = merge([stem, *grown.stubs, *twigs, *(wood_of(stalk, 10) for stalk in stalks), *petioles])
     roots = wood.vertices[:, 2].clip(min=0)
     wood = weather(replace(wood, vertices=np.column_stack([wood.vertices[:, :2], roots])), noise, 0.5)
-    return PlantMeshes(
+    plant = PlantMeshes(
         wood,
         weather(leaves, noise, 0.45),
         tuple(_boll(rng, noise, site) for site in grown.sites),
         base,
         (*grown.axes, *stalks),
         tuple(grown.positions),
+    )
+    return _turned(_picked(plant, options.picked), np.deg2rad(options.turned_deg))
+
+
+def _picked(plant: PlantMeshes, n: int) -> PlantMeshes:
+    """The plant without its last n bolls; their stalks stay, as wood that is no peduncle of a boll."""
+    left = max(len(plant.bolls) - n, 0)
+    axes = plant.axes[: len(plant.axes) - len(plant.bolls) + left]
+    return replace(plant, bolls=plant.bolls[:left], axes=axes, positions=plant.positions[:left])
+
+
+def _turned(plant: PlantMeshes, angle: float) -> PlantMeshes:
+    """The plant turned about the vertical through its foot, counter-clockwise seen from above, rad."""
+    if not angle:
+        return plant
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    stays = plant.stem_base - plant.stem_base @ rotation.T
+
+    def turned(mesh: Mesh) -> Mesh:
+        return replace(mesh, vertices=mesh.vertices @ rotation.T + stays)
+
+    return replace(
+        plant,
+        wood=turned(plant.wood),
+        leaves=turned(plant.leaves),
+        bolls=tuple(Boll(turned(boll.lint), turned(boll.bur)) for boll in plant.bolls),
+        axes=tuple(replace(axis, curve=axis.curve @ rotation.T + stays) for axis in plant.axes),
     )
 
 

@@ -11,6 +11,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
+from ..core.srgb import to_linear, to_srgb
 from .atlas import Atlas, pack
 from .lighting import irradiance
 from .mesh import Mesh, merge
@@ -55,7 +56,7 @@ def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     lint = plant_light[whole.triangles[boll_ids > 0].ravel()]
     gain = np.float32(WHITE / np.quantile(lint if len(lint) else plant_light, 0.98))
     lights = _panel_light(rays, room)
-    images = [linear(panel.image) * (gain * light) for panel, light in zip(room.panels, lights, strict=True)]
+    images = [to_linear(panel.image) * (gain * light) for panel, light in zip(room.panels, lights, strict=True)]
     return RenderScene(
         rays=rays,
         atlas=pack(images),
@@ -144,11 +145,6 @@ def instance_ids(scene: RenderScene, camera: Camera, *, k1: float = 0.0) -> NDAr
     return ids.reshape(camera.height, camera.width)
 
 
-def linear(srgb: Float32) -> Float32:
-    """Linear light of sRGB values in 0..1."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
 def develop(
     light: Float32, *, exposure_ev: float = 0.0, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> NDArray[np.uint8]:
@@ -161,7 +157,7 @@ def develop(
     if exposure_ev:
         light = light * np.float32(2.0**exposure_ev)
     light = light.clip(0, 1)
-    grey = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    grey: NDArray[np.floating] = 255 * to_srgb(light)
     if noise and rng is not None:
         grey = grey + rng.normal(0, noise, grey.shape)
     return (grey + 0.5).clip(0, 255).astype(np.uint8)

@@ -78,12 +78,13 @@ class _Builder:
         self.panel(foot - 0.5 * w * x + 0.5 * d * y + up, w * x, -d * y, top or paint, finer)
 
 
-def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
+def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None = None) -> Room:
     """The room of a seed: four walls of different make, a floor, furniture, and the table with the clamp.
 
     Args:
         options: `seed`, the table's size and presence; `width` sets how finely textures are painted.
         stem_base: (3,) m, where the clamp holds the stem.
+        card: (H, W, 3) sRGB in 0..1, a printed sheet of A4 that lies on the table.
     """
     rng = np.random.default_rng([options.seed, 2])
     # A texel is about half a pixel on the far wall of a 640 px video.
@@ -106,6 +107,8 @@ def build_room(options: SimulateOptions, stem_base: Float64) -> Room:
     # Drawn last and with other numbers: the same seed is the same room with and without them.
     build.rng = np.random.default_rng([options.seed, 3])
     _markers(build, options)
+    if card is not None:
+        _card(build, options, card)
     if options.hidden:
         _box_on_table(build, options)
     if options.second_table:
@@ -245,6 +248,15 @@ def _markers(build: _Builder, options: SimulateOptions) -> None:
         across = np.array([np.cos(turn), np.sin(turn), 0.0]) * side * 8 / 6
         down = np.array([across[1], -across[0], 0.0])
         build.panels.append(Panel(middle - 0.5 * (across + down), across, down, sheet))
+
+
+def _card(build: _Builder, options: SimulateOptions, sheet: Image) -> None:
+    """A sheet of A4 at one end of the table, a little askew."""
+    turn = build.rng.uniform(-0.12, 0.12)
+    across = 0.21 * np.array([np.cos(turn), np.sin(turn), 0.0])
+    down = 0.297 * np.array([np.sin(turn), -np.cos(turn), 0.0])
+    middle = np.array([0.005 * options.table_length_cm - 0.16, 0.0, 0.0016])
+    build.panels.append(Panel(middle - 0.5 * (across + down), across, down, sheet))
 
 
 def _box_on_table(build: _Builder, options: SimulateOptions) -> None:

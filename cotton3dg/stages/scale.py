@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.card import PATCH_LEVELS, printed_reflectance
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..documents.patches import PatchesInfo
 from ..errors import BadUsage, MissingInput, NoScale
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_image
@@ -26,13 +28,15 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent) -> StageOutcome:
     """Writes scale.json and photos that show the reference: table_<n>.jpg, sections.jpg, markers_<n>.jpg,
-    points_<n>.jpg.
+    points_<n>.jpg; where a card was sought and seen, patches.json.
 
     Raises:
+        BadUsage: reflectances that are none.
         NoScale: no reference was found although `require_scale` is set.
     """
     workspace.require(workspace.undistorted / "sparse", "sfm")
     workspace.require(workspace.gaussians_ply, "train")
+    reflectances = _reflectances(options.card.patches)
     if options.method == "none":
         found = no_scale("no reference was asked for")
     else:
@@ -45,9 +49,29 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
         raise NoScale(warnings[0])
     with workspace.writing("scale") as folder:
         found.info.save(folder / workspace.scale_json.name)
+        if found.patches:
+            views = {name: tuple(map(tuple, levels.tolist())) for name, levels in found.patches.items()}
+            PatchesInfo(reflectances, views).save(folder / workspace.patches_json.name)
         for name, picture in found.pictures.items():
             write_image(folder / name, picture)
     return found.outcome
+
+
+def _reflectances(text: str) -> tuple[float, ...]:
+    """Of the card's patches from white to black, 0..1: as measured, in per cent, or those of a usual print.
+
+    Raises:
+        BadUsage: not as many falling numbers as there are patches.
+    """
+    if not text:
+        return tuple(printed_reflectance(np.array(PATCH_LEVELS)).tolist())
+    try:
+        measured = [float(word) / 100 for word in text.split(",")]
+    except ValueError:
+        measured = []
+    if len(measured) != len(PATCH_LEVELS) or not (np.diff([1.2, *measured, 0]) < 0).all():
+        raise BadUsage(f"--patches {text!r}: write {len(PATCH_LEVELS)} falling reflectances in %, e.g. 86,53,29,14,6,4")
+    return tuple(measured)
 
 
 def load_plant(
@@ -80,4 +104,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))
+STAGE = Stage("scale", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))

@@ -6,10 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..core.bolls import BollInstance
 from ..core.columns import cells_of
+from ..core.lint_colour import BollColour
 from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantTraits, Scale
 from ..core.outcome import StageOutcome
@@ -19,6 +21,7 @@ from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, describe_bolls, read_bolls
 from ..documents.corrections import Corrections
 from ..documents.masks import MasksInfo
+from ..documents.patches import PatchesInfo
 from ..documents.scale import read_scale
 from ..documents.sfm import SfmInfo
 from ..documents.skeleton import describe_map
@@ -26,6 +29,7 @@ from ..documents.train import TrainMetrics
 from ..documents.weights import WeightModel
 from ..errors import BadInput
 from ..files.colmap import read_cameras
+from ..files.images import read_ids, read_image
 from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.skeleton import draw_map, skeleton_ply
@@ -34,6 +38,7 @@ from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..options import TraitsOptions
 from ..traits.corrections import Corrected, PlantFrame, apply_corrections
+from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from ..traits.measure import Measured, mark_corrections, measure_plant
 from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
@@ -56,6 +61,8 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.corrections_json,
         workspace.masks_json,
         workspace.undistorted / "sparse",
+        workspace.patches_json,
+        *([workspace.folder("masks"), workspace.undistorted / "images"] if workspace.patches_json.exists() else []),
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -94,11 +101,22 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     evidence = _evidence(workspace, scale, metrics, flags)
     whose = {"plant_id": options.plant_id or workspace.plant_id}
     sites = boll_rows(plant_map)
+    colours = _lint_colours(workspace, corrected.bolls if corrected else bolls)
+
+    def colour_of(boll_id: int) -> BollColour:
+        return boll_colour(colours.get(boll_id, []))
+
     tables = {
-        workspace.traits_csv.name: (TRAITS, [whose | cells_of(measured.traits, evidence, map_traits)]),
+        workspace.traits_csv.name: (
+            TRAITS,
+            [whose | cells_of(measured.traits, evidence, map_traits, plant_colour(colours.values()))],
+        ),
         workspace.bolls_csv.name: (
             BOLLS,
-            [whose | cells_of(boll, sites.get(boll.boll_id, BollMapTraits())) for boll in measured.bolls],
+            [
+                whose | cells_of(boll, sites.get(boll.boll_id, BollMapTraits()), colour_of(boll.boll_id))
+                for boll in measured.bolls
+            ],
         ),
         workspace.branches_csv.name: (BRANCHES, [whose | cells_of(branch) for branch in branch_rows(plant_map)]),
     }
@@ -130,6 +148,25 @@ def _corrected(
         return None
     frame = PlantFrame(scale, measured.plant.foot) if scale and measured.plant else None
     return apply_corrections(bolls, found.corrections, gaussians, gaussians.sha256(), frame)
+
+
+def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, list[NDArray[np.float64]]]:
+    """Mean reflectance of each boll in each photo that shows it and the card's patches; none without a card."""
+    found: dict[int, list[NDArray[np.float64]]] = {boll.boll_id: [] for boll in bolls}
+    patches = PatchesInfo.load_if_there(workspace.patches_json)
+    if patches is None:
+        return found
+    for view, levels in sorted(patches.views.items()):
+        calibration = calibrate(np.array(levels), patches.reflectances)
+        shown = {boll.boll_id: [mask_id for name, mask_id in boll.masks if name == view] for boll in bolls}
+        if calibration is None or not any(shown.values()):
+            continue
+        photo, ids = read_image(workspace.undistorted_image(view)), read_ids(workspace.mask_png(view))
+        for boll_id, mask_ids in shown.items():
+            colour = mask_reflectance(photo, np.isin(ids, mask_ids), calibration)
+            if colour is not None:
+                found[boll_id].append(colour)
+    return found
 
 
 def _map(
@@ -186,4 +223,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=8, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=9, inputs=inputs, run=run, cost=_cost, named_files=named_files)

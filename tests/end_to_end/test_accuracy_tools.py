@@ -8,8 +8,9 @@ import sys
 
 import numpy as np
 import pytest
+from card_scale import card_scale
 from error_budget import put_true_cameras, share
-from scenes.tiny_plant import FILM, ROOT
+from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.commands.simulate import simulate
@@ -20,18 +21,6 @@ from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
 TOOLS = ROOT / "tests" / "accuracy"
-# Bolls of the tiny plant's 320 px are found or not by chance.
-FINER_FILM = FILM | {"width": 480, "height": 270}
-FINER_OPTIONS = """\
-[frames]
-count = 40
-[train]
-max_side = 480
-steps = 400
-max_gaussians = 30000
-[masks]
-views = 16
-"""
 
 
 @pytest.fixture
@@ -107,3 +96,10 @@ def test_effect_decisions_are_counted(filmed, tmp_path):
     command = [sys.executable, TOOLS / "effect_decisions.py", tmp_path, "--only", "none-1"]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     assert "100% of 4 decisions are right" in said
+
+
+def test_a_card_alone_gives_the_scale_of_a_film(tmp_path):
+    """Through structure from motion; the film is as large as its markers need."""
+    row = card_scale(tmp_path / "film", {"seed": 5, "bolls": 6})
+    assert abs(row["error, %"]) < 0.5
+    assert row["photos with patches"] >= 6

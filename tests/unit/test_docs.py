@@ -20,6 +20,9 @@ from scenes.doc_commands import (
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
+from cotton3dg.core.columns import columns_of
+from cotton3dg.evaluation.changes import BollChange, TraitChange
+from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
 from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.options import STAGE_OPTIONS, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
@@ -161,10 +164,15 @@ def table_of(columns):
     return "".join(f"{line}\n" for line in lines)
 
 
-@pytest.mark.parametrize("columns", [TRAITS, BOLLS, BRANCHES], ids=["traits.csv", "bolls.csv", "branches.csv"])
-def test_csv_md_has_the_table_of_the_columns(columns):
+@pytest.mark.parametrize(
+    ("columns", "page"),
+    [(TRAITS, "csv.md"), (BOLLS, "csv.md"), (BRANCHES, "csv.md")]
+    + [(columns_of(kind), "compare.md") for kind in (BollChange, TraitChange, TraitRepeat, BollRepeat, Bias)],
+    ids=lambda value: value if isinstance(value, str) else value[-1].name,
+)
+def test_pages_have_the_tables_of_the_columns(columns, page):
     table = table_of(columns)
-    assert f"\n\n{table}\n" in (ROOT / "docs" / "csv.md").read_text(encoding="utf-8"), f"put this there:\n{table}"
+    assert f"\n\n{table}\n" in (ROOT / "docs" / page).read_text(encoding="utf-8"), f"put this there:\n{table}"
 
 
 def test_csv_md_tells_the_flags():
@@ -190,8 +198,9 @@ def finished(tmp_path_factory) -> Workspace:
 
 
 def test_cells_are_blank_when_csv_md_says_so(finished):
+    card = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
     by_hand = "the masks do not come from the bolls' network on a trained model"
-    usual = "no fit of weights (`traits.weight_model`)", "not corrected", by_hand
+    usual = "no fit of weights (`traits.weight_model`)", "not corrected", card, by_hand
     assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual)]
     scale = finished.scale_json.read_text()
     with finished.writing("scale") as made:

@@ -29,11 +29,12 @@ CONTRACT = {
     "branch_angle_mean_deg, branch_angle_mean_error_deg, branch_length_mean_cm, "
     "branch_length_mean_error_cm, branch_density_lower, branch_density_middle, "
     "branch_density_upper, bolls_by_branch, bolls_position_1, bolls_position_2, bolls_position_3, "
-    "first_position_share_pct",
+    "first_position_share_pct, lint_cie_l, lint_cie_a, lint_cie_b, lint_rd_pct, lint_plus_b",
     "bolls.csv": "plant_id, boll_id, x_cm, y_cm, z_cm, volume_cm3, alpha_volume_cm3, diameter_cm, n_gaussians, "
     "n_views, confidence, qc_flags, volume_error_cm3, projected_area_cm2, volume_published_cm3, "
     "corrected, original_bolls, original_volume_cm3, branch, branch_confidence, rank_on_branch, "
-    "path_from_stem_cm, fruiting_position, fruiting_position_confidence",
+    "path_from_stem_cm, fruiting_position, fruiting_position_confidence, lint_cie_l, lint_cie_a, "
+    "lint_cie_b, lint_rd_pct, lint_plus_b, lint_colour_views",
     "branches.csv": "plant_id, branch, kind, parent, height_cm, azimuth_deg, angle_deg, length_cm, reach_cm, "
     "diameter_mm, n_bolls, boll_ids, confidence",
 }

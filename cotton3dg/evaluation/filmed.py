@@ -1,0 +1,114 @@
+"""A finished plant as its tables and its map tell of it, to be laid beside another film."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.columns import Column, columns_of
+from ..core.lint_colour import LintColour
+from ..core.map_measurements import MapTraits
+from ..core.measurements import PlantTraits
+from ..core.plant_map import PlantMap
+from ..documents.skeleton import SkeletonInfo, read_map
+from ..errors import BadInput
+from ..files.tables import parse_number, read_rows
+from ..workspace import Workspace
+from .align import Layout
+
+NO_TRAIT = ("corrections", "original_boll_count", "original_boll_volume_cm3", "boll_count_odd", "boll_count_even")
+INTERVAL = {"low", "high"}
+"""Words in the names of columns that are ends of an interval."""
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """One film of a plant; (B,) and (B, 3) arrays are of its bolls, in the order of bolls.csv."""
+
+    name: str
+    """Its folder as it was given."""
+    traits: Mapping[str, str]
+    """Its row of traits.csv."""
+    ids: tuple[int, ...]
+    centres_cm: NDArray[np.float64]
+    volumes_cm3: NDArray[np.float64]
+    volume_errors_cm3: NDArray[np.float64]
+    diameters_cm: NDArray[np.float64]
+    flags: tuple[str, ...]
+    """Quality flags of each boll, by semicolons."""
+    plant_map: PlantMap
+
+    @property
+    def layout(self) -> Layout:
+        branch = {boll.boll_id: boll.branch for boll in self.plant_map.bolls}
+        return Layout(self.centres_cm, tuple(branch.get(boll_id, 0) for boll_id in self.ids), self.plant_map)
+
+    def value(self, trait: str) -> float:
+        """NaN where it was not measured."""
+        return parse_number(self.traits.get(trait))
+
+    def error(self, trait: str) -> float:
+        """Stated standard error of a trait; NaN where there is none."""
+        name = error_column(trait)
+        return self.value(name) if name else float("nan")
+
+
+def read_filmed(folder: Path) -> Filmed:
+    """Read a finished plant.
+
+    Raises:
+        MissingInput: the stage traits has not run.
+        BadInput: the plant has no scale, so that its bolls have no places.
+    """
+    workspace = Workspace(folder)
+    traits = read_rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    if traits.get("scale_source") == "none":
+        raise BadInput(f"{folder} has no scale, so its bolls have no places; see docs/scale.md")
+    rows = read_rows(workspace.require(workspace.bolls_csv, "traits"))
+
+    def numbers(name: str) -> NDArray[np.float64]:
+        return np.array([parse_number(row.get(name)) for row in rows], np.float64)
+
+    return Filmed(
+        str(folder),
+        traits,
+        tuple(int(row["boll_id"]) for row in rows),
+        np.column_stack([numbers(f"{axis}_cm") for axis in "xyz"]),
+        numbers("volume_cm3"),
+        numbers("volume_error_cm3"),
+        numbers("diameter_cm"),
+        tuple(row.get("qc_flags", "") for row in rows),
+        read_map(SkeletonInfo.load(workspace.require(workspace.skeleton_json, "traits"))),
+    )
+
+
+def comparable_traits() -> list[Column]:
+    """Columns of traits.csv that are measured on the plant."""
+    return [
+        column
+        for column in columns_of(PlantTraits, MapTraits, LintColour)
+        if column.unit
+        and column.name not in (*NO_TRAIT, *_errors().values())
+        and not INTERVAL & set(column.name.split("_"))
+    ]
+
+
+def error_column(trait: str) -> str:
+    """Column with the standard error of a trait; empty where there is none."""
+    return _errors().get(trait, "")
+
+
+def _errors() -> dict[str, str]:
+    """Trait -> column of its standard error: `x_error` of x, `x_error_cm` of `x_cm`."""
+    names = {column.name for column in columns_of(PlantTraits, MapTraits)}
+    found = {}
+    for name in names:
+        body, _, unit = name.rpartition("_")
+        error = next((each for each in (f"{name}_error", f"{body}_error_{unit}") if each in names), "")
+        if error:
+            found[name] = error
+    return found

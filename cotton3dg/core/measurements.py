@@ -99,7 +99,11 @@ class BollTraits:
         later=True,
     )
     corrected: str = column(
-        "", "what a person did to it: merged, split or added", blank_when=NOT_CORRECTED, later=True, default=""
+        "",
+        "what a person did to it: merged, split, added, or rescaled with all others by moving the table's corners",
+        blank_when=NOT_CORRECTED,
+        later=True,
+        default="",
     )
     original_bolls: str = column(
         "", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", later=True, default=""
@@ -239,6 +243,12 @@ class PlantTraits:
     )
     original_boll_volume_cm3: float = column(
         "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
+    )
+    original_plant_height_cm: float = column(
+        "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_PLANT}", later=True
+    )
+    original_canopy_size_cm: float = column(
+        "cm", "canopy_size_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_PLANT}", later=True
     )
 
 

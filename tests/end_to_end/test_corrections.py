@@ -171,9 +171,7 @@ def test_a_corner_is_for_the_photos_that_were_pointed_at(reported_copy):
     correct(reported_copy, Asked(corner=[picks]))
     assert ScaleInfo.load(reported_copy.scale_json).found
     # Another image under the name of one that was pointed at, as another run makes it.
-    shutil.copyfile(
-        reported_copy.undistorted_image(cameras[2].name), reported_copy.undistorted_image(cameras[1].name)
-    )
+    shutil.copyfile(reported_copy.undistorted_image(cameras[2].name), reported_copy.undistorted_image(cameras[1].name))
     outcome = correct(reported_copy, Asked(delete=[1], corner=[picks_of((cameras[3], cameras[6]), found.corners[0])]))
     assert outcome.refused == ("correction not applied: corner: a photo that was pointed at is another one now",)
     info = ScaleInfo.load(reported_copy.scale_json)

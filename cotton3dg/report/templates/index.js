@@ -52,6 +52,13 @@
     }
   }
 
+  // ------------------------------------------------------------ the list to take along
+  document.getElementById("print_list")?.addEventListener("click", () => {
+    document.body.classList.add("only_list");
+    window.print();
+  });
+  window.addEventListener("afterprint", () => document.body.classList.remove("only_list"));
+
   // ------------------------------------------------------------ choosing by the field book
   const filters = [...document.querySelectorAll("[data-filter]")];
 

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..geometry.polylines import length_of
+from .labels import Labels, Spot, around, beside, text_box
 
 INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
 PX_PER_CM = 9.0
 MARGIN_PX = 110.0
+BOLL_PX = 9.0
+LEADER_PX = 6.0
+"""A boll farther from its label has a line to it; a branch, which its label stands off, three times as far."""
 RISE = np.tan(np.radians(18.0))
 """Slope at which branches are drawn, one as the other."""
 
@@ -66,21 +70,55 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     svg.append(f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>')
     if title:
         svg.append(_text(f"{width / 2:.1f},24", title, "middle", INK, 16))
-    for mark in range(0, int(top) + 1, 10):
+    marks = range(0, int(top) + 1, 10)
+    for mark in marks:
         x, y = at(np.array([left / PX_PER_CM, mark])).split(",")
         svg.append(f'<line x1="{x}" x2="{width:.1f}" y1="{y}" y2="{y}" stroke="#ddd" stroke-width="1"/>')
         svg.append(_text(f"4,{float(y) - 3:.1f}", f"{mark} cm", "start", "#888", 11))
     svg.append(_line(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5))
+    labels = Labels(
+        [text_box(4, float(at(np.array([0.0, mark])).split(",")[1]) - 3, "100 cm", "start", 11) for mark in marks]
+    )
+    labels.add_line(_xy(at(np.zeros(2))), _xy(at(np.array([0.0, top]))))
+    for axis in plant_map.branches:
+        start, end = (at(place) for place in places[axis.rank])
+        svg.append(_line(start, end, _colour(axis), 3 if axis.kind == "fruiting" else 4.5))
+        labels.add_line(_xy(start), _xy(end))
+    bolls = [(boll, _xy(at(_boll_place(boll, places)))) for boll in plant_map.bolls]
+    for boll, (x, y) in bolls:
+        svg += _boll(boll, x, y)
+        labels.taken.append((x - BOLL_PX, y - BOLL_PX, x + BOLL_PX, y + BOLL_PX))
     for axis in plant_map.branches:
         start, end = places[axis.rank]
-        colour = FRUITING if axis.kind == "fruiting" else VEGETATIVE
-        svg.append(_line(at(start), at(end), colour, 3 if axis.kind == "fruiting" else 4.5))
-        outwards = 1 if end[0] >= start[0] else -1
         label = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
-        svg.append(_text(at(end + (outwards * 1.6, 0.9)), label, "start" if outwards > 0 else "end", colour, 12))
-    for boll in plant_map.bolls:
-        svg += _boll(boll, places, plant_map.stem, at)
+        svg += _label(labels, _xy(at(end)), label, 12, beside(1 if end[0] >= start[0] else -1, 12), _colour(axis))
+    for boll, place in bolls:
+        svg += _label(labels, place, f"b{boll.boll_id}", 11, around(BOLL_PX, 11), BOLL, BOLL_PX)
     return "\n".join([*svg, "</svg>"])
+
+
+def _colour(axis: Axis) -> str:
+    return FRUITING if axis.kind == "fruiting" else VEGETATIVE
+
+
+def _xy(at: str) -> tuple[float, float]:
+    x, y = map(float, at.split(","))
+    return x, y
+
+
+def _label(
+    labels: Labels, at: tuple[float, float], text: str, size: int, spots: Sequence[Spot], colour: str, radius: float = 0
+) -> list[str]:
+    """A text where nothing is in its way; with a thin line to what it names, of a radius, where that is not beside."""
+    spot = labels.place(at, text, size, spots)
+    left, top, right, bottom = text_box(spot.x, spot.y, text, spot.anchor, size)
+    way = np.clip(at, [left, top], [right, bottom]) - at
+    away = float(np.hypot(*way))
+    svg = []
+    if away > (radius + LEADER_PX if radius else 3 * LEADER_PX):
+        start, end = at + way * radius / away, at + way
+        svg.append(_line(f"{start[0]:.1f},{start[1]:.1f}", f"{end[0]:.1f},{end[1]:.1f}", colour, 0.8))
+    return [*svg, _text(f"{spot.x:.1f},{spot.y:.1f}", text, spot.anchor, colour, size)]
 
 
 def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
@@ -115,19 +153,23 @@ def _way(side: int, rise: float) -> NDArray:
     return way / np.linalg.norm(way)
 
 
-def _boll(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]], stem: Axis, at: object) -> list[str]:
-    if boll.branch:
-        start, end = places[boll.branch]
-        length = float(np.linalg.norm(end - start))
-        place = start + (end - start) * min(boll.path_cm / max(length, 1e-6), 1.0)
-    else:
-        place = np.array([0.0, float(boll.stalk[0, 2])])
-    x, y = at(place).split(",")  # type: ignore[operator]
-    svg = [f'<circle cx="{x}" cy="{y}" r="9" fill="{BOLL}"><title>boll {boll.boll_id}</title></circle>']
+def _boll_place(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]]) -> NDArray:
+    """(2,) cm on the drawing."""
+    if not boll.branch:
+        return np.array([0.0, float(boll.stalk[0, 2])])
+    start, end = places[boll.branch]
+    length = float(np.linalg.norm(end - start))
+    return np.asarray(start + (end - start) * min(boll.path_cm / max(length, 1e-6), 1.0))
+
+
+def _boll(boll: BollOnMap, x: float, y: float) -> list[str]:
+    svg = [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{BOLL_PX:g}" fill="{BOLL}" stroke="#fff"><title>boll {boll.boll_id}'
+        "</title></circle>"
+    ]
     if boll.position:
         figure = f"{boll.position}" if boll.position < 3 else "3+"
-        svg.append(_text(f"{x},{float(y) + 4:.1f}", figure, "middle", "#fff", 11))
-    svg.append(_text(f"{x},{float(y) + 23:.1f}", f"b{boll.boll_id}", "middle", BOLL, 11))
+        svg.append(_text(f"{x:.1f},{y + 4:.1f}", figure, "middle", "#fff", 11))
     return svg
 
 

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from scenes.chromium import Browser, executable
-from scenes.report_page import HOSTILE, batch_rows, fail, picture
+from scenes.report_page import HOSTILE, batch_row, batch_rows, fail, picture
 from scenes.table_scene import BOLL_RADIUS_CM
 
 from cotton3dg.commands.correct import Asked, correct
@@ -186,6 +186,25 @@ def test_paper_shows_what_the_screen_shows(reported, tmp_path):
         pdf = browser.printed()
         assert pdf.startswith(b"%PDF")
         assert 2 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") + pdf.count(b"/Type /Page/") <= 8
+
+
+def test_the_list_to_film_prints_alone(tmp_path):
+    rows = [*batch_rows(), batch_row("dark", qc_flags="underexposed")]
+    (tmp_path / "index.html").write_text(index_page("field", tmp_path, rows), encoding="utf-8")
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(tmp_path / "index.html")
+        browser.value("(window.print = () => { window.printed = (window.printed || 0) + 1; })")
+        browser.click(*browser.middle("#print_list"))
+        assert browser.value("window.printed") == 1
+        browser.on_paper()
+        shown = "[...document.querySelectorAll('main > section')].filter(e => e.offsetHeight).map(e => e.id)"
+        assert browser.value(shown) == ["to_film"]
+        assert browser.value("document.querySelector('h1').offsetHeight") > 0
+        browser.on_paper(on=False)
+        browser.value("window.dispatchEvent(new Event('afterprint'))")
+        browser.on_paper()
+        assert len(browser.value(shown)) > 2
+        assert browser.complaints == []
 
 
 def test_a_hostile_plant_does_nothing_in_a_browser(tmp_path):
@@ -379,23 +398,37 @@ def test_a_corner_is_moved_and_a_length_measured_in_photos(reported_copy, tmp_pa
     assert outcome.lengths[0].error_cm == pytest.approx(error_cm, rel=0.5)
 
 
+ON_SCREEN = """(place => {{
+    const scene = document.getElementById('scene')._fullLayout.scene._scene;
+    const {{ model, view, projection }} = scene.glplot.cameraParams;
+    const times = (m, v) => [0, 1, 2, 3].map(row => v.reduce((sum, x, k) => sum + m[row + 4 * k] * x, 0));
+    const at = place.map((x, n) => x * scene.dataScale[n]);
+    const [x, y, z, w] = times(projection, times(view, times(model, [...at, 1])));
+    const box = document.querySelector('#scene .gl-container canvas, #scene canvas').getBoundingClientRect();
+    return [box.x + (1 + x / w) / 2 * box.width, box.y + (1 - y / w) / 2 * box.height];
+}})([{}, {}, {}])"""
+"""Where a place of the 3D view is on the screen, by Plotly's own matrices."""
+
+
 def test_a_length_is_measured_in_3d(reported_copy, tmp_path):
+    """Between the topmost boll and another, which the side view shows apart."""
+    rows = {row["boll_id"]: row for row in read_facts(reported_copy).bolls}
+    places = [[float(rows[boll][f"{axis}_cm"]) for axis in "xyz"] for boll in ("1", "4")]
     with Browser(tmp_path / "profile") as browser:
         browser.open(reported_copy.report_html)
         browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
         browser.click(*browser.middle("#ruler"))
-        x0, y0 = browser.middle("#scene")
-        hovered = "(document.getElementById('scene')._hoverdata || []).length"
-        for _ in range(2):
-            start = browser.value("document.getElementById('measured').textContent")
-            for k in range(600):
-                # Away from the first end, along a spiral.
-                browser.move(x0 + 12 * k**0.5 * np.cos(0.7 * k), y0 + 10 * k**0.5 * np.sin(0.7 * k) * (-1 if _ else 1))
-                if browser.value(hovered):
-                    break
-            x, y = x0 + 12 * k**0.5 * np.cos(0.7 * k), y0 + 10 * k**0.5 * np.sin(0.7 * k) * (-1 if _ else 1)
+        browser.middle("#scene")
+        for place in places:
+            x, y = browser.value(ON_SCREEN.format(*place))
+            browser.move(x + 2, y + 2)
+            browser.wait("(document.getElementById('scene')._hoverdata || []).length")
             browser.click(x, y)
-            assert browser.value("document.getElementById('measured').textContent") != start
         (words,) = said(browser)
-        assert words.startswith("ruler ") and words.endswith(" cm")
+        told_cm, error_cm = (float(words.split()[n]) for n in (1, 3))
+        assert told_cm == pytest.approx(np.linalg.norm(np.subtract(*places)), abs=2 * BOLL_RADIUS_CM)
+        assert 0 < error_cm < 1
+        assert told_cm == pytest.approx(
+            float(browser.value("document.getElementById('measured').textContent").split()[0])
+        )
         assert browser.complaints == []

@@ -87,7 +87,7 @@ def test_no_label_of_a_crowded_plant_hides_another(seed):
         x, y, wide = float(item.attrib["x"]), float(item.attrib["y"]), 0.5 * font * len(item.text)
         left = x - wide * {"start": 0, "middle": 0.5, "end": 1}[item.attrib["text-anchor"]]
         boxes.append((left, y - 0.7 * font, left + wide, y))
-        assert 0 <= left and left + wide <= size[0] and 0 <= y <= size[1]
+        assert left >= 0 and left + wide <= size[0] and 0 <= y <= size[1]
     circles = [child.attrib for child in root if child.tag.endswith("circle")]
     boxes += [(float(c["cx"]) - 6, float(c["cy"]) - 6, float(c["cx"]) + 6, float(c["cy"]) + 6) for c in circles]
     for one, other in combinations(range(len(boxes)), 2):

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -100,13 +101,23 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
         else:
             workspace.corrections_json.unlink(missing_ok=True)
     options = {stage: recorded(stage, record.options) for stage, record in records.items() if record}
-    stages = ("scale", "traits") if table_moves else ("traits",)
-    pipeline.run(workspace, options, stages, watcher=watcher, report=True)
+    if table_moves:
+        _scale_again(workspace, options, watcher)
+    pipeline.run(workspace, options, ("traits",), watcher=watcher, report=True)
     done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
     refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
     known = _Known(workspace)
     lengths = tuple(known.length(ruler) for ruler in kept.of(RULER))
     return Outcome(kept, refused, lengths, before, _count(workspace))
+
+
+def _scale_again(workspace: Workspace, options: dict[str, Any], watcher: pipeline.Watcher | None) -> None:
+    """The scale with the corners that are kept; the plant's row goes on to tell the seconds of the plant's run."""
+    before = workspace.read_record("scale")
+    pipeline.run(workspace, options, ("scale",), watcher=watcher)
+    after = workspace.read_record("scale")
+    if before and after:
+        workspace.write_record(replace(after, seconds=before.seconds))
 
 
 class _Known:

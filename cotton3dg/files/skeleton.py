@@ -15,6 +15,8 @@ INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
 PX_PER_CM = 9.0
 MARGIN_PX = 110.0
 BOLL_PX = 9.0
+Px = tuple[float, float]
+"""A place on the drawing."""
 LEADER_PX = 6.0
 """A boll farther from its label has a line to it; a branch, which its label stands off, three times as far."""
 RISE = np.tan(np.radians(18.0))
@@ -58,8 +60,8 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     left, right = ends[:, 0].min() * PX_PER_CM - MARGIN_PX, ends[:, 0].max() * PX_PER_CM + MARGIN_PX
     high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX
 
-    def at(point: NDArray) -> str:
-        return f"{point[0] * PX_PER_CM - left:.1f},{high - point[1] * PX_PER_CM:.1f}"
+    def at(point: NDArray) -> Px:
+        return float(point[0] * PX_PER_CM - left), float(high - point[1] * PX_PER_CM)
 
     width, height = right - left, high + 40
     svg = [
@@ -69,31 +71,31 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     ]
     svg.append(f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>')
     if title:
-        svg.append(_text(f"{width / 2:.1f},24", title, "middle", INK, 16))
-    marks = range(0, int(top) + 1, 10)
-    for mark in marks:
-        x, y = at(np.array([left / PX_PER_CM, mark])).split(",")
-        svg.append(f'<line x1="{x}" x2="{width:.1f}" y1="{y}" y2="{y}" stroke="#ddd" stroke-width="1"/>')
-        svg.append(_text(f"4,{float(y) - 3:.1f}", f"{mark} cm", "start", "#888", 11))
-    svg.append(_line(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5))
-    labels = Labels(
-        [text_box(4, float(at(np.array([0.0, mark])).split(",")[1]) - 3, "100 cm", "start", 11) for mark in marks]
-    )
-    labels.add_line(_xy(at(np.zeros(2))), _xy(at(np.array([0.0, top]))))
+        svg.append(_text((width / 2, 24), title, "middle", INK, 16))
+    labels = Labels()
+    for mark in range(0, int(top) + 1, 10):
+        x, y = at(np.array([left / PX_PER_CM, mark]))
+        svg.append(f'<line x1="{x:.1f}" x2="{width:.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd" stroke-width="1"/>')
+        svg.append(_text((4, y - 3), f"{mark} cm", "start", "#888", 11))
+        labels.taken.append(text_box(4, y - 3, f"{mark} cm", "start", 11))
+    lines = [(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5.0)]
     for axis in plant_map.branches:
-        start, end = (at(place) for place in places[axis.rank])
-        svg.append(_line(start, end, _colour(axis), 3 if axis.kind == "fruiting" else 4.5))
-        labels.add_line(_xy(start), _xy(end))
-    bolls = [(boll, _xy(at(_boll_place(boll, places)))) for boll in plant_map.bolls]
-    for boll, (x, y) in bolls:
+        start, end = places[axis.rank]
+        lines.append((at(start), at(end), _colour(axis), 3 if axis.kind == "fruiting" else 4.5))
+    for line in lines:
+        svg.append(_line(*line))
+        labels.add_line(*line[:2])
+    middles = {boll.boll_id: at(_boll_place(boll, places)) for boll in plant_map.bolls}
+    for boll in plant_map.bolls:
+        x, y = middles[boll.boll_id]
         svg += _boll(boll, x, y)
         labels.taken.append((x - BOLL_PX, y - BOLL_PX, x + BOLL_PX, y + BOLL_PX))
     for axis in plant_map.branches:
         start, end = places[axis.rank]
-        label = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
-        svg += _label(labels, _xy(at(end)), label, 12, beside(1 if end[0] >= start[0] else -1, 12), _colour(axis))
-    for boll, place in bolls:
-        svg += _label(labels, place, f"b{boll.boll_id}", 11, around(BOLL_PX, 11), BOLL, BOLL_PX)
+        text = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
+        svg += _label(labels, at(end), text, 12, beside(1 if end[0] >= start[0] else -1, 12), _colour(axis))
+    for boll_id, middle in middles.items():
+        svg += _label(labels, middle, f"b{boll_id}", 11, around(BOLL_PX, 11), BOLL, BOLL_PX)
     return "\n".join([*svg, "</svg>"])
 
 
@@ -101,13 +103,8 @@ def _colour(axis: Axis) -> str:
     return FRUITING if axis.kind == "fruiting" else VEGETATIVE
 
 
-def _xy(at: str) -> tuple[float, float]:
-    x, y = map(float, at.split(","))
-    return x, y
-
-
 def _label(
-    labels: Labels, at: tuple[float, float], text: str, size: int, spots: Sequence[Spot], colour: str, radius: float = 0
+    labels: Labels, at: Px, text: str, size: int, spots: Sequence[Spot], colour: str, radius: float = 0
 ) -> list[str]:
     """A text where nothing is in its way; with a thin line to what it names, of a radius, where that is not beside."""
     spot = labels.place(at, text, size, spots)
@@ -117,8 +114,8 @@ def _label(
     svg = []
     if away > (radius + LEADER_PX if radius else 3 * LEADER_PX):
         start, end = at + way * radius / away, at + way
-        svg.append(_line(f"{start[0]:.1f},{start[1]:.1f}", f"{end[0]:.1f},{end[1]:.1f}", colour, 0.8))
-    return [*svg, _text(f"{spot.x:.1f},{spot.y:.1f}", text, spot.anchor, colour, size)]
+        svg.append(_line((start[0], start[1]), (end[0], end[1]), colour, 0.8))
+    return [*svg, _text((spot.x, spot.y), text, spot.anchor, colour, size)]
 
 
 def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
@@ -169,23 +166,22 @@ def _boll(boll: BollOnMap, x: float, y: float) -> list[str]:
     ]
     if boll.position:
         figure = f"{boll.position}" if boll.position < 3 else "3+"
-        svg.append(_text(f"{x:.1f},{y + 4:.1f}", figure, "middle", "#fff", 11))
+        svg.append(_text((x, y + 4), figure, "middle", "#fff", 11))
     return svg
 
 
-def _line(start: str, end: str, colour: str, width: float) -> str:
-    (x1, y1), (x2, y2) = start.split(","), end.split(",")
+def _line(start: Px, end: Px, colour: str, width: float) -> str:
     return (
-        f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" stroke="{colour}" stroke-width="{width}" '
-        'stroke-linecap="round"/>'
+        f'<line x1="{start[0]:.1f}" y1="{start[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}" stroke="{colour}" '
+        f'stroke-width="{width:g}" stroke-linecap="round"/>'
     )
 
 
-def _text(place: str, text: str, anchor: str, colour: str, size: int) -> str:
+def _text(place: Px, text: str, anchor: str, colour: str, size: int) -> str:
     from xml.sax.saxutils import escape
 
-    x, y = place.split(",")
     # As a style, since the report's own style of texts would win over attributes.
     return (
-        f'<text x="{x}" y="{y}" text-anchor="{anchor}" style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
+        f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}" '
+        f'style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
     )

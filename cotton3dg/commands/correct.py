@@ -83,14 +83,16 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     if not all(record and record.is_ok for record in records.values()):
         raise MissingInput("the plant has no finished result to correct; run `cotton3dg run` first")
     kept = Corrections.load_if_there(workspace.corrections_json) or Corrections()
-    own = kept.corrections[:-1] if asked.undo else kept.corrections
     if asked.undo and not kept.corrections:
         raise BadUsage("there is no correction to take back")
     known = _Known(workspace)
-    for new in (*_from_file(asked.file), *_from_words(asked)):
-        if problem := new.problem():
+    own: tuple[Correction, ...] = ()
+    # Those that are kept have their places, unless somebody copied the page's file here.
+    said = kept.corrections[:-1] if asked.undo else kept.corrections
+    for correction in (*said, *_from_file(asked.file), *_from_words(asked)):
+        if problem := correction.problem():
             raise BadUsage(f"a correction makes no sense: {problem}")
-        placed = known.placed(new)
+        placed = known.placed(correction)
         own = own if placed in own else (*own, placed)
     before = _count(workspace)
     table_moves = kept.of(CORNER) != Corrections(own).of(CORNER)

@@ -206,6 +206,13 @@ def test_a_ruler_measures_and_changes_nothing(reported_copy):
     assert length.length_cm == pytest.approx(true_cm, abs=1.0)
     assert abs(length.length_cm - true_cm) < 3 * length.error_cm and length.error_cm < 1.0
     assert tables(reported_copy) == before
+    # Copied into the plant's folder as the page saved it, a file does as well.
+    shutil.copyfile(reported_copy.corrections_json, reported_copy.root / "kept.json")
+    said = json.loads(reported_copy.corrections_json.read_text())["corrections"][0]
+    bare = [{key: pick[key] for key in ("image", "x_px", "y_px", "end")} for pick in said["picks"]]
+    reported_copy.corrections_json.write_text(json.dumps({"corrections": [{"kind": "ruler", "picks": bare}]}))
+    assert correct(reported_copy, Asked()).lengths == outcome.lengths
+    assert reported_copy.corrections_json.read_bytes() == (reported_copy.root / "kept.json").read_bytes()
     # Picked in 3D it has places and no picks, and without its model it is not known.
     places = tuple(Place(0, tuple(float(rows(reported_copy)[k][f"{axis}_cm"]) for axis in "xyz")) for k in (1, 4))
     (reported_copy.root / "said.json").write_text(
@@ -287,3 +294,16 @@ def test_the_command_line(reported_copy):
     assert told.exit_code == 8
     assert "delete 1: no boll is there any more" in told.output
     assert "corrections_not_applied" in plant_row(reported_copy)["qc_flags"]
+
+
+def test_a_boll_is_added_where_all_were_missed(reported_copy):
+    """Its size is then that of a usual boll; without a scale nothing tells it."""
+    bolls, sha = read_bolls(*reported_copy.final_bolls())
+    gaussians = read_gaussians(reported_copy.gaussians_ply)
+    scale = read_scale(reported_copy.scale_json)
+    frame = PlantFrame(scale, measure_plant(gaussians, bolls, scale, 0.01, 4.0).plant.foot)
+    said = [Correction("add", (Place(0, None, tuple(bolls[1].centre)),), model=sha)]
+    (added,) = apply_corrections([], said, gaussians, sha, frame).bolls
+    assert set(added.indices) == set(bolls[1].indices)
+    blind = apply_corrections([], said, gaussians, sha, None)
+    assert blind.bolls == [] and "neither another boll nor a scale" in blind.refused[0]

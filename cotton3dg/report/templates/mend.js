@@ -7,8 +7,9 @@ const corrections = (() => {
 
   function tell() {
     panel.hidden = !said.length;
-    document.getElementById("said").replaceChildren(...said.map(({ words }) =>
-      Object.assign(document.createElement("li"), { textContent: words })));
+    const list = document.getElementById("said");
+    list.replaceChildren(...said.map(({ words }) => Object.assign(document.createElement("li"), { textContent: words })));
+    list.scrollTop = list.scrollHeight;
     for (const listener of listeners) listener(said);
   }
 

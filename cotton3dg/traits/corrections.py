@@ -17,8 +17,10 @@ from ..geometry.point_sets import find_compact_part, measure_extent
 NEAR = 0.5
 """A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""
 LEAST_GAUSSIANS = 5
-REACH = 0.65
-"""An added boll reaches this many usual diameters around its place: picks err, and diameters are of centres."""
+REACH = 0.9
+"""An added boll reaches no farther than this many usual diameters around its place: bolls differ, and picks err."""
+AS_WHITE = 0.2
+"""It is of Gaussians that are as white as this quantile of the other bolls'; darker ones are wood and leaves."""
 USUAL_CM = 4.5
 """Diameter of an open boll, where no other boll of the plant tells it."""
 ADDED_OPACITY = 0.1
@@ -193,14 +195,17 @@ def _added(
     if not places or not (bolls or frame):
         return "neither another boll nor a scale tells how large it may be" if places else "its place is not known"
     usual_su = USUAL_CM / frame.scale.cm_per_su if frame else np.nan
-    free = np.ones(len(gaussians), bool)
+    taken = gaussians.opacities > ADDED_OPACITY
     if bolls:
         usual_su = float(np.median([boll.diameter_su for boll in bolls.values()]))
-        free[np.concatenate([boll.indices for boll in bolls.values()])] = False
+        others = np.concatenate([boll.indices for boll in bolls.values()])
+        whiteness = gaussians.colours.min(axis=1)
+        taken &= whiteness >= np.quantile(whiteness[others], AS_WHITE)
+        taken[others] = False
     near = np.linalg.norm(gaussians.means - places[0], axis=1) <= REACH * usual_su
-    indices = np.flatnonzero(near & free & (gaussians.opacities > ADDED_OPACITY))
+    indices = np.flatnonzero(near & taken)
     if len(indices) >= LEAST_GAUSSIANS:
         indices = indices[find_compact_part(gaussians.means[indices])]
     if len(indices) < LEAST_GAUSSIANS:
-        return "the model has nothing there that is no other boll's"
+        return "the model has no lint there that is no other boll's"
     return _of(BollInstance(boll_id, indices, (), places[0], usual_su, 1.0), boll_id, indices, gaussians)

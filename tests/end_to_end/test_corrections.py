@@ -279,7 +279,7 @@ def test_they_outlive_another_model_or_are_told_not_to_apply(reported_copy):
     own = replace(said, model=sha, bolls=(Place(1, None, tuple(bolls[0].centre)),))
     assert len(apply_corrections(bolls, [own], gaussians, sha, None).bolls) == 3
     empty = apply_corrections(bolls, [Correction("add", (Place(0, (0.0, 0.0, 150.0)),))], gaussians, sha, frame)
-    assert "nothing there" in empty.refused[0]
+    assert "no lint there" in empty.refused[0]
     assert POSE.cm(bolls[0].centre[None]) == pytest.approx(BOLLS_CM[:1], abs=1.0)
 
 
@@ -304,6 +304,7 @@ def test_a_boll_is_added_where_all_were_missed(reported_copy):
     frame = PlantFrame(scale, measure_plant(gaussians, bolls, scale, 0.01, 4.0).plant.foot)
     said = [Correction("add", (Place(0, None, tuple(bolls[1].centre)),), model=sha)]
     (added,) = apply_corrections([], said, gaussians, sha, frame).bolls
-    assert set(added.indices) == set(bolls[1].indices)
+    true, made = set(bolls[1].indices.tolist()), set(added.indices.tolist())
+    assert len(true & made) > 0.9 * len(true | made)
     blind = apply_corrections([], said, gaussians, sha, None)
     assert blind.bolls == [] and "neither another boll nor a scale" in blind.refused[0]

@@ -419,10 +419,10 @@ def test_a_length_is_measured_in_3d(reported_copy, tmp_path):
         browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
         browser.click(*browser.middle("#ruler"))
         browser.middle("#scene")
-        for place in places:
+        for boll, place in zip(("1", "4"), places, strict=True):
             x, y = browser.value(ON_SCREEN.format(*place))
             browser.move(x + 2, y + 2)
-            browser.wait("(document.getElementById('scene')._hoverdata || []).length")
+            browser.wait(f"document.querySelector('tr.touched')?.dataset.boll === '{boll}'")
             browser.click(x, y)
         (words,) = said(browser)
         told_cm, error_cm = (float(words.split()[n]) for n in (1, 3))

@@ -219,6 +219,12 @@
       told.textContent = words.replace("ruler ", "");
       corrections.say({ words, saved: { kind: "ruler", bolls: ends.map(end => ({ centre_cm: end })) }, marks: ends });
     }
+    corrections.onChange(said => {
+      if (ends.length < 2 || said.some(item => item.marks === ends)) return;
+      ends = [];
+      drawRod();
+      told.textContent = "";
+    });
     ruler?.addEventListener("click", () => {
       ruler.setAttribute("aria-pressed", String(!measuring()));
       Plotly.restyle(element, { hoverinfo: measuring() ? "none" : "skip" }, points);

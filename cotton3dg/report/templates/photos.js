@@ -174,9 +174,21 @@
     pane.svg.setAttribute("viewBox", [...pane.at, ...size].join(" "));
   }
 
+  const plant = [0, 1, 2].map(n => data.bolls.reduce((sum, boll) => sum + boll[n + 1] / data.bolls.length, 0));
+
+  // Where to look closer first: at the pick, at the part of its line that is nearest to the plant, or at the plant.
+  function target(pane) {
+    const [pick] = picks;
+    if (!pick) return project(photos[pane.shown], plant);
+    if (pick.photo === pane.shown) return pick.at;
+    const { centre } = photos[pick.photo];
+    const ray = rayOf(photos[pick.photo], pick.at);
+    return project(photos[pane.shown], along(centre, ray, dot(minus(plant, centre), ray)));
+  }
+
   function zoom(pane, factor) {
     const size = photos[pane.shown].size;
-    const middle = pane.at.map((x, n) => x + size[n] / pane.zoom / 2);
+    const middle = (pane.zoom === 1 && target(pane)) || pane.at.map((x, n) => x + size[n] / pane.zoom / 2);
     pane.zoom = Math.min(Math.max(pane.zoom * factor, 1), 16);
     pane.at = middle.map((x, n) => x - size[n] / pane.zoom / 2);
     view(pane);

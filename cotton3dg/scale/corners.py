@@ -23,6 +23,8 @@ from .two_points import MAX_ERROR
 SOURCE = "corners"
 TABLE_SOURCES = frozenset(("table", "sections", "all-sections"))
 """References that the table gives; the corners take their place."""
+ALONG_X, ALONG_Y = (1, 0, 3, 2), (3, 2, 1, 0)
+"""Corner -> the one at the other end of its long edge, which has the same y, and of its short edge, of the same x."""
 OFF_TABLE = 0.05
 """Farther from the table top or from a rectangle, in widths of the table, what was picked is no corner of it."""
 
@@ -97,8 +99,9 @@ def lay_through(
 ) -> MovedTable:
     """The table of known size that fits the moved corners best, in the plane of the table as it was found.
 
-    A move is of the corner that is nearest to where its picks meet; the last one of a corner counts. The table is laid
-    by least squares over position, turn and size; through a single moved corner and the one opposite.
+    A move is of the corner that is nearest to where its picks meet; the last one of a corner counts. A moved corner
+    takes its two edges with it, unless the corner at their other end was moved too. The table is laid through the four
+    corners by least squares over position, turn and size.
     """
     axes, origin = scale.table_frame, scale.corners.mean(axis=0)
     width_su = width_cm / scale.cm_per_su
@@ -119,35 +122,38 @@ def lay_through(
         moved[int(np.abs(found - at).argmin())] = (at, picked.error_su)
     if not moved:
         return MovedTable(None, None, tuple(refused))
-    told = [corner + 1 for corner in sorted(moved)]
-    if len(moved) == 1:
-        opposite = (next(iter(moved)) + 2) % 4
-        moved[opposite] = (complex(found[opposite]), scale.relative_error * width_su)
-    corners = sorted(moved)
+    at_corner = [moved.get(corner, (complex(found[corner]), 0.0))[0] for corner in range(4)]
+    there = np.array(
+        [
+            at_corner[k] if k in moved else complex(at_corner[ALONG_Y[k]].real, at_corner[ALONG_X[k]].imag)
+            for k in range(4)
+        ]
+    )
+    errors = np.full(4, scale.relative_error * width_su)
+    errors[list(moved)] = [error_su for _, error_su in moved.values()]
     known = _complex(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [length_cm / 2, width_cm / 2])
-    there, errors = np.array([moved[corner][0] for corner in corners]), np.array([moved[k][1] for k in corners])
-    here = known[corners] - known[corners].mean()
-    spread = float((np.abs(here) ** 2).sum())
-    factor = complex((here.conj() * (there - there.mean())).sum() / spread)
-    residuals = np.abs(there - there.mean() - factor * here)
+    spread = float((np.abs(known) ** 2).sum())
+    factor = complex((known.conj() * (there - there.mean())).sum() / spread)
+    residuals = np.abs(there - there.mean() - factor * known)
     if residuals.max() > OFF_TABLE * width_su:
         refused.append(f"the corners are not those of a table of {length_cm:g} x {width_cm:g} cm")
         return MovedTable(None, None, tuple(refused))
-    # Two corners are met exactly, so the picks' own errors count besides what the fit leaves.
-    left = float((residuals**2).sum()) / max(2 * len(corners) - 4, 1)
-    error = float(np.sqrt((errors**2 * np.abs(here) ** 2).sum() / spread**2 + left / spread)) / abs(factor)
+    left = float((residuals**2).sum()) / 4
+    error = float(np.sqrt((errors**2 * np.abs(known) ** 2).sum() / spread**2 + left / spread)) / abs(factor)
     if error > MAX_ERROR:
         refused.append(f"the picks tell the table's size to {error:.0%} only; pick it in photos from other sides")
         return MovedTable(None, None, tuple(refused))
     x = (factor / abs(factor)).real * axes[0] + (factor / abs(factor)).imag * axes[1]
-    middle = there.mean() - factor * known[corners].mean()
+    middle = there.mean()
     half = np.array([length_cm, width_cm]) / 2 * abs(factor)
     rectangle = Rectangle(
         np.stack([x, np.cross(scale.up, x), scale.up]),
         origin + middle.real * axes[0] + middle.imag * axes[1],
         np.array([-half[0], half[0], -half[1], half[1]]),
     )
-    reference = Reference(SOURCE, 1 / abs(factor), max(error, LEAST_ERROR), {"moved_corners": told})
+    reference = Reference(
+        SOURCE, 1 / abs(factor), max(error, LEAST_ERROR), {"moved_corners": sorted(k + 1 for k in moved)}
+    )
     return MovedTable(reference, rectangle, tuple(refused))
 
 

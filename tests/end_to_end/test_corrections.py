@@ -126,15 +126,15 @@ def test_a_moved_corner_is_a_new_scale_and_the_old_values_are_kept(reported_copy
     cameras = read_cameras(reported_copy.undistorted / "sparse")
     # 4 cm out along both sides of corner 3.
     there = found.corners[2] + (found.table_frame[0] + found.table_frame[1]) * 4 / found.cm_per_su
-    factor = np.linalg.norm(found.corners[2] - found.corners[0]) / np.linalg.norm(there - found.corners[0])
+    factor = (120**2 + 60**2) / (124 * 120 + 64 * 60)  # by least squares over both sides
     outcome = correct(reported_copy, Asked(delete=[1], corner=[picks_of((cameras[1], cameras[5]), there)]))
     assert (outcome.before, outcome.after, outcome.refused) == (4, 3, ())
     info = ScaleInfo.load(reported_copy.scale_json)
     assert info.source == "corners" and info.moved_corners == 1
     assert info.cm_per_su == pytest.approx(found.cm_per_su * factor, rel=5e-3)
-    assert info.relative_error < 0.01 and abs(factor - 1) > 0.03
+    assert 0.003 < info.relative_error < 0.02
     assert info.found.scale.cm_per_su == pytest.approx(found.cm_per_su, rel=5e-3)
-    assert info.scale.corners[2] == pytest.approx(there, abs=1.0 / found.cm_per_su)
+    assert info.scale.corners[2] == pytest.approx(there, abs=1.5 / found.cm_per_su)
     row = plant_row(reported_copy)
     assert row["scale_source"] == "corners" and row["corrections"] == "2"
     for name in ("plant_height_cm", "canopy_size_cm"):

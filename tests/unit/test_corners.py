@@ -45,15 +45,25 @@ def test_two_corners_of_a_wrong_edge_give_the_true_scale():
     assert moved.rectangle.corners == pytest.approx(CORNERS, abs=1.0 / POSE.cm_per_su)
 
 
-def test_more_corners_are_surer_and_a_single_one_leans_on_its_opposite():
+def test_a_moved_corner_takes_its_edges_with_it():
     wrong = found((0.0, 9.0, 0.0, 6.0))
-    errors = {}
-    for corners in ((2,), (2, 0), (1, 2, 3), (0, 1, 2, 3)):
+    for corners in ((2,), (0, 2), (1, 3), (1, 2, 3), (0, 1, 2, 3)):
         moved = lay_through(wrong, CAMERAS, moves_of(*corners, off_px=(0, 0)), LENGTH_CM, WIDTH_CM)
         assert moved.reference.cm_per_su == pytest.approx(POSE.cm_per_su, rel=1e-3), corners
         assert moved.rectangle.corners == pytest.approx(CORNERS, abs=0.1 / POSE.cm_per_su)
-        errors[len(corners)] = moved.reference.relative_error
-    assert errors[4] < errors[2]
+        assert moved.reference.relative_error == pytest.approx(0.001, abs=5e-4)
+
+
+def test_an_edge_that_does_not_fit_the_size_makes_the_scale_less_sure():
+    """2 cm too long: the scale is that of least squares over both sides."""
+    out = found().table_frame[0] * 2 / POSE.cm_per_su
+    moves = [picked(CORNERS[corner] + out) for corner in (1, 2)]
+    moved = lay_through(found(), CAMERAS, moves, LENGTH_CM, WIDTH_CM)
+    sides = np.array([122.0, 60.0]), np.array([120.0, 60.0])
+    assert moved.reference.cm_per_su == pytest.approx(
+        POSE.cm_per_su * (120**2 + 60**2) / (sides[0] @ sides[1]), rel=1e-3
+    )
+    assert 0.003 < moved.reference.relative_error < 0.02
 
 
 def test_the_last_move_of_a_corner_counts():

@@ -261,7 +261,7 @@ def report(plant_dir: PlantDir) -> None:
 
 @app.command(rich_help_panel="Trying it out")
 def evaluate(
-    measured: Annotated[Path, typer.Argument(help="folder of a finished plant, or a table of many plants (.csv)")],
+    measured: Annotated[Path, typer.Argument(help="folder of a finished plant, or a table of plants or bolls (.csv)")],
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's; of a table, a table")] = None,
     masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
     cloud: Annotated[Path | None, typer.Option(help="point cloud as truth, z up (.ply, .pcd, .xyz)")] = None,
@@ -277,14 +277,21 @@ def evaluate(
     from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
     from .evaluation.plant import evaluate as compare
     from .evaluation.plant_map import evaluate_map
-    from .evaluation.tables import evaluate_tables, evaluation_text, write_evaluation
+    from .evaluation.tables import (
+        evaluate_boll_tables,
+        evaluate_tables,
+        evaluation_text,
+        is_boll_table,
+        write_evaluation,
+    )
     from .workspace import Workspace
 
     with report_errors(measured):
         if measured.is_file():
             if truth is None:
                 raise BadUsage("the table of the truth is not given; add --truth TRUTH.csv")
-            evaluation = evaluate_tables(measured, truth)
+            of_bolls = is_boll_table(measured)
+            evaluation = evaluate_boll_tables(measured, truth) if of_bolls else evaluate_tables(measured, truth)
             write_evaluation(out, evaluation)
             typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
             return

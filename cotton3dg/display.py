@@ -220,7 +220,8 @@ def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
     print_trait_errors(errors)
     print(
         f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
-        f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.median_volume_error_pct:.1f} %"
+        f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.mean_volume_error_pct:.1f} % (mean)"
+        f" and {bolls.median_volume_error_pct:.1f} % (median)"
     )
 
 

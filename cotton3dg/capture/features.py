@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from ..core.machine import one_thread_each, usable_cores
+from ..core.progress import Progress
+from ..files.images import read_image
 
 PEAK_THRESHOLD = 0.002
 """Least difference of Gaussians, of images from 0 to 1; a third of COLMAP's: a dark room's low contrast then still
@@ -23,10 +30,47 @@ class Features:
     places_px: NDArray[np.float32]
     """(N, 2) x, y; the corner of the first pixel is (0, 0), as COLMAP has it."""
     descriptors: NDArray[np.uint8]
-    """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long."""
+    """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long; zeros of places that were followed
+    into the image."""
+
+    def joined(self, places_px: NDArray[np.float32]) -> Features:
+        """With (M, 2) places behind the others."""
+        none = np.zeros((len(places_px), self.descriptors.shape[1]), np.uint8)
+        return Features(np.vstack([self.places_px, places_px]), np.vstack([self.descriptors, none]))
 
 
-def find_features(image: NDArray[np.uint8], max_features: int, max_side: int, far_apart: bool) -> Features:
+@dataclass(frozen=True)
+class FeatureSettings:
+    """How features are looked for."""
+
+    most: int
+    """Of an image."""
+    max_side: int
+    """Size that is looked at, px of the longer side; but never more than twice that of the image."""
+    far_apart: bool
+    """Whether images are taken far from each other: then the largest features are preferred, which survive a change of
+    view; else those with the most contrast, which are found to a smaller part of a pixel."""
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """(H, W) of an image file."""
+    return cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY)
+
+
+def features_of_images(
+    image_folder: Path, names: Sequence[str], chosen: Sequence[int], settings: FeatureSettings, progress: Progress
+) -> dict[int, Features]:
+    """Those of the chosen images, by their numbers in `names`; half of the way of structure from motion."""
+    features = {}
+    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+        found = threads.map(lambda number: find_features(read_grey(image_folder / names[number]), settings), chosen)
+        for done, (number, of_image) in enumerate(zip(chosen, found, strict=True)):
+            progress(done // 2, 2 * len(names), "finding features")
+            features[number] = of_image
+    return features
+
+
+def find_features(image: NDArray[np.uint8], settings: FeatureSettings) -> Features:
     """The features that are best found again.
 
     OpenCV looks at twice the size of what it is given, so half of `max_side` is given; the detail lost by that is finer
@@ -34,19 +78,17 @@ def find_features(image: NDArray[np.uint8], max_features: int, max_side: int, fa
 
     Args:
         image: (H, W) grey.
-        far_apart: whether images are taken far from each other: then the largest features are preferred, which survive
-            a change of view; else those with the most contrast, which are found to a smaller part of a pixel.
-        max_side: size that is looked at, px of the longer side; but never more than twice that of the image.
     """
     height, width = image.shape
-    scale = min(1.0, 0.5 * max_side / max(width, height))
+    scale = min(1.0, 0.5 * settings.max_side / max(width, height))
     size = max(1, round(scale * width)), max(1, round(scale * height))
     detector = cv2.SIFT.create(
         nOctaveLayers=OCTAVE_LAYERS, contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD, enable_precise_upscale=True
     )
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    points = sorted(detector.detect(small), key=lambda point: point.size if far_apart else point.response, reverse=True)
-    points = points[:max_features]
+    by_size = settings.far_apart
+    points = sorted(detector.detect(small), key=lambda point: point.size if by_size else point.response, reverse=True)
+    points = points[: settings.most]
     if not points:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     points, descriptors = detector.compute(small, points)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
-from ..core.machine import usable_cores
+from ..core.machine import one_thread_each, usable_cores
 from .features import ROOT_SIFT_NORM, Features
 
 MAX_ANGLE = 0.7
@@ -46,6 +46,15 @@ class PairMatches:
 def match(first: Features, second: Features) -> PairMatches | None:
     """The matches of two images; None when fewer than `MIN_MATCHES` fit together."""
     return verify(first.places_px, second.places_px, match_descriptors(first.descriptors, second.descriptors))
+
+
+def match_pairs(
+    features: Mapping[int, Features], pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], PairMatches]:
+    """The pairs of images that fit together, with their matches."""
+    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
+        found = threads.map(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)
+        return {pair: matches for pair, matches in zip(pairs, found, strict=True) if matches is not None}
 
 
 def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:

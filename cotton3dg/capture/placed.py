@@ -24,6 +24,10 @@ rotation explained by a wrong lens."""
 MAX_GAP_DEG = 60.0
 """Beyond this gap in the orbit, sides of bolls were never seen."""
 
+CONTRADICTED_PCT, MAX_CONTRADICTED_PCT = 5.0, 25.0
+"""Of the pairs of images whose matches the cameras contradict: doubtful, and refused. Of films that were filmed well it
+is 0.0 %."""
+
 
 def require_images(names: Sequence[str]) -> None:
     """The gate before: without some images there is nothing to place."""
@@ -38,6 +42,20 @@ def require_registered(models: Sequence[Any], names: Sequence[str]) -> None:
         raise CaptureFailed(
             f"{n} of {len(names)} frames registered ({MIN_REGISTERED_PCT:.0f} % needed); film one slow full turn with"
             f" the whole plant in view, or try --set frames.count={2 * len(names)}"
+        )
+
+
+def require_agreement(contradicted_pct: float) -> None:
+    """The other gate behind: where cameras contradict what their images have in common, the plant is anywhere.
+
+    Raises:
+        CaptureFailed: too many pairs of images are contradicted.
+    """
+    if contradicted_pct > MAX_CONTRADICTED_PCT:
+        raise CaptureFailed(
+            f"the cameras contradict {contradicted_pct:.0f} % of the pairs of images ({MAX_CONTRADICTED_PCT:.0f} % at"
+            " most): something moved while filming, or too much of the scene looks alike; film one slow full turn with"
+            " everything but you at rest, and with things on or around the table that differ from each other"
         )
 
 
@@ -110,9 +128,18 @@ def outcome_of(info: SfmInfo) -> StageOutcome:
     if info.orbit_largest_gap_deg > MAX_GAP_DEG:
         flags.append("orbit_gap")
         warnings.append(f"no view for {info.orbit_largest_gap_deg:.0f} degrees around the plant; film a full turn")
+    if info.contradicted_pct > CONTRADICTED_PCT:
+        flags.append("cameras_contradicted")
+        warnings.append(
+            f"the cameras contradict {info.contradicted_pct:.0f} % of the pairs of images; something moved while"
+            " filming, or much of the scene looks alike: film again with everything but you at rest"
+        )
     lost = info.plant_out_of_view
     if lost:
         flags.append("plant_out_of_view")
         warnings.append(f"the plant has left the frame in {len(lost)} images, e.g. {lost[0]}; keep it in the middle")
     keys = ("registered_pct", "n_points", "mean_reprojection_error_px", "orbit_coverage_deg")
-    return StageOutcome({key: round(getattr(info, key), 3) for key in keys}, tuple(flags), tuple(warnings))
+    summary: dict[str, Any] = {key: round(getattr(info, key), 3) for key in keys}
+    if info.rescue:
+        summary["rescue"] = ", ".join(f"{step.name}: {step.placed_before} -> {step.placed}" for step in info.rescue)
+    return StageOutcome(summary, tuple(flags), tuple(warnings))

@@ -18,6 +18,8 @@ class MaskSet:
     """Image name -> instance id -> confidence in 0..1."""
     together: bool = False
     """Whether all images decided together: a boll then has one id in all, and its score is the images' agreement."""
+    halves: tuple[int, int] | None = None
+    """Bolls that every second image alone finds, and those that the others do; None where that was not asked."""
 
 
 @dataclass(frozen=True)

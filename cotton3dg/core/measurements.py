@@ -244,6 +244,59 @@ class PlantTraits:
     original_boll_volume_cm3: float = column(
         "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
     )
+    boll_count_halves: tuple[int, int] | None = columns(
+        {
+            "boll_count_odd": "bolls that every second image alone gives",
+            "boll_count_even": "bolls that the other images give",
+        },
+        "1",
+        blank_when="the masks do not come from the bolls' network on a trained model; corrected",
+        later=True,
+        default=None,
+    )
+    boll_count_interval: tuple[int, int] | None = columns(
+        {
+            "boll_count_low": "lower end of the 95 % interval of boll_count, by its standard error",
+            "boll_count_high": "upper end of it",
+        },
+        "1",
+        blank_when="no bolls",
+        later=True,
+        default=None,
+    )
+    boll_volume_interval_cm3: tuple[float, float] | None = columns(
+        {
+            "boll_volume_low_cm3": "lower end of the 95 % interval of boll_volume_cm3, by its standard error",
+            "boll_volume_high_cm3": "upper end of it",
+        },
+        "cm3",
+        2,
+        blank_when=NO_VOLUME,
+        later=True,
+        default=None,
+    )
+    plant_height_interval_cm: tuple[float, float] | None = columns(
+        {
+            "plant_height_low_cm": "lower end of the 95 % interval of plant_height_cm, by its standard error",
+            "plant_height_high_cm": "upper end of it",
+        },
+        "cm",
+        2,
+        blank_when=NO_PLANT,
+        later=True,
+        default=None,
+    )
+    canopy_size_interval_cm: tuple[float, float] | None = columns(
+        {
+            "canopy_size_low_cm": "lower end of the 95 % interval of canopy_size_cm, by its standard error",
+            "canopy_size_high_cm": "upper end of it",
+        },
+        "cm",
+        2,
+        blank_when=NO_PLANT,
+        later=True,
+        default=None,
+    )
     original_plant_height_cm: float = column(
         "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_PLANT}", later=True
     )

@@ -31,6 +31,8 @@ class MasksInfo(Document):
     images: tuple[MaskedImage, ...]
     together: bool = False
     """Whether all images decided together, so that the scores are their agreement."""
+    halves: tuple[int, int] | None = None
+    """Bolls that every second image alone finds, and those that the others do."""
 
     def scores(self) -> dict[tuple[str, int], float]:
         """By image and mask id."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from .document import Document
@@ -18,6 +19,16 @@ class LensDecision:
     needed_from_pct: float | None = None
     corner_px: float | None = None
     """By how much it moves the corners of the image."""
+
+
+@dataclass(frozen=True)
+class RescueStep:
+    """What was tried because too few images were placed."""
+
+    name: str
+    placed_before: int
+    placed: int
+    """Images; the step counts when they are more."""
 
 
 @dataclass(frozen=True)
@@ -49,3 +60,7 @@ class SfmInfo(Document):
     distortion: LensDecision
     plant_out_of_view: tuple[str, ...]
     """Images that miss what the cameras look at."""
+    contradicted_pct: float = math.nan
+    """Pairs of images whose matches their cameras contradict; NaN where there are none."""
+    rescue: tuple[RescueStep, ...] = ()
+    """In order; empty where enough images were placed at once."""

@@ -81,6 +81,8 @@ class ExposureDecision:
     on: bool
     spread_pct: float | None = None
     error_pct: float | None = None
+    likeness: float | None = None
+    """Correlation of what dark and bright points tell."""
     visible_from_pct: float | None = None
     n_observations: int | None = None
     gains: dict[str, tuple[float, ...]] | None = None

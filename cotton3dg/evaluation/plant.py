@@ -77,6 +77,11 @@ class BollMatches:
     """Of each matched boll, with its sign; those without a volume are left out."""
 
     @property
+    def mean_volume_error_pct(self) -> float:
+        """Mean of the absolute errors (MAPE), as Cotton3DGaussians states it."""
+        return float(np.mean(np.abs(self.volume_errors_pct))) if self.volume_errors_pct else math.nan
+
+    @property
     def recall(self) -> float:
         return self.n_matched / self.n_true if self.n_true else math.nan
 

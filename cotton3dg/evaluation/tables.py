@@ -1,7 +1,8 @@
-"""A table of many plants beside a table of the truth: error measures and a scatter plot of each trait.
+"""A table of many plants, or of their bolls, beside a table of the truth: error measures and a plot of each trait.
 
-Plants are matched by plant_id and traits by the header: whatever column both tables have as numbers is compared. A
-column boll_weight_g of the truth is besides predicted from the measured boll volume (seed paper Cotton3DGaussians).
+Plants are matched by plant_id, bolls of one plant by their places or else by boll_id, and traits by the header:
+whatever column both tables have as numbers is compared. A column boll_weight_g of the truth is besides predicted from
+the measured boll volume of a plant (seed paper Cotton3DGaussians).
 """
 
 from __future__ import annotations
@@ -20,11 +21,20 @@ from ..errors import BadInput, MissingInput
 from ..files.saving import explain_disk_errors
 from ..files.scatter import write_scatter
 from ..files.tables import csv_text, parse_number, read_rows
+from .match import match_bolls
+from .plant import MATCH_DISTANCE_CM
 
-ID = "plant_id"
+ID, BOLL = "plant_id", "boll_id"
+PLACE = ("x_cm", "y_cm", "z_cm")
+"""Centre of a boll in the plant's frame."""
 WEIGHT = "boll_weight_g"
 VOLUME = "boll_volume_cm3"
-NOT_TRAITS = (ID, "version", "scale_source", "qc_flags", "seconds", "n_frames", "registered_pct", "psnr_db")
+NOT_TRAITS = (
+    ID, BOLL, *PLACE, "version", "scale_source", "qc_flags", "seconds", "n_frames", "registered_pct", "psnr_db",
+    "n_gaussians", "n_views", "confidence",
+)  # fmt: skip
+
+Row = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -107,22 +117,8 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
     repeated = tuple(sorted({*measured_twice, *truth_twice}))
     plants = [plant for plant in truth if plant in measured and plant not in repeated]
     if not plants:
-        raise BadInput(
-            f"{measured_csv.name} and {truth_csv.name} have no plant in common; check their plant_id columns"
-        )
-    traits = [name for name in _columns(truth) if name in _columns(measured) and name not in NOT_TRAITS]
-    scores, pairs, blank = [], {}, {}
-    for trait in traits:
-        values = np.array([[parse_finite(table[plant][trait]) for table in (truth, measured)] for plant in plants])
-        true, found = values.T
-        if not np.isfinite(true).any():
-            continue
-        both = np.isfinite(values).all(axis=1)
-        scores.append(score(trait, true[both], found[both]))
-        pairs[trait] = (true[both], found[both])
-        lacking = np.isfinite(true) & ~np.isfinite(found)
-        if lacking.any():
-            blank[trait] = tuple(plant for plant, lacks in zip(plants, lacking, strict=True) if lacks)
+        raise _nothing_common(measured_csv, truth_csv)
+    scores, pairs, blank = _compare({plant: (truth[plant], measured[plant]) for plant in plants})
     weight_error_pct = math.nan
     if WEIGHT in _columns(truth) and VOLUME in _columns(measured):
         values = np.array([[parse_finite(truth[p][WEIGHT]), parse_finite(measured[p][VOLUME])] for p in plants])
@@ -133,7 +129,7 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
             pairs[WEIGHT] = (weights, predicted)
             weight_error_pct = scores[-1].mape_pct
     if not scores:
-        raise BadInput(f"{truth_csv.name} has no trait of {measured_csv.name}; name its columns as in traits.csv")
+        raise _no_trait(measured_csv, truth_csv)
     return TableEvaluation(
         scores,
         pairs,
@@ -143,6 +139,101 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
         blank=blank,
         weight_error_pct=weight_error_pct,
     )
+
+
+def evaluate_boll_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
+    """Compare two tables of bolls; of plants that only one of them has nothing is said.
+
+    Where both tables have a plant's places (`PLACE`), its bolls are matched one to one by them, no farther apart than
+    `MATCH_DISTANCE_CM`; else by boll_id. Bolls are named plant/boll.
+
+    Raises:
+        MissingInput: a table is not there.
+        BadInput: a table names no plants or bolls, or the tables have no boll or no trait in common.
+    """
+    measured, truth = (_read_by_boll(path) for path in (measured_csv, truth_csv))
+    common = [plant for plant in truth if plant in measured]
+    matched: dict[str, tuple[Row, Row]] = {}
+    missing, extra = [], []
+    for plant in common:
+        pairs = _matched_bolls(truth[plant], measured[plant])
+        matched |= {f"{plant}/{true[BOLL]}": (true, found) for true, found in pairs}
+        seen = [id(row) for pair in pairs for row in pair]
+        missing += [f"{plant}/{row[BOLL]}" for row in truth[plant] if id(row) not in seen]
+        extra += [f"{plant}/{row[BOLL]}" for row in measured[plant] if id(row) not in seen]
+    if not matched:
+        raise _nothing_common(measured_csv, truth_csv)
+    scores, values, blank = _compare(matched)
+    if not scores:
+        raise _no_trait(measured_csv, truth_csv)
+    return TableEvaluation(scores, values, tuple(missing), tuple(extra), (), blank, math.nan)
+
+
+def is_boll_table(path: Path) -> bool:
+    """Whether a table has a row a boll, as batch_bolls.csv, rather than one a plant."""
+    rows = read_rows(path)
+    return bool(rows) and BOLL in rows[0]
+
+
+def _compare(
+    rows: dict[str, tuple[Row, Row]],
+) -> tuple[list[TraitScore], dict[str, tuple[NDArray, NDArray]], dict[str, tuple[str, ...]]]:
+    """Scores, pairs of values and what is blank, of true and measured rows by name."""
+    scores, pairs, blank = [], {}, {}
+    first = next(iter(rows.values()))
+    for trait in (name for name in first[0] if name and name in first[1] and name not in NOT_TRAITS):
+        values = np.array([[parse_finite(row.get(trait) or "") for row in both] for both in rows.values()])
+        true, found = values.T
+        if not np.isfinite(true).any():
+            continue
+        both = np.isfinite(values).all(axis=1)
+        scores.append(score(trait, true[both], found[both]))
+        pairs[trait] = (true[both], found[both])
+        lacking = np.isfinite(true) & ~np.isfinite(found)
+        if lacking.any():
+            blank[trait] = tuple(name for name, lacks in zip(rows, lacking, strict=True) if lacks)
+    return scores, pairs, blank
+
+
+def _matched_bolls(true: list[Row], found: list[Row]) -> list[tuple[Row, Row]]:
+    """Pairs of rows of one plant."""
+    places = [
+        np.array([[parse_finite(row.get(axis) or "") for axis in PLACE] for row in rows]) for rows in (true, found)
+    ]
+    if all(np.isfinite(each).all(axis=1).any() for each in places):
+        return [(true[i], found[j]) for i, j in match_bolls(places[0], places[1], MATCH_DISTANCE_CM)]
+    by_id = {row[BOLL].strip(): row for row in found}
+    return [(row, by_id[row[BOLL].strip()]) for row in true if row[BOLL].strip() in by_id]
+
+
+def _read_by_boll(path: Path) -> dict[str, list[Row]]:
+    """Rows of each plant.
+
+    Raises:
+        MissingInput: no table. BadInput: it names no plants or bolls, or a boll twice.
+    """
+    if not path.is_file():
+        raise MissingInput(f"{path.name} is missing; give a table with the columns {ID} and {BOLL}")
+    rows = read_rows(path)
+    for name in (ID, BOLL):
+        if not rows or name not in rows[0]:
+            raise BadInput(f"{path.name} has no column {name}; a table of bolls names both plant and boll")
+    counts = Counter((row[ID].strip(), row[BOLL].strip()) for row in rows)
+    twice = [f"{plant}/{boll}" for (plant, boll), count in counts.items() if count > 1]
+    if twice:
+        raise BadInput(f"{path.name} has boll {twice[0]} twice; give each boll of a plant a {BOLL} of its own")
+    plants: dict[str, list[Row]] = {}
+    for row in rows:
+        plants.setdefault(row[ID].strip(), []).append(row)
+    return plants
+
+
+def _nothing_common(measured_csv: Path, truth_csv: Path) -> BadInput:
+    return BadInput(f"{measured_csv.name} and {truth_csv.name} have no plant in common; check their {ID} columns")
+
+
+def _no_trait(measured_csv: Path, truth_csv: Path) -> BadInput:
+    return BadInput(f"{truth_csv.name} has no trait of {measured_csv.name}; name its columns as in traits.csv")
 
 
 SCORES = (

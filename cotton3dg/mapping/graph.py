@@ -21,6 +21,8 @@ COARSE_CM, FAR_CM, FAR_NEIGHBOURS = 0.8, 4.0, 16
 """Of the places so far apart, some are joined over so much: for gaps in wood that hangs together elsewhere."""
 BRIDGE_CM = 7.0
 """The widest gap behind a boll or leaf that is bridged."""
+SMALL_PART = 64
+"""Places; larger parts are few."""
 DEAR = 2.0
 """A way through blades, burs and other bolls costs so many times its length."""
 
@@ -111,7 +113,7 @@ def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
 
     Every part gets its nearest bridges to some others, not one alone: the shortest way decides which is crossed.
     """
-    n = len(places)
+    n, whole = len(places), cKDTree(places)
     found = [np.zeros((0, 2), np.int64)]
     for _ in range(8):
         edges = np.vstack([pairs, *found])
@@ -120,16 +122,36 @@ def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         if count == 1:
             break
         added = []
-        for one in range(count):
-            own, rest = np.flatnonzero(part == one), np.flatnonzero(part != one)
-            distances, nearest = cKDTree(places[rest]).query(places[own], distance_upper_bound=BRIDGE_CM)
+        members = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
+        for one, own in enumerate(members):
+            distances, nearest = _nearest_outside(places, whole, part, one, own)
             order = np.argsort(distances, kind="stable")[:3]
             order = order[np.isfinite(distances[order])]
-            added += [sorted((int(own[i]), int(rest[nearest[i]]))) for i in order]
+            added += [sorted((int(own[i]), int(nearest[i]))) for i in order]
         if not added:
             break
         found.append(np.array(added, np.int64))
     return np.unique(np.vstack(found), axis=0)
+
+
+def _nearest_outside(
+    places: Float64, whole: cKDTree, part: NDArray[np.int64], one: int, own: NDArray[np.int64]
+) -> tuple[Float64, NDArray[np.int64]]:
+    """(K,) from each row of a part to the nearest row of any other within `BRIDGE_CM`, infinite where there is none.
+
+    A cloud of a room falls into thousands of small parts: they ask the tree of all places for more than they have, so
+    that only large parts need a tree of the rest.
+    """
+    if len(own) <= SMALL_PART:
+        k = min(len(own) + 1, len(places))
+        distances, nearest = whole.query(places[own], k=[*range(1, k + 1)], distance_upper_bound=BRIDGE_CM)
+        outside = np.isfinite(distances) & (np.append(part, one)[nearest] != one)
+        first = outside.argmax(axis=1)
+        rows = np.arange(len(own))
+        return np.where(outside.any(axis=1), distances[rows, first], np.inf), nearest[rows, first]
+    rest = np.flatnonzero(part != one)
+    distances, nearest = cKDTree(places[rest]).query(places[own], distance_upper_bound=BRIDGE_CM)
+    return distances, np.append(rest, -1)[nearest]
 
 
 def path_to(tree: WoodTree, row: int, stop: NDArray[np.bool_]) -> list[int]:

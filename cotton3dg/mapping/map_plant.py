@@ -17,6 +17,8 @@ from .skeleton import extract_axes, stem_radius
 from .wood import classify, thinned, wood_places
 
 CLOUD_SPACING_CM = 0.25
+LARGEST_CM = 400.0
+"""No cotton plant is taller or wider: a cloud that is shows a room, and the graph of a room has no end."""
 
 BollPlace = tuple[int, Float64, float]
 """Id, centre (3,) and diameter of a boll, cm."""
@@ -40,6 +42,8 @@ def map_gaussians(
 
 def map_cloud(points_cm: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
     """The map of a scanner's points (N, 3), without those of the bolls; they lie on the surface of the wood."""
+    if len(points_cm) and np.ptp(points_cm, axis=0).max() > LARGEST_CM:
+        return PlantMap((), (), "no_plant")
     drawn_map = map_places(thinned(points_cm, CLOUD_SPACING_CM), bolls)
     axes = tuple(replace(axis, radii=_surface_radii(axis.curve, points_cm)) for axis in drawn_map.axes)
     return replace(drawn_map, axes=axes)

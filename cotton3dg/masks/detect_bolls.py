@@ -12,11 +12,14 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from .bolls import BollNetwork
 from .group_votes import group_votes
-from .lint_in_space import gather_lint
+from .lint_in_space import LintInSpace, gather_lint
 from .looks import see_at_all_looks
-from .meeting_votes import cast_votes, measure_agreement
+from .meeting_votes import Votes, cast_votes, measure_agreement
 from .outline_bolls import outline_bolls
 from .separate_bolls import separate_bolls
+
+FEWEST_TO_HALVE = 12
+"""Fewer views have halves that say little about the whole."""
 
 
 def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
@@ -67,4 +70,12 @@ def detect_bolls(
         progress(len(images) + done, 2 * len(images), camera.name)
         ids[camera.name] = outline_bolls(image, camera, lint, middles)
         scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(ids[camera.name]) if k}
-    return MaskSet(ids, scores, together=True)
+    halves = count_by_halves(votes, lint) if len(votes) >= FEWEST_TO_HALVE else None
+    return MaskSet(ids, scores, together=True, halves=halves)
+
+
+def count_by_halves(votes: Sequence[Votes], lint: LintInSpace) -> tuple[int, int]:
+    """Bolls that the votes of every second view give, and those that the others' give: what would have been counted
+    with other images. Where lint is both take from all views."""
+    first, second = (len(separate_bolls(votes[start::2], lint).centres) for start in (0, 1))
+    return first, second

@@ -12,6 +12,7 @@ from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import LensDecision, SfmInfo
 from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
+from ..splat.exposure import ALIKE
 from .facts import Facts
 
 BLURRED = 0.4
@@ -73,6 +74,12 @@ FLAGS = {
         "Some frames could not be placed",
         "The camera's position is unknown for these frames and they were not used.",
         "Look at the walk below for where they are; walk more slowly there, or film with more light.",
+    ),
+    "cameras_contradicted": Meaning(
+        "The cameras contradict the images",
+        "Pairs of images have something in common that their cameras do not explain: something moved while filming, or"
+        " much of the scene looks alike. Shapes and sizes may be wrong.",
+        "Film again with the plant and everything around it at rest.",
     ),
     "orbit_gap": Meaning(
         "One side was not filmed",
@@ -165,6 +172,17 @@ FLAGS = {
         "A boll that was corrected is not where it was; the warnings of the stage traits name it.",
         "Look at the bolls again; correct them anew, or take the correction back (cotton3dg correct --undo).",
     ),
+    "bolls_off_plant": Meaning(
+        "A boll does not hang on the plant",
+        "Something taken for a boll hangs on nothing that hangs together with the stem: a boll that fell, or another"
+        " white thing. It is counted, but height and canopy leave it out.",
+        "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
+    ),
+    "halves_disagree": Meaning(
+        "Half of the images count otherwise",
+        "Every second image alone gives another number of bolls than the others, so the count is less sure.",
+        "Look at the numbered bolls below; film more slowly in even light, or mend what is wrong (cotton3dg correct).",
+    ),
     "doubtful_bolls": Meaning(
         "Many bolls are doubtful",
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",
@@ -179,6 +197,7 @@ BOLL_FLAGS = {
     "close": "nearer to another than bolls usually are: perhaps one boll counted twice",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
+    "off_plant": "hangs on nothing that hangs together with the stem: perhaps no boll of this plant",
     "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
     "too_small": "narrower than 2.5 cm: perhaps a part of a boll, or none",
     "too_large": "wider than 7 cm: perhaps two bolls in one",
@@ -282,6 +301,9 @@ def _advise_on_exposure(found: ExposureDecision) -> list[Advice]:
         text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
         return [Advice(False, "Exposure", text)]
     visible = f"{found.visible_from_pct:.0f} % begins to matter"
+    if found.likeness is not None and found.spread_pct > (found.visible_from_pct or 0) and found.likeness <= ALIKE:
+        text = f"Things change their brightness by {size} from image to image, dark and bright ones not alike: gleams,"
+        return [Advice(True, "Exposure", f"{text} not the camera; nothing was corrected.")]
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
 
 

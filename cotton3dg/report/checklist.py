@@ -21,6 +21,7 @@ FILM_AGAIN = {
     "underexposed": "in more light",
     "overexposed": "with less exposure, or out of the bright sun",
     "few_frames_registered": "walk slowly and evenly, without a jerk or a turn of the phone",
+    "cameras_contradicted": "with the plant and everything around it at rest",
     "orbit_gap": "a full turn that ends where it began",
     "plant_out_of_view": "keep the plant in the middle of the picture",
     "plant_cut": "step back, or hold the phone upright, until the whole plant is in view",

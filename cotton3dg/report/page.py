@@ -202,11 +202,11 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         value = parse_number(row.get(column))
         if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
-            return {"name": name, "value": "–", "unit": "", "error": "", "note": why}
+            return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
         trait, _, _ = column.rpartition("_")
-        error = parse_number(row.get(column.replace(trait, f"{trait}_error")))
-        told = f"± {error:.{1 if error >= 0.1 else 2}f} {unit}" if error > 0 else ""
-        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "error": told, "note": note}
+        low, high = (parse_number(row.get(column.replace(trait, f"{trait}_{end}"))) for end in ("low", "high"))
+        told = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
+        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
     solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
@@ -215,11 +215,11 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         volume_note += f"; {sum(solid):.0f} cm³ without hollows"
     length, width = parse_number(row.get("canopy_length_cm")), parse_number(row.get("canopy_width_cm"))
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
-    spread = parse_number(row.get("boll_count_error"))
-    count_error = f"± {spread:.1f}" if spread > 0 else ""
+    low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
+    count_range = f"{low} to {high}" if low != high else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
     return [
-        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "error": count_error, "note": count_note},
+        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
         metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),
         metric("Plant height", "plant_height_cm", "cm", 1, "above the table top"),
         metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note),

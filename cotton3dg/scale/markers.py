@@ -1,14 +1,15 @@
 """Printed markers of known size: ArUco and AprilTag squares, and ChArUco boards, found in photos and in space.
 
-A square's corners are refined by lines fitted to its sides, in linear light: in the values of a photo bright paper
-spreads over the dark square, which makes it smaller by up to half a pixel. A board's corners lie between two dark and
-two bright squares, so this cannot happen to them.
+A square's corners are refined by lines fitted to its sides, in linear light, and then by the edges between its cells
+(`marker_cells`), for ink, lens and tone curve make dark squares larger or smaller. A board's corners lie between two
+dark and two bright squares, so this cannot happen to them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Float64
 from ..errors import BadUsage
 from ..geometry.triangulation import Sighting, triangulate
+from .marker_cells import fit_to_cells
 from .references import LEAST_ERROR, NoReference, Reference, distance_ratios
 
 INNER = 0.75
@@ -105,12 +107,23 @@ def find_markers(image: NDArray[np.uint8], kind: MarkerKind) -> dict[Corner, Flo
         return {}
     light = (grey.astype(np.float32) / 255) ** np.float32(2.2)
     numbers = ids.ravel().tolist()
-    return {
-        ("marker", number, k): corner
-        for number, quad in zip(numbers, quads, strict=True)
-        if numbers.count(number) == 1
-        for k, corner in enumerate(refine_quad(light, quad.reshape(4, 2).astype(np.float64) + 0.5))
-    }
+    places: dict[Corner, Float64] = {}
+    for number, quad in zip(numbers, quads, strict=True):
+        if numbers.count(number) == 1:
+            square = refine_quad(light, quad.reshape(4, 2).astype(np.float64) + 0.5)
+            corners = fit_to_cells(light, square, marker_cells(kind.dictionary, number))
+            places |= {("marker", number, k): corner for k, corner in enumerate(corners)}
+    return places
+
+
+@cache
+def marker_cells(dictionary: str, number: int) -> NDArray[np.bool_]:
+    """(n, n) which cells of a marker are dark, its border included."""
+    import cv2
+
+    words = aruco_dictionary(dictionary)
+    cells = words.markerSize + 2
+    return np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
 
 
 def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:

@@ -65,6 +65,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
             for name in sorted(counts)
         ),
         together=masks.together,
+        halves=masks.halves,
     )
     with workspace.writing("masks") as folder:
         for name, ids in masks.ids.items():
@@ -125,4 +126,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=11, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE = Stage("masks", version=12, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -115,4 +115,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)
+STAGE = Stage("scale", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)

@@ -16,6 +16,7 @@ from ..capture.placed import (
     decide_distortion,
     describe_cameras,
     outcome_of,
+    require_agreement,
     require_images,
     require_registered,
 )
@@ -60,14 +61,20 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
     watch = Stopwatch()
     with workspace.writing("sfm") as folder:
         with tempfile.TemporaryDirectory(dir=folder) as work:
-            models = reconstruct(frames, names, pairs, Path(work), settings, progress, watch, keyframes)
+            found = reconstruct(frames, names, pairs, Path(work), settings, progress, watch, keyframes)
+            models = found.models
             require_registered(models, names)
+            require_agreement(found.contradicted_pct)
         models[0], lens = decide_distortion(models[0], options.distortion)
         watch.lap("deciding the lens")
         models[0].write_binary(folder)
         undistort(frames, folder, folder / "undistorted")
         cameras = read_cameras(folder / "undistorted" / "sparse")
-        info = describe_cameras(models, names, cameras, lens)
+        info = replace(
+            describe_cameras(models, names, cameras, lens),
+            rescue=found.rescue,
+            contradicted_pct=found.contradicted_pct,
+        )
         xyz, *_ = read_points(folder / "undistorted" / "sparse")
         transforms = exports.nerfstudio_transforms(cameras, "undistorted/images")
         (folder / "transforms.json").write_text(json_text(transforms), encoding="utf-8")
@@ -115,6 +122,7 @@ def _task(workspace: Workspace, options: SfmOptions) -> tuple[list[str], list[tu
         max_side=(1 if taken.ordered else PHOTO_SIZE) * VIDEO_FEATURE_SIDE,
         seed=options.seed,
         focal_length_px=taken.focal_length_px,
+        overlap=options.overlap,
         partners=None if taken.ordered else PHOTO_PARTNERS * options.overlap,
     )
     return names, choose_pairs(len(names), options.overlap, taken.ordered), settings
@@ -147,7 +155,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=9,
+    version=10,
     inputs=inputs,
     run=run,
     begin=begin,

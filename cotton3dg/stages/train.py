@@ -185,7 +185,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "train",
-    version=11,
+    version=12,
     inputs=inputs,
     run=run,
     cost=_cost,

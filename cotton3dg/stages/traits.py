@@ -18,6 +18,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, describe_bolls, read_bolls
 from ..documents.corrections import OF_BOLLS, Corrections
+from ..documents.masks import MasksInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import SfmInfo
 from ..documents.skeleton import describe_map
@@ -54,6 +55,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.metrics_json,
         workspace.sfm_json,
         workspace.corrections_json,
+        workspace.masks_json,
         workspace.undistorted / "sparse",
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
@@ -74,7 +76,9 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale_info = ScaleInfo.load(workspace.require(workspace.scale_json, "scale"))
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
-    measured = measure_plant(gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm)
+    masks = MasksInfo.load_if_there(workspace.masks_json)
+    halves = masks.halves if masks else None
+    measured = measure_plant(gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves)
     corrected = _corrected(workspace, gaussians, bolls, found, measured)
     if corrected or scale_info.found:
         corrected = corrected or Corrected(bolls)
@@ -187,4 +191,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=8, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=9, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -93,6 +93,7 @@ def _exposure(views: list[View], model: SparseModel, options: TrainOptions) -> t
         on,
         spread_pct=100 * found.spread,
         error_pct=100 * found.error,
+        likeness=found.likeness,
         visible_from_pct=100 * VISIBLE,
         n_observations=found.n_observations,
         gains={view.camera.name: tuple(gain) for view, gain in zip(views, gains.tolist(), strict=True)},

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from ..core.measurements import BollTraits, Scale
 
+COVERED = 1.96
+"""Standard errors to either side of a value that make its 95 % interval."""
 EDGE_PX = 1.0
 """Standard error of a boll's diameter in one view: half a pixel at either side."""
 ALIKE = 8
@@ -27,6 +29,8 @@ TOUCHING_VOLUME = 0.12
 """Relative standard error of a touching boll's volume, from where it was parted from its neighbour. Fitted."""
 MISCOUNTED = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
+HALVES_DIFFER = 0.05
+"""Of the larger of two counts, by either half of the images; one boll more or less is nothing to speak of."""
 CROWDED_SHARE = 0.3
 """Share of touching bolls from which the plant has a flag."""
 
@@ -71,8 +75,37 @@ def plant_volume_error_cm3(bolls: Sequence[BollTraits], scale: Scale | None, pix
     return float(np.sqrt(by_scale**2 + by_edges**2 + np.maximum(own, 0.0).sum()))
 
 
-def count_error(confidences: NDArray, n_touching: int) -> float:
-    """Standard error of the number of bolls, were each one's confidence its probability; NaN without bolls."""
+def count_error(confidences: NDArray, n_touching: int, halves: tuple[int, int] | None = None) -> float:
+    """Standard error of the number of bolls, were each one's confidence its probability; NaN without bolls.
+
+    Args:
+        halves: what either half of the images counts. Two counts with one variance differ by twice that in the mean of
+            the squares; the count of all images is taken to be no surer than that of half of them.
+    """
     if not len(confidences):
         return np.nan
-    return float(np.sqrt((confidences * (1 - confidences)).sum() + MISCOUNTED * n_touching))
+    by_halves = 0.5 * (halves[0] - halves[1]) ** 2 if halves else 0.0
+    return float(np.sqrt((confidences * (1 - confidences)).sum() + MISCOUNTED * n_touching + by_halves))
+
+
+def halves_disagree(halves: tuple[int, int] | None) -> bool:
+    """Whether the halves of the images count so differently that the plant has a flag."""
+    return halves is not None and abs(halves[0] - halves[1]) > max(1.0, HALVES_DIFFER * max(halves))
+
+
+def interval(value: float, error: float) -> tuple[float, float] | None:
+    """Ends of the 95 % interval of a trait that is never negative; None where value or error is NaN."""
+    if not np.isfinite(value + error):
+        return None
+    return float(np.maximum(value - COVERED * error, 0.0)), float(value + COVERED * error)
+
+
+def count_interval(count: int, error: float) -> tuple[int, int] | None:
+    """Ends of the 95 % interval of a count, to the nearest whole numbers; None without bolls.
+
+    A count that is certain to a quarter of a boll is its own interval.
+    """
+    if not np.isfinite(error):
+        return None
+    either_side = int(np.floor(COVERED * error + 0.5))
+    return max(count - either_side, 0), count + either_side

@@ -25,6 +25,8 @@ VOXEL_CM = 0.8
 """Gaussians in the same or touching voxels are connected: about the thickness of a branch."""
 BRIDGE_CM = 3.0
 """Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
+BOLL_BRIDGE_CM = 6.0
+"""The same of a boll: farther away it is no boll of this plant, but something white beside it, or one that fell."""
 MIN_PART = 4
 """Gaussians of a part beyond a gap; smaller ones are floaters."""
 STEM_LAYERS = 8
@@ -42,6 +44,8 @@ class Plant:
     """(3,) su, where the stem meets the table."""
     stem_found: bool
     """False: no stem rises from the clamp, so the foot is below the middle of the plant."""
+    apart: NDArray[np.bool_]
+    """(N,) Gaussians of bolls that do not hang together with the stem, and are no part of the plant."""
 
 
 def table_coordinates(scale: Scale, points: NDArray) -> Float64:
@@ -53,11 +57,11 @@ def table_coordinates(scale: Scale, points: NDArray) -> Float64:
 def isolate_plant(
     gaussians: Gaussians, scale: Scale, clamp_height_cm: float, boll_rows: NDArray[np.bool_]
 ) -> Plant | None:
-    """Find the plant: what is connected with the stem above the clamp, and all bolls.
+    """Find the plant: what is connected with the stem above the clamp, and all bolls that are not far from that.
 
     Args:
         clamp_height_cm: what stands on the table and holds the plant reaches so high.
-        boll_rows: (N,) Gaussians of bolls; they belong to the plant whatever holds them.
+        boll_rows: (N,) Gaussians of bolls; without a stem they belong to the plant whatever holds them.
     Returns:
         None when nothing stands on the table.
     """
@@ -74,7 +78,7 @@ def isolate_plant(
     if not len(candidates):
         return None
     stem = fit_stem_axis(places[kept], floor_cm)
-    bolls = boll_rows[candidates]
+    bolls, samples = boll_rows[candidates], _axis_points(gaussians[candidates], places[candidates], scale)
     if stem is None:
         seeds = bolls if bolls.any() else np.ones(len(candidates), bool)
         base = np.append(np.median(places[candidates][seeds][:, :2], axis=0), 0.0)
@@ -83,14 +87,18 @@ def isolate_plant(
         share = (places[candidates, 2] - base[2]) / (top[2] - base[2])
         away = places[candidates] - (base + share[:, None] * (top - base))
         beside = np.linalg.norm(away[:, :2], axis=1) < STEM_RADIUS_CM
-        seeds = bolls | (beside & (places[candidates, 2] < floor_cm + STEM_LAYERS))
-    samples = _axis_points(gaussians[candidates], places[candidates], scale)
+        seeds = beside & (places[candidates, 2] < floor_cm + STEM_LAYERS)
+        bolls &= find_connected(samples, seeds, BOLL_BRIDGE_CM)
+        seeds |= bolls
     rows = np.zeros(len(gaussians), bool)
     rows[candidates[find_connected(samples, seeds)]] = True
+    apart = boll_rows.copy()
+    apart[candidates[bolls]] = False
+    rows &= ~apart
     frame = scale.table_frame
     foot = scale.corners.mean(axis=0) + base[:2] @ frame[:2] / scale.cm_per_su
     foot = foot - (foot @ scale.plane[:3] + scale.plane[3]) * scale.up
-    return Plant(rows, foot, stem is not None)
+    return Plant(rows, foot, stem is not None, apart)
 
 
 def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | None:
@@ -125,11 +133,11 @@ def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] |
     return base, top
 
 
-def find_connected(samples: Float64, seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_connected(samples: Float64, seeds: NDArray[np.bool_], bridge_cm: float = BRIDGE_CM) -> NDArray[np.bool_]:
     """Which bodies hang together with the seeds.
 
     Bodies whose samples share a voxel or lie in touching ones form a part. Parts with a seed are taken; then, as long
-    as there are any, parts of at least `MIN_PART` bodies within `BRIDGE_CM` of what is taken.
+    as there are any, parts of at least `MIN_PART` bodies within `bridge_cm` of what is taken.
 
     Args:
         samples: (N, S, 3) cm, points that each of N bodies covers.
@@ -152,7 +160,7 @@ def find_connected(samples: Float64, seeds: NDArray[np.bool_]) -> NDArray[np.boo
         if not rest.any():
             break
         tree = cKDTree(samples[reached].reshape(-1, 3))
-        gaps = tree.query(samples[rest].reshape(-1, 3), distance_upper_bound=BRIDGE_CM)[0]
+        gaps = tree.query(samples[rest].reshape(-1, 3), distance_upper_bound=bridge_cm)[0]
         close = np.isfinite(gaps).reshape(-1, samples.shape[1]).any(axis=1)
         reached = ~taken & np.isin(parts, parts[np.flatnonzero(rest)[close]])
         taken = taken | reached

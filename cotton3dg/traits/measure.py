@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -15,7 +15,16 @@ from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
-from .error_model import CROWDED_SHARE, boll_volume_error, count_error, find_touching, plant_volume_error_cm3
+from .error_model import (
+    CROWDED_SHARE,
+    boll_volume_error,
+    count_error,
+    count_interval,
+    find_touching,
+    halves_disagree,
+    interval,
+    plant_volume_error_cm3,
+)
 from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
@@ -31,6 +40,8 @@ NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
+UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
+"""Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -50,13 +61,19 @@ class Measured:
 
 
 def measure_plant(
-    gaussians: Gaussians, bolls: Sequence[BollInstance], scale: Scale | None, pixel_su: float, clamp_cm: float
+    gaussians: Gaussians,
+    bolls: Sequence[BollInstance],
+    scale: Scale | None,
+    pixel_su: float,
+    clamp_cm: float,
+    halves: tuple[int, int] | None = None,
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
     Args:
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
+        halves: bolls that either half of the images counts, where that is known.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -72,9 +89,19 @@ def measure_plant(
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
     drawn = as_drawn(gaussians, pixel_su)
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm)
+    apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5}
+    if apart:
+        concerns["bolls_off_plant"] = (
+            f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem; look"
+            " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
+        )
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
     silhouette = measure_silhouette(drawn, plant, scale) if plant and scale else None
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su)
+    if halves and halves_disagree(halves):
+        concerns["halves_disagree"] = (
+            f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
+        )
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -117,6 +144,7 @@ def measure_bolls(
     foot: Float64 | None,
     pixel_su: float = 0.0,
     clamp_cm: float = 0.0,
+    apart: Collection[int] = (),
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
 
@@ -124,6 +152,7 @@ def measure_bolls(
         drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
+        apart: ids of bolls that do not hang on the plant.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
@@ -144,6 +173,7 @@ def measure_bolls(
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
         doubts = [*boll.flags, volume.reason or ""]
+        doubts += ["off_plant"] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
@@ -218,7 +248,11 @@ def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSiz
 
 
 def summarise_plant(
-    bolls: Sequence[BollTraits], silhouette: PlantSize | None, scale: Scale | None, pixel_su: float = 0.0
+    bolls: Sequence[BollTraits],
+    silhouette: PlantSize | None,
+    scale: Scale | None,
+    pixel_su: float = 0.0,
+    halves: tuple[int, int] | None = None,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
@@ -245,14 +279,18 @@ def summarise_plant(
     hulls = hulls[np.isfinite(hulls)]
     heights = np.array([boll.centre_cm[2] for boll in bolls])
     heights = heights[np.isfinite(heights)]
-    confidences = np.array([boll.confidence for boll in bolls])
+    confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
     thirds = None
     if size.height_cm > 0 and len(heights) == len(bolls):
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
+    volume_cm3 = float(known.sum()) if measured else np.nan
+    of_count = count_error(confidences, int(touching.sum()), halves)
+    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
+    of_height, of_canopy = (float(np.hypot(length * shared, pixel_cm)) for length in (size.height_cm, canopy_cm))
     return PlantTraits(
         boll_count=len(bolls),
-        boll_volume_cm3=float(known.sum()) if measured else np.nan,
+        boll_volume_cm3=volume_cm3,
         boll_volume_mean_cm3=float(known.mean()) if len(known) else np.nan,
         plant_height_cm=size.height_cm,
         plant_height_obb_cm=size.height_obb_cm,
@@ -267,11 +305,16 @@ def summarise_plant(
         boll_height_max_cm=float(heights.max()) if len(heights) else np.nan,
         bolls_by_third=thirds,
         lint_area_cm2=float(areas[np.isfinite(volumes)].sum()) if measured else np.nan,
-        boll_count_error=count_error(confidences, int(touching.sum())),
-        boll_volume_error_cm3=plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan,
-        plant_height_error_cm=float(np.hypot(size.height_cm * shared, pixel_cm)),
-        canopy_size_error_cm=float(np.hypot(canopy_cm * shared, pixel_cm)),
+        boll_count_error=of_count,
+        boll_volume_error_cm3=of_volume,
+        plant_height_error_cm=of_height,
+        canopy_size_error_cm=of_canopy,
         boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,
         plant_height_published_cm=size.published.height_cm,
         canopy_size_published_cm=size.published.canopy_cm,
+        boll_count_halves=halves,
+        boll_count_interval=count_interval(len(bolls), of_count),
+        boll_volume_interval_cm3=interval(volume_cm3, of_volume),
+        plant_height_interval_cm=interval(size.height_cm, of_height),
+        canopy_size_interval_cm=interval(canopy_cm, of_canopy),
     )

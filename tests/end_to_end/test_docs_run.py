@@ -54,7 +54,6 @@ ELSEWHERE = {
     "for film in today": "test_check.py",
     "cotton3dg correct": "test_corrections.py",
     "evaluate-weights": "test_weights.py",
-    "--cloud scan.ply": "test_cloud.py",
     "--weight-model": "test_weights.py",
     "--architecture natural": "test_architecture.py",
     "splat.ply": "test_foreign_models.py",
@@ -97,6 +96,7 @@ def desk(first_run, tmp_path_factory):
     shutil.copytree(plant.folder("masks"), folder / "drawn")
     (folder / "drawn" / "masks.json").unlink()
     shutil.copyfile(ROOT / "examples" / "truth.csv", folder / "lidar.csv")
+    shutil.copyfile(plant.bolls_csv, folder / "true_bolls.csv")
     images = sorted(path.name for path in plant.frame_images())[:3]
     picks = [row for image in images for row in (f"a,{image},100,120", f"b,{image},220,120")]
     plant.scale_points.write_text("\n".join(["point,image,x_px,y_px", *picks, ""]))

@@ -66,13 +66,14 @@ def test_case_36_models_are_ordered_by_images_then_points(monkeypatch: pytest.Mo
         return SimpleNamespace(num_reg_images=lambda: images, num_points3D=lambda: points, reg_image_ids=lambda: [])
 
     found = {0: model(5, 900), 1: model(20, 100), 2: model(20, 300), 3: model(3, 5000)}
-    for part in ("_find_features", "_match_pairs"):
+    for part in ("features_of_images", "match_pairs"):
         monkeypatch.setattr(reconstruction, part, lambda *_: {})
-    for part in ("_write_database", "settle"):
+    for part in ("write_database", "settle"):
         monkeypatch.setattr(reconstruction, part, lambda *_: None)
+    monkeypatch.setattr(reconstruction, "rescued", lambda _, first: (first, ()))
     monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *_, **__: found)
     settings = reconstruction.ReconstructionSettings(100, 100, 0)
-    models = reconstruction.reconstruct(tmp_path, ["a", "b"], [(0, 1)], tmp_path, settings)
+    models = reconstruction.reconstruct(tmp_path, ["a", "b"], [(0, 1)], tmp_path, settings).models
     assert [(m.num_reg_images(), m.num_points3D()) for m in models] == [(20, 300), (20, 100), (5, 900), (3, 5000)]
 
 

@@ -46,6 +46,14 @@ def test_a_cropped_scan_counts_heights_from_its_lowest_point():
     assert len(found.boll_volumes_cm3) == 0
 
 
+def test_the_cloud_of_a_room_has_no_plant_map():
+    """Its graph has no end, or hangs together nowhere: this took minutes, or failed."""
+    room = np.random.default_rng(1).uniform(-900, 900, (6000, 3))
+    found = measure_cloud(room)
+    assert found.plant_map.axes == ()
+    assert found.plant_map.reason == "no_plant"
+
+
 def test_the_table_is_the_fullest_layer():
     points, _ = scan()
     assert find_table_height(points[:, 2]) == pytest.approx(30.0, abs=0.1)

@@ -190,7 +190,8 @@ def finished(tmp_path_factory) -> Workspace:
 
 
 def test_cells_are_blank_when_csv_md_says_so(finished):
-    usual = "no fit of weights (`traits.weight_model`)", "not corrected"
+    by_hand = "the masks do not come from the bolls' network on a trained model"
+    usual = "no fit of weights (`traits.weight_model`)", "not corrected", by_hand
     assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual)]
     scale = finished.scale_json.read_text()
     with finished.writing("scale") as made:

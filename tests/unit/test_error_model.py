@@ -11,7 +11,10 @@ from cotton3dg.traits import error_model
 from cotton3dg.traits.error_model import (
     boll_volume_error,
     count_error,
+    count_interval,
     find_touching,
+    halves_disagree,
+    interval,
     plant_volume_error_cm3,
 )
 
@@ -61,3 +64,32 @@ def test_the_count_errs_as_draws_of_its_parts_do() -> None:
     assert count_error(confidences, n_touching) == pytest.approx((real - lost).std(), rel=0.03)
     assert np.isnan(count_error(np.zeros(0), 0))
     assert count_error(np.ones(8), 0) == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "error", "ends"),
+    [(19, 0.25, (19, 19)), (19, 0.26, (18, 20)), (19, 0.8, (17, 21)), (1, 2.0, (0, 5)), (0, np.nan, None)],
+)
+def test_a_count_has_whole_ends(count, error, ends):
+    assert count_interval(count, error) == ends
+
+
+def test_an_interval_is_never_negative():
+    assert interval(100.0, 10.0) == pytest.approx((80.4, 119.6))
+    assert interval(10.0, 10.0) == pytest.approx((0.0, 29.6))
+    assert interval(np.nan, 1.0) is None
+    assert interval(1.0, np.nan) is None
+
+
+def test_halves_that_count_differently_widen_the_error():
+    """Two counts drawn alike with a standard deviation of 1.5: the error that they state is right on average."""
+    rng = np.random.default_rng(0)
+    pairs = rng.normal(20, 1.5, (4000, 2))
+    stated = [count_error(np.ones(20), 0, (first, second)) ** 2 for first, second in pairs]
+    assert np.sqrt(np.mean(stated)) == pytest.approx(1.5, rel=0.05)
+    assert count_error(np.ones(20), 0, (20, 20)) == 0
+
+
+@pytest.mark.parametrize(("halves", "flagged"), [(None, False), ((9, 10), False), ((8, 10), True), ((49, 51), False)])
+def test_halves_that_differ_by_more_than_one_boll_are_flagged(halves, flagged):
+    assert halves_disagree(halves) is flagged

@@ -8,7 +8,15 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.evaluation.tables import evaluate_tables, evaluation_text, predict_left_out, score, write_evaluation
+from cotton3dg.evaluation.tables import (
+    evaluate_boll_tables,
+    evaluate_tables,
+    evaluation_text,
+    is_boll_table,
+    predict_left_out,
+    score,
+    write_evaluation,
+)
 from cotton3dg.files.images import read_image
 from cotton3dg.files.scatter import plot_scatter
 from cotton3dg.files.tables import csv_text
@@ -131,3 +139,59 @@ def test_tables_that_cannot_be_compared_are_refused(tables, tmp_path):
     with pytest.raises(BadInput, match="no trait"):
         evaluate_tables(measured, other)
     assert truth.is_file()
+
+
+MEASURED_BOLLS = """plant_id,boll_id,x_cm,y_cm,z_cm,volume_cm3,confidence
+a,1,0.0,0.0,60.0,33.0,0.9
+a,2,5.0,0.0,50.0,18.0,0.8
+a,3,9.0,9.0,40.0,50.0,0.7
+b,1,,,,22.0,0.9
+c,1,0,0,30,10,0.5
+"""
+
+
+def boll_tables(tmp_path, truth):
+    measured, true = tmp_path / "batch_bolls.csv", tmp_path / "true_bolls.csv"
+    measured.write_text(MEASURED_BOLLS)
+    true.write_text(truth)
+    return measured, true
+
+
+def test_bolls_are_matched_by_place_and_without_one_by_id(tmp_path):
+    true = """plant_id,boll_id,x_cm,y_cm,z_cm,volume_cm3
+a,top,0.5,0.0,60.0,30.0
+a,left,5.0,0.5,50.0,20.0
+a,lost,-9,0,20,40.0
+b,1,0,0,44,20.0
+d,1,0,0,44,20.0
+"""
+    measured, truth = boll_tables(tmp_path, true)
+    assert is_boll_table(measured)
+    found = evaluate_boll_tables(measured, truth)
+    (volume,) = found.scores
+    # Errors +3 of 30, -2 of 20, +2 of 20.
+    assert (volume.trait, volume.n) == ("volume_cm3", 3)
+    assert volume.mape_pct == pytest.approx(10.0)
+    assert volume.bias == pytest.approx(1.0)
+    assert volume.rmse == pytest.approx(math.sqrt(17 / 3))
+    assert found.missing == ("a/lost",)
+    assert found.extra == ("a/3",)
+
+
+@pytest.mark.parametrize(
+    ("truth", "says"),
+    [
+        ("plant_id,volume_cm3\na,1\n", "no column boll_id"),
+        ("plant_id,boll_id,volume_cm3\na,1,2\na,1,3\n", "boll a/1 twice"),
+        ("plant_id,boll_id,volume_cm3\nz,1,2\n", "no plant in common"),
+        ("plant_id,boll_id,area\na,1,2\n", "no trait"),
+    ],
+)
+def test_boll_tables_that_cannot_be_compared_are_refused(tmp_path, truth, says):
+    measured, true = boll_tables(tmp_path, truth)
+    with pytest.raises(BadInput, match=says):
+        evaluate_boll_tables(measured, true)
+
+
+def test_a_table_of_plants_is_none_of_bolls(tables):
+    assert not is_boll_table(tables[0])

@@ -76,6 +76,22 @@ def test_the_error_tells_how_sure_the_gains_are():
     assert 0.6 < np.mean(misses) < 1.6
 
 
+def test_gleams_that_come_and_go_are_no_change_of_exposure():
+    """From one side dark things gleam, from another one bright things do."""
+    views, places, points = capture(np.ones((N_VIEWS, 3)))
+    phase = 2 * np.pi * np.arange(N_VIEWS) / N_VIEWS
+    gleaming = []
+    for view, dark, bright in zip(views, np.sin(phase), np.cos(phase), strict=True):
+        light = np.where(view.image < 105, 1 + 0.15 * dark, 1 + 0.15 * bright)
+        gleaming.append(View(view.camera, np.clip(view.image * light, 0, 255).astype(np.uint8)))
+    found = estimate_exposure(gleaming, places, points)
+    assert found.spread > 0.03
+    assert found.error < found.spread / 10
+    assert found.likeness < 0.5
+    assert not found.varies
+    assert estimate_exposure(*capture(drift(0.03))).likeness > 0.97
+
+
 def test_too_few_points_are_no_evidence():
     views, places, points = capture(drift(0.25))
     few = estimate_exposure(views, [p[:19] for p in places], [p[:19] for p in points])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.capture import matching
-from cotton3dg.capture.features import ROOT_SIFT_NORM, Features, find_features, root_sift
+from cotton3dg.capture.features import ROOT_SIFT_NORM, Features, FeatureSettings, find_features, root_sift
 from cotton3dg.capture.matching import find_alike, match, match_descriptors, verify
 
 WIDTH, HEIGHT = 480, 360
@@ -39,8 +39,8 @@ def moved(image, matrix):
 def test_places_are_counted_from_the_corner_of_the_first_pixel(texture, max_side, far_apart) -> None:
     """A turned and enlarged image has its features where the movement takes them, without a shift."""
     matrix = np.array([[1.1, -0.2, 20.0], [0.2, 1.1, -40.0], [0, 0, 1]])
-    first = find_features(texture, 1000, max_side, far_apart=far_apart)
-    second = find_features(moved(texture, matrix), 1000, max_side, far_apart=far_apart)
+    first = find_features(texture, FeatureSettings(1000, max_side, far_apart))
+    second = find_features(moved(texture, matrix), FeatureSettings(1000, max_side, far_apart))
     rows = match_descriptors(first.descriptors, second.descriptors)
     assert len(rows) > 50
     expected = first.places_px[rows[:, 0]] @ matrix[:2, :2].T + matrix[:2, 2]
@@ -51,21 +51,24 @@ def test_places_are_counted_from_the_corner_of_the_first_pixel(texture, max_side
 
 
 def test_the_largest_come_first_and_the_limit_holds(texture) -> None:
-    few = find_features(texture, 100, 480, far_apart=True)
+    few = find_features(texture, FeatureSettings(100, 480, far_apart=True))
     assert len(few.places_px) == len(few.descriptors) == 100
-    many = find_features(texture, 5000, 480, far_apart=True)
+    many = find_features(texture, FeatureSettings(5000, 480, far_apart=True))
     assert len(many.places_px) == len(many.descriptors) > 300
     assert (many.places_px >= 0).all() and (many.places_px <= (WIDTH, HEIGHT)).all()
 
 
 def test_low_contrast_still_gives_features(texture) -> None:
     """A dark room: a tenth of the light."""
-    assert len(find_features((texture // 10).astype(np.uint8), 2048, 480, far_apart=False).places_px) > 200
+    assert (
+        len(find_features((texture // 10).astype(np.uint8), FeatureSettings(2048, 480, far_apart=False)).places_px)
+        > 200
+    )
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (40, 30)])
 def test_an_image_of_nothing_has_no_features(shape) -> None:
-    found = find_features(np.full(shape, 90, np.uint8), 100, 480, far_apart=True)
+    found = find_features(np.full(shape, 90, np.uint8), FeatureSettings(100, 480, far_apart=True))
     assert found.places_px.shape == (0, 2) and found.descriptors.shape == (0, 128)
 
 

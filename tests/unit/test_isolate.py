@@ -22,7 +22,7 @@ from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits.error_model import SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
-from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, measure_plant, measure_silhouette, summarise_plant
 
 UP = POSE.rotation[:, 2]
 CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
@@ -67,6 +67,38 @@ def test_without_a_stem_the_bolls_stand_for_the_plant():
     plant = isolate_plant(gaussians_at(bolls, 0.2), SCALE, 4.0, labels > 0)
     assert plant.rows.all()
     assert not plant.stem_found
+
+
+def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
+    """A white ball on the table, taken for a boll, and a boll that fell between plant and rim."""
+    gaussians, labels = plant_scene()
+    rng = np.random.default_rng(1)
+    ball = rng.normal(size=(400, 3))
+    ball = BOLL_RADIUS_CM * ball / np.linalg.norm(ball, axis=1, keepdims=True)
+    beside = gaussians_at(np.array([50.0, 20.0, 8.0]) + ball, 0.2)
+    with_ball = joined(gaussians, beside)
+    with_labels = np.append(labels, np.full(len(ball), labels.max() + 1))
+    alone = measure_plant(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0)
+    both = measure_plant(with_ball, bolls_of(with_ball, with_labels), SCALE, 0.0, 4.0)
+    assert "bolls_off_plant" not in alone.flags
+    assert "bolls_off_plant" in both.flags
+    assert [boll.flags for boll in both.bolls] == [(), (), (), (), ("off_plant",)]
+    assert any("boll 5" in warning for warning in both.warnings)
+    for trait in ("plant_height_cm", "canopy_size_cm", "plant_height_published_cm"):
+        assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
+    assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
+    assert both.traits.boll_count_interval[0] <= 4
+
+
+def test_a_boll_on_a_twig_that_was_not_reconstructed_hangs_on_the_plant():
+    gaussians, labels = plant_scene()
+    places = POSE.cm(gaussians.means)
+    twig = (np.linalg.norm(places - BOLLS_CM[0], axis=1) < BOLL_RADIUS_CM + 4.0) & (labels != 1)
+    assert twig.any()
+    cut = gaussians[~twig]
+    plant = isolate_plant(cut, SCALE, 4.0, labels[~twig] > 0)
+    assert not plant.apart.any()
+    assert plant.rows[labels[~twig] == 1].all()
 
 
 def test_an_empty_table_has_no_plant():
@@ -114,7 +146,8 @@ def test_the_height_is_what_its_description_says():
     opacity, sigma_cm, tops_cm = 0.8, 0.5, np.array([30.0, 42, 40, 25, 44, 10, 5])
     places = np.column_stack([np.linspace(-20, 20, len(tops_cm)), np.zeros(len(tops_cm)), tops_cm])
     cloud = gaussians_at(places, sigma_cm, opacity=opacity)
-    plant = Plant(np.ones(len(cloud), bool), POSE.scene(np.zeros((1, 3)))[0], stem_found=True)
+    every = np.ones(len(cloud), bool)
+    plant = Plant(every, POSE.scene(np.zeros((1, 3)))[0], stem_found=True, apart=~every)
     size = measure_silhouette(cloud, plant, SCALE)
     reach_cm = sigma_cm * np.sqrt(2 * np.log(opacity / float(words[1])))
     # The highest of the points on an ellipsoid lies a little below its top.
@@ -163,8 +196,8 @@ def test_without_a_scale_only_counts_are_given():
     row = summarise_plant(traits, None, None)
     assert row.boll_count == 4
     metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm2", "_cm3"))]
-    assert len(metric) == 20
-    assert np.isnan(metric).all()
+    assert len(metric) == 23
+    assert all(value is None or np.isnan(value) for value in metric)
     assert row.flags == ()
     assert row.bolls_by_third is None
 

@@ -5,6 +5,7 @@ import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
 from cotton3dg.masks.bolls import Maps
+from cotton3dg.masks.detect_bolls import count_by_halves
 from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.meeting_votes import (
     Middles,
@@ -15,7 +16,7 @@ from cotton3dg.masks.meeting_votes import (
     meet_rays,
 )
 from cotton3dg.masks.outline_bolls import outline_bolls
-from cotton3dg.masks.separate_bolls import find_hidden, is_crowded
+from cotton3dg.masks.separate_bolls import find_hidden, is_crowded, separate_bolls
 
 
 def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> Maps:
@@ -65,6 +66,25 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
         both = (named > 0) & (ids > 0)
         assert (named[both] == ids[both]).mean() > 0.95
         assert both.sum() / ((named > 0) | (ids > 0)).sum() > 0.9
+
+
+def test_either_half_of_the_views_counts_what_it_sees():
+    """Every view twice, the first time with eyes for all but one boll."""
+    gaussians, bolls = model()
+    rng = np.random.default_rng(0)
+    images = masks_of(gaussians, bolls, cameras())
+    whole, blind = ([maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)] for _ in "ab")
+    for view, ids in zip(blind, images, strict=True):
+        view.lint[ids == 1] = 0.02
+    lint = gather_lint(whole, cameras(), gaussians, everything(gaussians))
+    sharp, dull = (
+        [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
+        for maps in (whole, blind)
+    )
+    n = len(separate_bolls(sharp, lint).centres)
+    assert n >= 4
+    assert count_by_halves([view for pair in zip(sharp, sharp, strict=True) for view in pair], lint) == (n, n)
+    assert count_by_halves([view for pair in zip(dull, sharp, strict=True) for view in pair], lint) == (n - 1, n)
 
 
 def test_lint_that_most_views_see_is_lint_in_all_of_them():

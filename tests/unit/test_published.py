@@ -46,7 +46,7 @@ def test_a_bolls_volume_is_the_hull_of_its_middles():
     traits = measure_bolls(gaussians, bolls, SCALE, FOOT)
     assert [boll.volume_published_cm3 for boll in traits] == pytest.approx([8, 27], rel=1e-4)
     assert all(boll.volume_cm3 > 1.2 * boll.volume_published_cm3 for boll in traits)
-    plant = Plant(np.ones(16, bool), FOOT, True)
+    plant = Plant(np.ones(16, bool), FOOT, True, np.zeros(16, bool))
     row = summarise_plant(traits, measure_silhouette(gaussians, plant, SCALE), SCALE)
     assert row.boll_volume_published_cm3 == pytest.approx(35, rel=1e-4)
     assert row.plant_height_published_cm == pytest.approx(46.5, rel=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cotton3dg.capture.reconstruction import settle
+from cotton3dg.capture.mapper import settle
 
 
 @pytest.fixture

@@ -1,0 +1,142 @@
+"""Images that structure from motion lost: which steps are tried, in which order, and what they bring back."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+from scenes.room_scene import pose, render, textures
+
+from cotton3dg.capture import rescue
+from cotton3dg.capture.agreement import contradicted_pct, sampson
+from cotton3dg.capture.features import FeatureSettings, features_of_images
+from cotton3dg.capture.image_pairs import choose_pairs
+from cotton3dg.capture.mapper import map_images, write_database
+from cotton3dg.capture.matching import match_pairs
+from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued
+from cotton3dg.capture.tracking import follow
+from cotton3dg.core.progress import silent
+from cotton3dg.documents.sfm import RescueStep
+from cotton3dg.files.images import write_image
+
+OVERLAP, SEED = 6, 0
+FEATURES = FeatureSettings(1500, 1280, far_apart=False)
+
+
+def told(placed: int) -> Attempt:
+    """An attempt that placed so many of the images."""
+    model = SimpleNamespace(num_reg_images=lambda: placed, reg_image_ids=list)
+    return Attempt({}, {}, [model] if placed else [])
+
+
+@pytest.mark.parametrize(
+    ("first", "brought", "tried"),
+    [
+        (96, [], []),
+        (85, [97], ["following"]),
+        (85, [90, 99], ["following", "following"]),
+        (50, [60, 99], ["following", "more features"]),
+        (50, [60, 40, 70, 96], ["following", "more features", "following", "all at once"]),
+        (0, [0, 30, 40, 96], ["following", "more features", "following", "all at once"]),
+    ],
+)
+def test_each_step_is_tried_when_those_before_fell_short(monkeypatch, tmp_path, first, brought, tried) -> None:
+    results = iter(brought)
+    for name in ("follow_into_lost", "look_harder", "place_at_once"):
+        monkeypatch.setattr(rescue, name, lambda *_: told(next(results)))
+    task = Task(tmp_path, [str(i) for i in range(100)], tmp_path, FEATURES, OVERLAP, SEED)
+    best, steps = rescued(task, told(first))
+    assert [step.name for step in steps] == tried
+    assert best.placed == max([first, *brought])
+    known = first
+    for step, placed in zip(steps, brought, strict=True):
+        assert step == RescueStep(step.name, known, placed)
+        known = max(known, placed)
+
+
+def test_a_moved_image_is_followed_through_blur_and_back() -> None:
+    rng = np.random.default_rng(0)
+    first = cv2.resize(rng.integers(0, 255, (60, 80), np.uint8), (800, 600), interpolation=cv2.INTER_CUBIC)
+    second = cv2.blur(np.roll(first, (9, 24), (0, 1)), (21, 1))
+    places = rng.uniform([60, 60], [700, 540], (200, 2)).astype(np.float32)
+    rows, found = follow(first, second, places)
+    assert len(rows) > 100
+    assert np.median(np.abs(found - places[rows] - (24, 9)), axis=0) == pytest.approx([0, 0], abs=0.5)
+    rows, found = follow(first, np.full_like(first, 90), places)
+    assert len(rows) == len(found) == 0
+    assert len(follow(first, second, np.zeros((0, 2), np.float32))[0]) == 0
+
+
+def walk(folder: Path, count: int, blurred: range, blur_px: int = 31) -> tuple[Task, Attempt, np.ndarray]:
+    """A full turn in a room, some of whose images are blurred; what the mapper places, and the true centres."""
+    faces, angles = textures(1), np.linspace(0, 2 * np.pi, count, endpoint=False)
+    names = [f"{number:03d}.jpg" for number in range(count)]
+    for number, name in enumerate(names):
+        picture = render(faces, angles[number])
+        write_image(folder / name, cv2.blur(picture, (blur_px, 1)) if number in blurred else picture)
+    work = folder / "work"
+    work.mkdir()
+    task = Task(folder, names, work, FEATURES, OVERLAP, SEED)
+    features = features_of_images(folder, names, range(count), FEATURES, silent)
+    matches = match_pairs(features, choose_pairs(count, OVERLAP, True))
+    write_database(work / "matches.db", folder, names, features, matches, None)
+    models = map_images(work / "matches.db", folder, work, names, SEED, lambda: None)
+    return task, Attempt(features, matches, models), np.array([pose(angle)[1] for angle in angles])
+
+
+def farthest_off(model: pycolmap.Reconstruction, centres: np.ndarray) -> float:
+    """Largest distance of a camera from its true place, relative to the orbit's radius."""
+    images = [model.image(i) for i in model.reg_image_ids()]
+    true = centres[[int(image.name[:3]) for image in images]]
+    found = np.array([image.projection_center() for image in images])
+    fitted = pycolmap.estimate_sim3d(found, true)
+    off = np.linalg.norm((fitted.matrix() @ np.column_stack([found, np.ones(len(found))]).T).T - true, axis=1)
+    return float(off.max() / np.linalg.norm(centres - centres.mean(axis=0), axis=1).mean())
+
+
+def test_blurred_images_of_a_walk_are_placed_by_following(tmp_path: Path) -> None:
+    task, first, centres = walk(tmp_path, 30, range(8, 12))
+    lost = first.lost(task.names)
+    assert lost
+    assert set(lost) <= {8, 9, 10, 11}
+    before = first.placed
+    found = follow_into_lost(task, first)
+    assert found is not None
+    assert found.placed > before
+    assert first.placed == before, "the attempt before is kept as it was"
+    assert farthest_off(found.models[0], centres) < 0.02
+    assert contradicted_pct(found.models[0], task.names, found.features, found.matches) < 1.0
+    at_once = place_at_once(task, found)
+    assert at_once is not None
+    assert at_once.placed >= before
+    assert farthest_off(at_once.models[0], centres) < 0.05
+
+
+def test_where_nothing_is_lost_or_known_there_is_nothing_to_follow(tmp_path: Path) -> None:
+    task = Task(tmp_path, ["a", "b"], tmp_path, FEATURES, OVERLAP, SEED)
+    assert follow_into_lost(task, told(0)) is None
+    assert place_at_once(task, told(0)) is None
+
+
+def test_a_wrong_pose_contradicts_the_matches(tmp_path: Path) -> None:
+    task, right, _ = walk(tmp_path, 24, range(0))
+    model = right.models[0]
+    assert contradicted_pct(model, task.names, right.features, right.matches) == 0.0
+    image = model.image(model.reg_image_ids()[5])
+    turned = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.2, 0.0, 0.0])), np.zeros(3))
+    model.frame(image.frame_id).rig_from_world = turned * image.cam_from_world()
+    share = contradicted_pct(model, task.names, right.features, right.matches)
+    number = task.names.index(image.name)
+    of_image = np.mean([number in pair for pair in right.matches])
+    assert share == pytest.approx(100 * of_image, rel=0.3)
+    assert np.isnan(contradicted_pct(model, task.names, right.features, {}))
+
+
+def test_sampson_is_the_distance_from_the_epipolar_line() -> None:
+    """A step to the right: epipolar lines are level, and half of a vertical offset goes to each of the two images."""
+    aside = pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([-1.0, 0.0, 0.0]))
+    first = np.array([[0.1, 0.2], [0.0, -0.1]])
+    error = sampson(aside, first, first + np.array([[-0.3, 0.0], [-0.1, 0.004]]))
+    assert error == pytest.approx([0.0, 0.004 / np.sqrt(2)])

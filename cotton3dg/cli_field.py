@@ -54,16 +54,23 @@ def correct(
         list[str] | None,
         typer.Option(metavar="PICKS", help="a boll at 'IMAGE:X,Y IMAGE:X,Y', px of undistorted images"),
     ] = None,
+    corner: Annotated[
+        list[str] | None, typer.Option(metavar="PICKS", help="where the nearest corner of the table is, the same way")
+    ] = None,
+    ruler: Annotated[
+        list[str] | None, typer.Option(metavar="PICKS / PICKS", help="measure between two points; changes nothing")
+    ] = None,
     undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
 ) -> None:
-    """Mend single bolls, for good: what is said of them is kept in corrections.json and applied by every run."""
+    """Mend bolls and the scale, for good: what is said is kept in corrections.json and applied by every run."""
     from . import display
     from .commands.correct import Asked
     from .commands.correct import correct as mend
     from .workspace import Workspace
 
     with report_errors(plant_dir), display.ProgressDisplay() as watcher:
-        asked = Asked(file, merge or (), split or (), delete or (), branch or (), add or (), undo)
+        picked = (add or (), corner or (), ruler or ())
+        asked = Asked(file, merge or (), split or (), delete or (), branch or (), *picked, undo)
         outcome = mend(Workspace(plant_dir), asked, watcher)
         display.print_corrections(outcome)
     if outcome.refused:

@@ -16,13 +16,14 @@ from rich.text import Text
 
 from .core.progress import Progress as StageProgress
 from .core.state import State
+from .documents.corrections import RULER
 from .documents.record import Record
 from .files.tables import read_rows
 from .pipeline import Step, Watcher
 
 if TYPE_CHECKING:
     from .batch import Result
-    from .commands.correct import Outcome
+    from .commands.correct import Length, Outcome
     from .commands.doctor import Finding
     from .commands.import_videos import Row as ImportRow
     from .documents.check import CheckInfo
@@ -185,11 +186,16 @@ def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
 
 def print_corrections(outcome: Outcome) -> None:
     """What is kept of a plant, what does not apply, and what it changed."""
+    lengths = iter(outcome.lengths)
     for correction in outcome.kept.corrections:
-        print(correction.told)
+        print(correction.told, *([_told_length(next(lengths))] if correction.kind == RULER else []))
     for reason in outcome.refused:
         print(reason)
     print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
+
+
+def _told_length(length: Length | None) -> str:
+    return f"{length.length_cm:.2f} ± {length.error_cm:.2f} cm" if length else "(its ends or the scale are not known)"
 
 
 def print_findings(findings: list[Finding]) -> None:

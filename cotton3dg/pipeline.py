@@ -219,7 +219,7 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     try:
         check_memory()
         check_disk(workspace, step.stage, step.options)
-        record = replace(record, inputs=workspace.hashes(*stage.reads(workspace, step.options)))
+        record = replace(record, inputs=stage.input_hashes(workspace, step.options))
         outcome = stage.run(workspace, step.options, progress)
         record = record.done(outcome, workspace.hashes(workspace.folder(step.stage)))
     except Cotton3dgError as error:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+from .documents.corrections import Pick
 from .documents.document import Document
 from .documents.dropped import DroppedFiles
 from .documents.record import Record
@@ -167,6 +168,14 @@ class Workspace:
 
     def undistorted_image(self, name: str) -> Path:
         return self.undistorted / "images" / name
+
+    def has_images(self, picks: Iterable[Pick]) -> bool:
+        """Whether the undistorted images that were pointed at are there, or dropped by `clean`, and are the same."""
+        for pick in picks:
+            found = list(self.hashes(self.undistorted_image(pick.image)).values())
+            if not found or pick.sha256 not in ("", *found):
+                return False
+        return True
 
     def named_file(self, text: str) -> Path:
         """A path that an option names: from the plant's folder or, where there is none, from where the command runs."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..capture.placed import decide_distortion, describe_cameras
 from ..checking.judge import judge, refuse
 from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
-from ..documents.check import CheckInfo
+from ..documents.check import CheckInfo, film_of
 from ..documents.frames import FramesInfo
 from ..errors import BadInput, CaptureFailed, MissingInput
 from ..files.colmap import read_cameras
@@ -113,6 +114,7 @@ def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distort
 
 
 def _save(workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None) -> None:
+    info = replace(info, film=film_of(workspace.read_record("frames")))
     strip = strip_of(frames, workspace.folder("frames")) if frames and look is None else []
     with workspace.writing("check") as folder:
         info.save(folder / workspace.check_json.name)

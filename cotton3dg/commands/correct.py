@@ -1,4 +1,4 @@
-"""Corrections of a plant's bolls: taken from the report's page or the command line, kept, and replayed."""
+"""Corrections of a plant's bolls and table: taken from the report's page or the command line, kept, and replayed."""
 
 from __future__ import annotations
 
@@ -6,24 +6,26 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .. import pipeline
+from ..core.scene import Float64
 from ..documents.bolls import read_bolls
-from ..documents.corrections import Correction, Corrections, Pick, Place
-from ..documents.scale import read_scale
+from ..documents.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
+from ..documents.scale import ScaleInfo
+from ..documents.train import TrainMetrics
 from ..errors import BadInput, BadUsage, MissingInput
 from ..files.colmap import read_cameras
 from ..files.saving import explain_disk_errors
 from ..files.tables import parse_number, read_rows
-from ..geometry.triangulation import triangulate
+from ..geometry.picks import PickedPoint, point_of_picks
 from ..options import recorded
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 
-PICK_PX = 6.0
-"""Farther from the place that the others agree on, a pick is a slip."""
+EXAMPLE = "000000.jpg:412,530 000012.jpg:388,541"
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,20 @@ class Asked:
     branch: Sequence[int] = ()
     add: Sequence[str] = ()
     """`IMAGE:X,Y IMAGE:X,Y`, px in undistorted images."""
+    corner: Sequence[str] = ()
+    """The same: where a corner of the table is."""
+    ruler: Sequence[str] = ()
+    """The same of both ends, with a slash between them."""
     undo: bool = False
+
+
+@dataclass(frozen=True)
+class Length:
+    """What a ruler measured."""
+
+    length_cm: float
+    error_cm: float
+    """Standard error, of picks and scale."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +64,8 @@ class Outcome:
     kept: Corrections
     refused: tuple[str, ...]
     """Those that do not apply."""
+    lengths: tuple[Length | None, ...]
+    """Of the rulers that are kept; None where its ends are not known any more, or there is no scale."""
     before: float
     after: float
     """Count of bolls."""
@@ -66,16 +83,19 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     if not all(record and record.is_ok for record in records.values()):
         raise MissingInput("the plant has no finished result to correct; run `cotton3dg run` first")
     kept = Corrections.load_if_there(workspace.corrections_json) or Corrections()
-    own = kept.corrections[:-1] if asked.undo else kept.corrections
     if asked.undo and not kept.corrections:
         raise BadUsage("there is no correction to take back")
     known = _Known(workspace)
-    for new in (*_from_file(asked.file), *_from_words(asked)):
-        if problem := new.problem():
+    own: tuple[Correction, ...] = ()
+    # Those that are kept have their places, unless somebody copied the page's file here.
+    said = kept.corrections[:-1] if asked.undo else kept.corrections
+    for correction in (*said, *_from_file(asked.file), *_from_words(asked)):
+        if problem := correction.problem():
             raise BadUsage(f"a correction makes no sense: {problem}")
-        placed = known.placed(new)
+        placed = known.placed(correction)
         own = own if placed in own else (*own, placed)
     before = _count(workspace)
+    table_moves = kept.of(CORNER) != Corrections(own).of(CORNER)
     kept = Corrections(own)
     with explain_disk_errors(workspace.root):
         if own:
@@ -83,14 +103,27 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
         else:
             workspace.corrections_json.unlink(missing_ok=True)
     options = {stage: recorded(stage, record.options) for stage, record in records.items() if record}
+    if table_moves:
+        _scale_again(workspace, options, watcher)
     pipeline.run(workspace, options, ("traits",), watcher=watcher, report=True)
-    record = workspace.read_record("traits")
-    refused = tuple(warning for warning in record.warnings if "correction not applied" in warning) if record else ()
-    return Outcome(kept, refused, before, _count(workspace))
+    done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
+    refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
+    known = _Known(workspace)
+    lengths = tuple(known.length(ruler) for ruler in kept.of(RULER))
+    return Outcome(kept, refused, lengths, before, _count(workspace))
+
+
+def _scale_again(workspace: Workspace, options: dict[str, Any], watcher: pipeline.Watcher | None) -> None:
+    """The scale with the corners that are kept; the plant's row goes on to tell the seconds of the plant's run."""
+    before = workspace.read_record("scale")
+    pipeline.run(workspace, options, ("scale",), watcher=watcher)
+    after = workspace.read_record("scale")
+    if before and after:
+        workspace.write_record(replace(after, seconds=before.seconds))
 
 
 class _Known:
-    """The plant's bolls as its tables and its report show them."""
+    """The plant as its tables and its report show it."""
 
     def __init__(self, workspace: Workspace):
         self.workspace = workspace
@@ -98,45 +131,99 @@ class _Known:
         self.bolls = {boll.boll_id: boll for boll in bolls}
         rows = read_rows(workspace.bolls_csv)
         self.cm = {int(row["boll_id"]): tuple(parse_number(row[f"{axis}_cm"]) for axis in "xyz") for row in rows}
+        sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
+        self.cameras = {camera.name: camera for camera in read_cameras(sparse)}
+        self.scale_info = ScaleInfo.load(workspace.scale_json)
 
     def placed(self, correction: Correction) -> Correction:
-        """The same with the places of its bolls."""
-        if correction.kind == "add":
-            places = correction.bolls or (self._picked(correction.picks),)
-        else:
-            places = tuple(self._of(place) for place in correction.bolls)
-        return replace(correction, bolls=places, model=self.model)
+        """The same with the places of its bolls and the images of its picks; one that was placed before is as it was.
+
+        Raises:
+            BadUsage: a boll or an image is not there, or picks do not meet.
+        """
+        if correction.model:
+            return correction
+        picks = tuple(self._seen(pick) for pick in correction.picks)
+        places = tuple(self._of(place) for place in correction.bolls)
+        if correction.kind == CORNER:
+            self._meet(picks)
+        elif correction.kind == RULER and not places:
+            places = tuple(self._at(self._meet(replace(correction, picks=picks).of_end(end)).point) for end in ENDS)
+        elif correction.kind == "add" and not places:
+            places = (self._at(self._meet(picks).point),)
+        return replace(correction, bolls=places, picks=picks, model=self.model)
+
+    def length(self, ruler: Correction) -> Length | None:
+        """What a ruler measures by the scale of now."""
+        scale = self.scale_info.scale
+        if scale is None:
+            return None
+        pixel_su = TrainMetrics.load(self.workspace.metrics_json).pixel_su
+        ends: list[PickedPoint | None] = []
+        for number, end in enumerate(ENDS):
+            picks = ruler.of_end(end)
+            if picks and {pick.image for pick in picks} <= self.cameras.keys() and self.workspace.has_images(picks):
+                pixels = np.array([(pick.x_px, pick.y_px) for pick in picks])
+                ends.append(point_of_picks([self.cameras[pick.image] for pick in picks], pixels))
+            else:
+                place = ruler.bolls[number]
+                known = place.centre_su if ruler.model == self.model else None
+                ends.append(PickedPoint(np.array(known), pixel_su) if known else None)
+        first, second = ends
+        if first is None or second is None:
+            return None
+        length_cm = float(np.linalg.norm(first.point - second.point)) * scale.cm_per_su
+        picked_cm = float(np.hypot(first.error_su, second.error_su)) * scale.cm_per_su
+        return Length(length_cm, float(np.hypot(picked_cm, length_cm * scale.relative_error)))
 
     def _of(self, place: Place) -> Place:
-        if place.centre_cm is not None or place.centre_su is not None:
-            return place
+        """A boll, or a place that the page names as its tables do, in the scene and in the plant's frame."""
+        if place.centre_cm is not None:
+            return self._at(self._scene(place.centre_cm), place.boll_id)
         if place.boll_id not in self.bolls:
             raise BadUsage(f"there is no boll {place.boll_id}; its bolls are {', '.join(map(str, self.bolls))}")
-        centre = tuple(float(x) for x in self.bolls[place.boll_id].centre)
-        cm = self.cm.get(place.boll_id)
-        return Place(place.boll_id, cm if cm and np.isfinite(cm).all() else None, centre)
+        return self._at(self.bolls[place.boll_id].centre, place.boll_id)
 
-    def _picked(self, picks: Sequence[Pick]) -> Place:
+    def _seen(self, pick: Pick) -> Pick:
+        """The same with the image's hash."""
+        if pick.image not in self.cameras:
+            raise BadUsage(f"{pick.image} is no placed image; look into sfm/undistorted/images")
+        if not self.workspace.has_images((pick,)):
+            raise BadUsage(f"{pick.image} is another image now; open the plant's report anew and point again")
+        (sha256,) = self.workspace.hashes(self.workspace.undistorted_image(pick.image)).values()
+        return replace(pick, sha256=sha256)
+
+    def _meet(self, picks: Sequence[Pick]) -> PickedPoint:
         """The place that picks in several images show."""
-        sparse = self.workspace.undistorted / "sparse"
-        cameras = {camera.name: camera for camera in read_cameras(self.workspace.require(sparse, "sfm"))}
-        if missing := [pick.image for pick in picks if pick.image not in cameras]:
-            raise BadUsage(f"{missing[0]} is no placed image; look into sfm/undistorted/images")
         pixels = np.array([(pick.x_px, pick.y_px) for pick in picks])
-        views = [cameras[pick.image] for pick in picks]
-        sighting = triangulate(views, pixels, tolerance_px=PICK_PX)
-        if sighting is None:
-            raise BadUsage("the picks do not meet in space; pick the boll's middle in two images from other sides")
-        return Place(0, self._cm_of(sighting.point), tuple(float(x) for x in sighting.point))
+        picked = point_of_picks([self.cameras[pick.image] for pick in picks], pixels)
+        if picked is None:
+            raise BadUsage("the picks do not meet in space; pick the same point in two images from other sides")
+        return picked
 
-    def _cm_of(self, point: np.ndarray) -> tuple[float, ...] | None:
-        """A scene point in the plant's frame, as the other bolls tell it."""
-        scale = read_scale(self.workspace.scale_json)
+    def _at(self, point: Float64, boll_id: int = 0) -> Place:
+        """A scene point, told in the plant's frame too where there is one: by the scale as it was found."""
+        found = (self.scale_info.found or self.scale_info).scale
+        foot, cm = self._foot(), None
+        if found is not None and foot is not None:
+            cm = tuple(float(x) for x in (point - foot) @ found.table_frame.T * found.cm_per_su)
+        return Place(boll_id, cm, tuple(float(x) for x in point))
+
+    def _scene(self, centre_cm: Sequence[float]) -> Float64:
+        """The scene point of a place in the plant's frame as the tables have it."""
+        scale, foot = self.scale_info.scale, self._foot()
+        if scale is None or foot is None:
+            raise BadUsage("the plant's frame is not known any more; open its report anew and say it again")
+        return np.asarray(foot + np.array(centre_cm) / scale.cm_per_su @ scale.table_frame)
+
+    def _foot(self) -> Float64 | None:
+        """(3,) su, where the stem meets the table, as the tables tell it; None where no boll has a place."""
+        scale = self.scale_info.scale
         known = [boll_id for boll_id, cm in self.cm.items() if boll_id in self.bolls and np.isfinite(cm).all()]
         if scale is None or not known:
             return None
-        centre, cm = self.bolls[known[0]].centre, np.array(self.cm[known[0]])
-        return tuple(float(x) for x in cm + (point - centre) @ scale.table_frame.T * scale.cm_per_su)
+        cm = np.array(self.cm[known[0]]) / scale.cm_per_su
+        return np.asarray(self.bolls[known[0]].centre - cm @ scale.table_frame)
 
 
 def _from_file(file: Path | None) -> tuple[Correction, ...]:
@@ -158,18 +245,27 @@ def _from_words(asked: Asked) -> list[Correction]:
         found.append(Correction("merge", tuple(Place(int(number)) for number in numbers)))
     for kind in ("split", "delete", "branch"):
         found += [Correction(kind, (Place(number),)) for number in getattr(asked, kind)]
-    for text in asked.add:
-        try:
-            picks = []
-            for word in text.split():
-                image, _, place = word.rpartition(":")
-                x, y = place.split(",")
-                picks.append(Pick(image, float(x), float(y)))
-        except ValueError:
-            example = "'000000.jpg:412,530 000012.jpg:388,541'"
-            raise BadUsage(f"--add {text!r}: write IMAGE:X,Y twice, e.g. {example}") from None
-        found.append(Correction("add", picks=tuple(picks)))
+    for kind, texts in (("add", asked.add), (CORNER, asked.corner)):
+        found += [Correction(kind, picks=_picks(f"--{kind} {text!r}", text)) for text in texts]
+    for text in asked.ruler:
+        ends = text.split("/")
+        if len(ends) != len(ENDS):
+            raise BadUsage(f"--ruler {text!r}: write both ends with a slash between them, e.g. '{EXAMPLE} / {EXAMPLE}'")
+        of_ends = [_picks(f"--ruler {text!r}", word, end) for word, end in zip(ends, ENDS, strict=True)]
+        found.append(Correction(RULER, picks=(*of_ends[0], *of_ends[1])))
     return found
+
+
+def _picks(option: str, text: str, end: str = "") -> tuple[Pick, ...]:
+    picks = []
+    for word in text.split():
+        image, _, place = word.rpartition(":")
+        try:
+            x, y = map(float, place.split(","))
+        except ValueError:
+            raise BadUsage(f"{option}: write IMAGE:X,Y twice, e.g. '{EXAMPLE}'") from None
+        picks.append(Pick(image, x, y, end))
+    return tuple(picks)
 
 
 def _count(workspace: Workspace) -> float:

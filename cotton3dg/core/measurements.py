@@ -100,7 +100,11 @@ class BollTraits:
         later=True,
     )
     corrected: str = column(
-        "", "what a person did to it: merged, split or added", blank_when=NOT_CORRECTED, later=True, default=""
+        "",
+        "what a person did to it: merged, split, added, or rescaled with all others by moving the table's corners",
+        blank_when=NOT_CORRECTED,
+        later=True,
+        default="",
     )
     original_bolls: str = column(
         "", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", later=True, default=""
@@ -293,6 +297,12 @@ class PlantTraits:
         blank_when=NO_SIZE,
         later=True,
         default=None,
+    )
+    original_plant_height_cm: float = column(
+        "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", later=True
+    )
+    original_canopy_size_cm: float = column(
+        "cm", "canopy_size_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", later=True
     )
 
 

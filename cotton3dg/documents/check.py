@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
 from .document import Document
+from .record import Record
 
 GREEN, YELLOW, RED = "green", "yellow", "red"
 """Good as it is; usable, but something will be missing or doubtful; no result can come of it."""
@@ -43,3 +45,10 @@ class CheckInfo(Document):
     figures: dict[str, Any]
     """By name with its unit; what was not measured is missing."""
     seconds: float
+    film: str = ""
+    """`film_of` the record of its frames."""
+
+
+def film_of(frames: Record | None) -> str:
+    """SHA-256 that tells one film from another: of what the stage frames read."""
+    return hashlib.sha256(repr(sorted(frames.inputs.items())).encode()).hexdigest() if frames else ""

@@ -38,6 +38,13 @@ class ScaleInfo(Document):
     """Each reference for itself: source, cm_per_su, relative_error and its evidence."""
     refused: dict[str, str] | None = None
     """Reference -> why it gave no scale."""
+    found: ScaleInfo | None = None
+    """Without the corners that a person moved; None where none were."""
+
+    @property
+    def moved_corners(self) -> int:
+        """How many corners a person moved."""
+        return len((self.evidence or {}).get("moved_corners", ())) if self.found else 0
 
     @classmethod
     def of_scale(cls, scale: Scale, **evidence: Any) -> Self:

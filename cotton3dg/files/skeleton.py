@@ -9,10 +9,16 @@ from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..geometry.polylines import length_of
+from .labels import Labels, Spot, around, beside, text_box
 
 INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
 PX_PER_CM = 9.0
 MARGIN_PX = 110.0
+BOLL_PX = 9.0
+Px = tuple[float, float]
+"""A place on the drawing."""
+LEADER_PX = 6.0
+"""A boll farther from its label has a line to it; a branch, which its label stands off, three times as far."""
 RISE = np.tan(np.radians(18.0))
 """Slope at which branches are drawn, one as the other."""
 
@@ -54,8 +60,8 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     left, right = ends[:, 0].min() * PX_PER_CM - MARGIN_PX, ends[:, 0].max() * PX_PER_CM + MARGIN_PX
     high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX
 
-    def at(point: NDArray) -> str:
-        return f"{point[0] * PX_PER_CM - left:.1f},{high - point[1] * PX_PER_CM:.1f}"
+    def at(point: NDArray) -> Px:
+        return float(point[0] * PX_PER_CM - left), float(high - point[1] * PX_PER_CM)
 
     width, height = right - left, high + 40
     svg = [
@@ -65,22 +71,51 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     ]
     svg.append(f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>')
     if title:
-        svg.append(_text(f"{width / 2:.1f},24", title, "middle", INK, 16))
+        svg.append(_text((width / 2, 24), title, "middle", INK, 16))
+    labels = Labels()
     for mark in range(0, int(top) + 1, 10):
-        x, y = at(np.array([left / PX_PER_CM, mark])).split(",")
-        svg.append(f'<line x1="{x}" x2="{width:.1f}" y1="{y}" y2="{y}" stroke="#ddd" stroke-width="1"/>')
-        svg.append(_text(f"4,{float(y) - 3:.1f}", f"{mark} cm", "start", "#888", 11))
-    svg.append(_line(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5))
+        x, y = at(np.array([left / PX_PER_CM, mark]))
+        svg.append(f'<line x1="{x:.1f}" x2="{width:.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd" stroke-width="1"/>')
+        svg.append(_text((4, y - 3), f"{mark} cm", "start", "#888", 11))
+        labels.taken.append(text_box(4, y - 3, f"{mark} cm", "start", 11))
+    lines = [(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5.0)]
     for axis in plant_map.branches:
         start, end = places[axis.rank]
-        colour = FRUITING if axis.kind == "fruiting" else VEGETATIVE
-        svg.append(_line(at(start), at(end), colour, 3 if axis.kind == "fruiting" else 4.5))
-        outwards = 1 if end[0] >= start[0] else -1
-        label = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
-        svg.append(_text(at(end + (outwards * 1.6, 0.9)), label, "start" if outwards > 0 else "end", colour, 12))
+        lines.append((at(start), at(end), _colour(axis), 3 if axis.kind == "fruiting" else 4.5))
+    for line in lines:
+        svg.append(_line(*line))
+        labels.add_line(*line[:2])
+    middles = {boll.boll_id: at(_boll_place(boll, places)) for boll in plant_map.bolls}
     for boll in plant_map.bolls:
-        svg += _boll(boll, places, plant_map.stem, at)
+        x, y = middles[boll.boll_id]
+        svg += _boll(boll, x, y)
+        labels.taken.append((x - BOLL_PX, y - BOLL_PX, x + BOLL_PX, y + BOLL_PX))
+    for axis in plant_map.branches:
+        start, end = places[axis.rank]
+        text = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
+        svg += _label(labels, at(end), text, 12, beside(1 if end[0] >= start[0] else -1, 12), _colour(axis))
+    for boll_id, middle in middles.items():
+        svg += _label(labels, middle, f"b{boll_id}", 11, around(BOLL_PX, 11), BOLL, BOLL_PX)
     return "\n".join([*svg, "</svg>"])
+
+
+def _colour(axis: Axis) -> str:
+    return FRUITING if axis.kind == "fruiting" else VEGETATIVE
+
+
+def _label(
+    labels: Labels, at: Px, text: str, size: int, spots: Sequence[Spot], colour: str, radius: float = 0
+) -> list[str]:
+    """A text where nothing is in its way; with a thin line to what it names, of a radius, where that is not beside."""
+    spot = labels.place(at, text, size, spots)
+    left, top, right, bottom = text_box(spot.x, spot.y, text, spot.anchor, size)
+    way = np.clip(at, [left, top], [right, bottom]) - at
+    away = float(np.hypot(*way))
+    svg = []
+    if away > (radius + LEADER_PX if radius else 3 * LEADER_PX):
+        start, end = at + way * radius / away, at + way
+        svg.append(_line((start[0], start[1]), (end[0], end[1]), colour, 0.8))
+    return [*svg, _text((spot.x, spot.y), text, spot.anchor, colour, size)]
 
 
 def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
@@ -115,35 +150,38 @@ def _way(side: int, rise: float) -> NDArray:
     return way / np.linalg.norm(way)
 
 
-def _boll(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]], stem: Axis, at: object) -> list[str]:
-    if boll.branch:
-        start, end = places[boll.branch]
-        length = float(np.linalg.norm(end - start))
-        place = start + (end - start) * min(boll.path_cm / max(length, 1e-6), 1.0)
-    else:
-        place = np.array([0.0, float(boll.stalk[0, 2])])
-    x, y = at(place).split(",")  # type: ignore[operator]
-    svg = [f'<circle cx="{x}" cy="{y}" r="9" fill="{BOLL}"><title>boll {boll.boll_id}</title></circle>']
+def _boll_place(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]]) -> NDArray:
+    """(2,) cm on the drawing."""
+    if not boll.branch:
+        return np.array([0.0, float(boll.stalk[0, 2])])
+    start, end = places[boll.branch]
+    length = float(np.linalg.norm(end - start))
+    return np.asarray(start + (end - start) * min(boll.path_cm / max(length, 1e-6), 1.0))
+
+
+def _boll(boll: BollOnMap, x: float, y: float) -> list[str]:
+    svg = [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{BOLL_PX:g}" fill="{BOLL}" stroke="#fff"><title>boll {boll.boll_id}'
+        "</title></circle>"
+    ]
     if boll.position:
         figure = f"{boll.position}" if boll.position < 3 else "3+"
-        svg.append(_text(f"{x},{float(y) + 4:.1f}", figure, "middle", "#fff", 11))
-    svg.append(_text(f"{x},{float(y) + 23:.1f}", f"b{boll.boll_id}", "middle", BOLL, 11))
+        svg.append(_text((x, y + 4), figure, "middle", "#fff", 11))
     return svg
 
 
-def _line(start: str, end: str, colour: str, width: float) -> str:
-    (x1, y1), (x2, y2) = start.split(","), end.split(",")
+def _line(start: Px, end: Px, colour: str, width: float) -> str:
     return (
-        f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" stroke="{colour}" stroke-width="{width}" '
-        'stroke-linecap="round"/>'
+        f'<line x1="{start[0]:.1f}" y1="{start[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}" stroke="{colour}" '
+        f'stroke-width="{width:g}" stroke-linecap="round"/>'
     )
 
 
-def _text(place: str, text: str, anchor: str, colour: str, size: int) -> str:
+def _text(place: Px, text: str, anchor: str, colour: str, size: int) -> str:
     from xml.sax.saxutils import escape
 
-    x, y = place.split(",")
     # As a style, since the report's own style of texts would win over attributes.
     return (
-        f'<text x="{x}" y="{y}" text-anchor="{anchor}" style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
+        f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}" '
+        f'style="fill:{colour};font-size:{size}px">{escape(text)}</text>'
     )

@@ -300,8 +300,9 @@ def _advise_on_exposure(found: ExposureDecision) -> list[Advice]:
     if found.on:
         text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
         return [Advice(False, "Exposure", text)]
-    visible = f"{found.visible_from_pct:.0f} % begins to matter"
-    if found.likeness is not None and found.spread_pct > (found.visible_from_pct or 0) and found.likeness <= ALIKE:
+    visible_pct = found.visible_from_pct or 0.0
+    visible = f"{visible_pct:.0f} % begins to matter"
+    if found.likeness is not None and found.spread_pct > visible_pct and found.likeness <= ALIKE:
         text = f"Things change their brightness by {size} from image to image, dark and bright ones not alike: gleams,"
         return [Advice(True, "Exposure", f"{text} not the camera; nothing was corrected.")]
     return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]

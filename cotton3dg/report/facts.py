@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..core.state import State
+from ..documents.corrections import Corrections
 from ..documents.document import Document
 from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
@@ -41,6 +42,8 @@ class Facts:
     effects: Effects | None
     scale: ScaleInfo | None
     skeleton: SkeletonInfo | None
+    corrections: Corrections | None
+    """What a person said of it."""
 
     def done(self, stage: str) -> bool:
         return any(item.stage == stage and item.done for item in self.stages)
@@ -78,6 +81,7 @@ def read_facts(workspace: Workspace) -> Facts:
         effects=when_done("train", Effects, workspace.effects_json),
         scale=when_done("scale", ScaleInfo, workspace.scale_json),
         skeleton=when_done("traits", SkeletonInfo, workspace.skeleton_json),
+        corrections=when_done("traits", Corrections, workspace.corrections_json),
     )
 
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from .. import __version__
 from ..core.state import State
-from ..errors import CaptureFailed, Cotton3dgError
-from ..field.columns import find_roles
+from ..errors import Cotton3dgError
 from ..field.genotypes import Fit, Mean, Trial
 from ..files.images import read_image
 from ..files.tables import parse_number
 from ..workspace import Workspace
-from .advice import meaning
+from .checklist import to_film
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
 
@@ -35,13 +34,6 @@ FEWEST = 5
 """With fewer plants nothing is an outlier."""
 BINS = 10
 THUMBNAIL_PX = 160
-
-
-NEW_FILM = frozenset(
-    ("video_damaged", "few_frames", "blurred", "underexposed", "overexposed", "few_frames_registered",
-     "cameras_contradicted", "orbit_gap", "plant_out_of_view", "no_scale", "table_edge_unclear", "no_plant")
-)  # fmt: skip
-"""Flags that another film may mend."""
 MOST_CHOICES = 40
 """A column of the field book with more values, or with one, is no filter."""
 MOST_GENOTYPES = 40
@@ -68,7 +60,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial
         "genotypes": [
             _genotype_plot(fit, [mean for mean in trial.means if mean.trait == fit.trait]) for fit in trial.fits
         ],
-        "checklist": [*_film_again(plants, trial), *_unfilmed(trial)],
+        "checklist": to_film(folder, plants, trial),
         "histograms": [_histogram(trait, values[trait]) for trait in SHOWN],
         "version": __version__,
     }
@@ -84,32 +76,6 @@ def _filters(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[
         if 1 < len(values) <= MOST_CHOICES:
             found.append({"column": column, "values": values})
     return found
-
-
-def _film_again(plants: Sequence[Mapping[str, Any]], trial: Trial) -> list[dict[str, str]]:
-    """Plants that need another film, with where they stand and why."""
-    found = []
-    for plant in plants:
-        flags = [meaning(flag).title for flag in plant["flags"] if flag in NEW_FILM]
-        failed = plant["state"] == State.FAILED and plant.get("exit_code") == CaptureFailed.exit_code
-        if failed or flags:
-            why = str(plant["reason"] or "").split("; ")[0] if failed else " ".join(flags)
-            found.append({"plant": plant["folder"], "where": _where(plant, trial.columns), "why": why})
-    return found
-
-
-def _unfilmed(trial: Trial) -> list[dict[str, str]]:
-    return [
-        {"plant": plant_id, "where": _where(cells, list(cells)), "why": "not filmed yet"}
-        for plant_id, cells in trial.unfilmed.items()
-    ]
-
-
-def _where(cells: Mapping[str, Any], columns: Sequence[str]) -> str:
-    """What finds a plant in the field."""
-    roles = find_roles(columns)
-    named = [f"{role} {cells[roles[role]]}" for role in ("site", "block", "row", "column", "plot") if role in roles]
-    return ", ".join(text for text in named if not text.endswith(" "))
 
 
 def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:

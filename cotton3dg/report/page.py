@@ -27,11 +27,12 @@ from ..workspace import Workspace
 from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
+from .pointing import describe_photos
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION = 2
+VERSION = 3
 RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
@@ -127,10 +128,11 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "advice": part("advice", lambda: advise_on_capture(facts, pictures.widths_px())) or [],
         "stages": stage_rows(facts),
         "scene": scene,
+        "photos": part("photos", lambda: describe_photos(pictures)) or {},
         "trouble": trouble,
         "version": __version__,
     }
-    scripts = [(TEMPLATES / "table.js").read_text("utf-8"), (TEMPLATES / "report.js").read_text("utf-8")]
+    scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "mend.js", "photos.js", "report.js")]
     if scene:
         scripts.insert(0, _read_plotly())
     return fill_template("report.html", scripts, content)

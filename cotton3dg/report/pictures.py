@@ -245,8 +245,11 @@ class Pictures:
         frame = self.frame()
         volumes = {int(row["boll_id"]): parse_number(row["volume_cm3"]) for row in self.facts.bolls}
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
-        drawn = as_drawn(self.gaussians, self.facts.metrics.pixel_su if self.facts.metrics else 0.0)
+        pixel_su = self.facts.metrics.pixel_su if self.facts.metrics else 0.0
+        drawn = as_drawn(self.gaussians, pixel_su)
         return {
+            "pixel": pixel_su * self.scale.cm_per_su if self.scale else 0.0,
+            "relative_error": self.scale.relative_error if self.scale else 0.0,
             **describe_scene(
                 self.gaussians,
                 self.plant_rows,

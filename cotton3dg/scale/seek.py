@@ -119,10 +119,10 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent)
     together = reconcile(references)
     scale = scale_on(scene.ground, together.cm_per_su, together.relative_error, "+".join(together.agreeing))
     evidence = next(item.evidence for item in references if item.source == together.agreeing[0])
-    info = ScaleInfo.of_scale(scale, evidence=evidence, references=_facts(references), refused=refused)
+    info = ScaleInfo.of_scale(scale, evidence=evidence, references=facts_of(references), refused=refused)
     summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
     unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
-    return FoundScale(info, StageOutcome(summary, *_doubts(together, unclear)), pictures, patches)
+    return FoundScale(info, StageOutcome(summary, *doubts_of(together, unclear)), pictures, patches)
 
 
 def no_scale(reason: str, *warnings: str) -> FoundScale:
@@ -228,7 +228,7 @@ def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
     }
 
 
-def _doubts(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a scale."""
     flags, warnings = [], []
     if unclear_edge:
@@ -252,7 +252,7 @@ def _doubts(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], 
     return tuple(dict.fromkeys(flags)), tuple(warnings)
 
 
-def _facts(references: list[Reference]) -> tuple[dict[str, Any], ...]:
+def facts_of(references: list[Reference]) -> tuple[dict[str, Any], ...]:
     """Each reference for itself."""
     return tuple(
         {"source": item.source, "cm_per_su": item.cm_per_su, "relative_error": item.relative_error, **item.evidence}

@@ -8,13 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
-from ..geometry.triangulation import triangulate
+from ..geometry.picks import point_of_picks
 from .references import LEAST_ERROR, NoReference, Reference
 
-PICK_PX = 1.0
-"""Standard error of a place picked by hand."""
-TOLERANCE_PX = 5.0
-"""Farther from the point that the others agree on, a pick is a slip."""
 MAX_ERROR = 0.03
 
 
@@ -35,12 +31,11 @@ def scale_from_distance(
         if len(seen) < 2:
             return NoReference(f"point {name} was picked in {len(seen)} of the placed images, 2 are needed")
         pixels = np.array([places[image] for image in seen])
-        sighting = triangulate([by_name[image] for image in seen], pixels, tolerance_px=TOLERANCE_PX)
-        if sighting is None:
+        picked = point_of_picks([by_name[image] for image in seen], pixels)
+        if picked is None:
             return NoReference(f"the picks of point {name} do not meet in space")
-        points.append(sighting.point)
-        # Two picks meet by chance, so no residual is trusted below what a hand does.
-        sigmas.append(sighting.su_per_px * max(PICK_PX, sighting.residual_px))
+        points.append(picked.point)
+        sigmas.append(picked.error_su)
     measured = float(np.linalg.norm(points[0] - points[1]))
     if measured <= 0:
         return NoReference("both points lie at the same place")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,17 @@ from numpy.typing import NDArray
 from ..core.card import PATCH_LEVELS, printed_reflectance
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
+from ..documents.corrections import CORNER, Correction, Corrections
 from ..documents.patches import PatchesInfo
-from ..errors import BadUsage, MissingInput, NoScale
+from ..errors import BadInput, BadUsage, MissingInput, NoScale
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_image
 from ..files.picks import COLUMNS, read_picks
 from ..files.ply import read_gaussians
+from ..files.saving import file_sha256
 from ..options import ScaleOptions
-from ..scale.seek import Plant, no_scale, seek_scale
+from ..scale.corners import move_corners, refuse_moves
+from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
 from ..workspace import Workspace
 from .stage import Cost, Stage
 
@@ -26,9 +30,21 @@ def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted, workspace.gaussians_ply, workspace.scale_points]
 
 
+def parts(workspace: Workspace) -> dict[str, str]:
+    """What a person says of the table: other corrections change no scale."""
+    if not workspace.corrections_json.exists():
+        return {}
+    name = f"{workspace.corrections_json.name}#{CORNER}"
+    try:
+        said = Corrections.load(workspace.corrections_json).of(CORNER)
+    except BadInput:  # told when the stage runs
+        return {name: file_sha256(workspace.corrections_json)}
+    return {name: hashlib.sha256(repr(said).encode()).hexdigest()} if said else {}
+
+
 def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent) -> StageOutcome:
     """Writes scale.json and photos that show the reference: table_<n>.jpg, sections.jpg, markers_<n>.jpg,
-    points_<n>.jpg; where a card was sought and seen, patches.json.
+    points_<n>.jpg, corners_<n>.jpg; where a card was sought and seen, patches.json.
 
     Raises:
         BadUsage: reflectances that are none.
@@ -37,13 +53,17 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     workspace.require(workspace.undistorted / "sparse", "sfm")
     workspace.require(workspace.gaussians_ply, "train")
     reflectances = _reflectances(options.card.patches)
+    said = Corrections.load_if_there(workspace.corrections_json)
+    moved = said.of(CORNER) if said else ()
     if options.method == "none":
-        found = no_scale("no reference was asked for")
+        found = refuse_moves(no_scale("no reference was asked for"), ["no scale was asked for"] * len(moved))
     else:
         gaussians = read_gaussians(workspace.gaussians_ply)
         tracks = read_points(workspace.undistorted / "sparse")[0]
         solid = gaussians.means[gaussians.opacities > 0.5]
-        found = seek_scale(load_plant(workspace, options, workspace.undistorted, tracks, solid), options, progress)
+        plant = load_plant(workspace, options, workspace.undistorted, tracks, solid)
+        found = seek_scale(plant, options, progress)
+        found = _moved(workspace, found, plant, options, moved) if moved else found
     if options.require_scale and found.info.scale is None:
         warnings = (*found.outcome.warnings, f"{found.info.reason}; use --method table or drop --require-scale")
         raise NoScale(warnings[0])
@@ -72,6 +92,21 @@ def _reflectances(text: str) -> tuple[float, ...]:
     if len(measured) != len(PATCH_LEVELS) or not (np.diff([1.2, *measured, 0]) < 0).all():
         raise BadUsage(f"--patches {text!r}: write {len(PATCH_LEVELS)} falling reflectances in %, e.g. 86,53,29,14,6,4")
     return tuple(measured)
+
+
+def _moved(
+    workspace: Workspace, found: FoundScale, plant: Plant, options: ScaleOptions, said: tuple[Correction, ...]
+) -> FoundScale:
+    """The scale with the corners that a person moved, as far as the photos are still those that were pointed at."""
+    placed = {camera.name for camera in plant.cameras}
+    moves, refused = [], []
+    for correction in said:
+        known = {pick.image for pick in correction.picks} <= placed and workspace.has_images(correction.picks)
+        if correction.problem() or not known:
+            refused.append(correction.problem() or "a photo that was pointed at is another one now")
+            continue
+        moves.append({pick.image: np.array([pick.x_px, pick.y_px]) for pick in correction.picks})
+    return move_corners(found, plant, moves, options, refused)
 
 
 def load_plant(
@@ -104,4 +139,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8))
+STAGE = Stage("scale", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)

@@ -105,12 +105,18 @@ class Stage:
     """About what it writes, by its options and by the size of what it reads; generous."""
     named_files: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
     """Files anywhere that its options name."""
+    parts: Callable[[Workspace], dict[str, str]] = lambda workspace: {}
+    """SHA-256, by a name, of what it reads of files that hold more than what is for it."""
     droppable: Callable[[Workspace], list[Path]] = lambda workspace: []
     """What `clean` drops, as it can be made again and no result is."""
 
     def reads(self, workspace: Workspace, options: Any) -> list[Path]:
         """All that the result depends on besides the options."""
         return [*self.inputs(workspace), *self.named_files(workspace, options)]
+
+    def input_hashes(self, workspace: Workspace, options: Any) -> dict[str, str]:
+        """SHA-256 of the same, by names."""
+        return workspace.hashes(*self.reads(workspace, options)) | self.parts(workspace)
 
     def record(self, options: Any, reason: str) -> Record:
         """Of a run that begins."""

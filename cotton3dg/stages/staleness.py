@@ -61,7 +61,7 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
         before = record.options.get(key, usual[key])
         if before != value:
             return f"option {key} {before} -> {value}"
-    return _change("input", record.inputs, workspace.hashes(*known.reads(workspace, options))) or _change(
+    return _change("input", record.inputs, known.input_hashes(workspace, options)) or _change(
         "output", record.outputs, workspace.hashes(workspace.folder(stage))
     )
 

@@ -19,10 +19,10 @@ from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..documents.bolls import boll_labels, describe_bolls, read_bolls
-from ..documents.corrections import Corrections
+from ..documents.corrections import OF_BOLLS, Corrections
 from ..documents.masks import MasksInfo
 from ..documents.patches import PatchesInfo
-from ..documents.scale import read_scale
+from ..documents.scale import ScaleInfo
 from ..documents.sfm import SfmInfo
 from ..documents.skeleton import describe_map
 from ..documents.train import TrainMetrics
@@ -79,18 +79,20 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
     if sha256 != gaussians.sha256():
         raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
-    scale = read_scale(workspace.require(workspace.scale_json, "scale"))
+    scale_info = ScaleInfo.load(workspace.require(workspace.scale_json, "scale"))
+    scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     masks = MasksInfo.load_if_there(workspace.masks_json)
     halves = masks.halves if masks else None
     cameras = _cameras(workspace)
-    measured = measure_plant(gaussians, bolls, scale, metrics.pixel_su, options.tube_height_cm, halves, cameras)
-    corrected = _corrected(workspace, gaussians, bolls, scale, measured)
-    if corrected:
+    measured = measure_plant(gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras)
+    corrected = _corrected(workspace, gaussians, bolls, found, measured)
+    if corrected or scale_info.found:
+        corrected = corrected or Corrected(bolls)
         again = measure_plant(
             gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm, cameras=cameras
         )
-        measured = mark_corrections(measured, again, corrected)
+        measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
     of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
@@ -142,12 +144,16 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
 def _corrected(
     workspace: Workspace, gaussians: Gaussians, bolls: list[BollInstance], scale: Scale | None, measured: Measured
 ) -> Corrected | None:
-    """The bolls after a person's corrections; None without any."""
-    found = Corrections.load_if_there(workspace.corrections_json)
-    if not found or not found.corrections:
+    """The bolls after a person's corrections; None without any.
+
+    Args:
+        scale: as it was found, which places in corrections refer to; measured: by it.
+    """
+    said = Corrections.load_if_there(workspace.corrections_json)
+    if not said or not said.of(*OF_BOLLS):
         return None
     frame = PlantFrame(scale, measured.plant.foot) if scale and measured.plant else None
-    return apply_corrections(bolls, found.corrections, gaussians, gaussians.sha256(), frame)
+    return apply_corrections(bolls, said.of(*OF_BOLLS), gaussians, gaussians.sha256(), frame)
 
 
 def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, list[NDArray[np.float64]]]:
@@ -223,4 +229,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=9, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=10, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -153,7 +153,7 @@ class Study:
             # What a training passed through is not what it ended with, although the options are the same.
             if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
                 continue
-            read = workspace.hashes(*stage_of(stage).reads(workspace, setting.options[stage]))
+            read = stage_of(stage).input_hashes(workspace, setting.options[stage])
             for donor in donors:
                 record = donor.read_record(stage)
                 if record and record.inputs == read and not self._is_due(donor, setting, stage):
@@ -185,7 +185,7 @@ class Study:
             reached = TrainMetrics.load(workspace.metrics_json)
             record = replace(
                 stage_of("train").record(options, f"after {steps} of {options.steps} steps"),
-                inputs=workspace.hashes(*stage_of("train").reads(workspace, options)),
+                inputs=stage_of("train").input_hashes(workspace, options),
                 seconds=reached.seconds,
                 cpu_seconds=reached.cpu_seconds,
                 peak_memory_mib=base_record.peak_memory_mib if base_record else math.nan,

@@ -17,8 +17,12 @@ from ..geometry.point_sets import find_compact_part, measure_extent
 NEAR = 0.5
 """A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""
 LEAST_GAUSSIANS = 5
-REACH = 0.65
-"""An added boll reaches this many usual diameters around its place: picks err, and diameters are of centres."""
+REACH = 0.9
+"""An added boll reaches no farther than this many usual diameters around its place: bolls differ, and picks err."""
+AS_WHITE = 0.2
+"""It is of Gaussians that are as white as this quantile of the other bolls'; darker ones are wood and leaves."""
+USUAL_CM = 4.5
+"""Diameter of an open boll, where no other boll of the plant tells it."""
 ADDED_OPACITY = 0.1
 """Fainter Gaussians are haze and no part of an added boll."""
 
@@ -81,7 +85,7 @@ def apply_corrections(
             continue
         known = [place for place in places if place is not None]
         if correction.kind == "add":
-            made = _added(known[0], list(now.values()), gaussians, next_id) if known else "its place is not known"
+            made = _added(known, now, gaussians, frame, next_id)
             if isinstance(made, str):
                 refused.append(f"add: {made}")
                 continue
@@ -180,18 +184,28 @@ def _split(boll: BollInstance, gaussians: Gaussians, new_id: int) -> tuple[BollI
     return first, replace(second, masks=())
 
 
-def _added(place: Float64, bolls: list[BollInstance], gaussians: Gaussians, boll_id: int) -> BollInstance | str:
-    """A boll of the usual size at a place, or why there can be none."""
-    if not bolls:
-        return "no other boll tells how large it may be"
-    owned = np.zeros(len(gaussians), bool)
-    for boll in bolls:
-        owned[boll.indices] = True
-    radius = REACH * float(np.median([boll.diameter_su for boll in bolls]))
-    near = np.linalg.norm(gaussians.means - place, axis=1) <= radius
-    indices = np.flatnonzero(near & ~owned & (gaussians.opacities > ADDED_OPACITY))
+def _added(
+    places: Sequence[Float64],
+    bolls: dict[int, BollInstance],
+    gaussians: Gaussians,
+    frame: PlantFrame | None,
+    boll_id: int,
+) -> BollInstance | str:
+    """A boll of the usual size at a place, of Gaussians that are no other boll's; or why there can be none."""
+    if not places or not (bolls or frame):
+        return "neither another boll nor a scale tells how large it may be" if places else "its place is not known"
+    usual_su = USUAL_CM / frame.scale.cm_per_su if frame else np.nan
+    taken = gaussians.opacities > ADDED_OPACITY
+    if bolls:
+        usual_su = float(np.median([boll.diameter_su for boll in bolls.values()]))
+        others = np.concatenate([boll.indices for boll in bolls.values()])
+        whiteness = gaussians.colours.min(axis=1)
+        taken &= whiteness >= np.quantile(whiteness[others], AS_WHITE)
+        taken[others] = False
+    near = np.linalg.norm(gaussians.means - places[0], axis=1) <= REACH * usual_su
+    indices = np.flatnonzero(near & taken)
     if len(indices) >= LEAST_GAUSSIANS:
         indices = indices[find_compact_part(gaussians.means[indices])]
     if len(indices) < LEAST_GAUSSIANS:
-        return "the model has nothing there that is no other boll's"
-    return _of(replace(bolls[0], views=(), masks=()), boll_id, indices, gaussians)
+        return "the model has no lint there that is no other boll's"
+    return _of(BollInstance(boll_id, indices, (), places[0], usual_su, 1.0), boll_id, indices, gaussians)

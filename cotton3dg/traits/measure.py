@@ -111,24 +111,29 @@ def measure_plant(
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
-def mark_corrections(before: Measured, after: Measured, corrected: Corrected) -> Measured:
-    """What was measured after the corrections, with what they changed in columns of their own."""
+def mark_corrections(before: Measured, after: Measured, corrected: Corrected, moved_corners: int = 0) -> Measured:
+    """What was measured after the corrections, with what they changed in columns of their own.
+
+    Args:
+        moved_corners: corners of the table that were moved, which changes the scale of all.
+    """
     volumes = {boll.boll_id: boll.volume_cm3 for boll in before.bolls}
 
     def marked(boll: BollTraits) -> BollTraits:
-        if boll.boll_id not in corrected.words:
+        told = corrected.words.get(boll.boll_id, "rescaled" if moved_corners else "")
+        if not told:
             return boll
-        was = corrected.origins[boll.boll_id]
+        was = corrected.origins.get(boll.boll_id, (boll.boll_id,))
         volume = sum(volumes[boll_id] for boll_id in was) if was else np.nan
-        names = "+".join(map(str, was))
-        told = corrected.words[boll.boll_id]
-        return replace(boll, corrected=told, original_bolls=names, original_volume_cm3=volume)
+        return replace(boll, corrected=told, original_bolls="+".join(map(str, was)), original_volume_cm3=volume)
 
     traits = replace(
         after.traits,
-        corrections=corrected.applied,
+        corrections=corrected.applied + moved_corners,
         original_boll_count=before.traits.boll_count,
         original_boll_volume_cm3=before.traits.boll_volume_cm3,
+        original_plant_height_cm=before.traits.plant_height_cm,
+        original_canopy_size_cm=before.traits.canopy_size_cm,
     )
     flags, warnings = after.flags, after.warnings
     if corrected.refused:

@@ -14,13 +14,14 @@ from cotton3dg.commands.correct import Asked, correct
 from cotton3dg.core.columns import columns_of
 from cotton3dg.core.measurements import BollTraits
 from cotton3dg.documents.bolls import read_bolls
-from cotton3dg.documents.corrections import Correction, Corrections, Place
-from cotton3dg.documents.scale import read_scale
+from cotton3dg.documents.corrections import Correction, Corrections, Pick, Place
+from cotton3dg.documents.scale import ScaleInfo, read_scale
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.files.tables import read_rows
 from cotton3dg.report.facts import read_facts
+from cotton3dg.stages import scale as scale_stage
 from cotton3dg.traits.corrections import PlantFrame, apply_corrections
 from cotton3dg.traits.measure import measure_plant
 from cotton3dg.workspace import Workspace
@@ -110,6 +111,124 @@ def test_a_boll_is_added_where_two_photos_show_it(reported_copy):
     assert np.linalg.norm(np.subtract(place, told)) < 1.0
 
 
+def picks_of(cameras, point, off_px=(0.4, -0.3)):
+    """A scene point as a hand picks it in two images."""
+    return " ".join(
+        f"{camera.name}:{x + off_px[0]:.2f},{y + off_px[1]:.2f}"
+        for camera in cameras
+        for x, y in camera.project(point[None])[0]
+    )
+
+
+def test_a_moved_corner_is_a_new_scale_and_the_old_values_are_kept(reported_copy, tmp_path):
+    before, plant = rows(reported_copy), plant_row(reported_copy)
+    found = read_scale(reported_copy.scale_json)
+    cameras = read_cameras(reported_copy.undistorted / "sparse")
+    # 4 cm out along both sides of corner 3.
+    there = found.corners[2] + (found.table_frame[0] + found.table_frame[1]) * 4 / found.cm_per_su
+    factor = (120**2 + 60**2) / (124 * 120 + 64 * 60)  # by least squares over both sides
+    outcome = correct(reported_copy, Asked(delete=[1], corner=[picks_of((cameras[1], cameras[5]), there)]))
+    assert (outcome.before, outcome.after, outcome.refused) == (4, 3, ())
+    info = ScaleInfo.load(reported_copy.scale_json)
+    assert info.source == "corners" and info.moved_corners == 1
+    assert info.cm_per_su == pytest.approx(found.cm_per_su * factor, rel=5e-3)
+    assert 0.003 < info.relative_error < 0.02
+    assert info.found.scale.cm_per_su == pytest.approx(found.cm_per_su, rel=5e-3)
+    assert info.scale.corners[2] == pytest.approx(there, abs=1.5 / found.cm_per_su)
+    row = plant_row(reported_copy)
+    assert row["scale_source"] == "corners" and row["corrections"] == "2"
+    for name in ("plant_height_cm", "canopy_size_cm"):
+        assert float(row[f"original_{name}"]) == pytest.approx(float(plant[name]), abs=1.0)
+        assert float(row[name]) == pytest.approx(float(row[f"original_{name}"]) * factor, rel=0.01)
+    after = rows(reported_copy)
+    assert set(after) == {2, 3, 4} and {boll["corrected"] for boll in after.values()} == {"rescaled"}
+    for boll_id, boll in after.items():
+        assert boll["original_bolls"] == str(boll_id)
+        assert float(boll["original_volume_cm3"]) == pytest.approx(float(before[boll_id]["volume_cm3"]), rel=0.02)
+        assert float(boll["volume_cm3"]) == pytest.approx(float(boll["original_volume_cm3"]) * factor**3, rel=0.02)
+    # What is said from now on is said in the new scale, and is kept in that of the table as it was found.
+    correct(reported_copy, Asked(split=[3]))
+    told = Corrections.load(reported_copy.corrections_json).corrections[-1].bolls[0].centre_cm
+    assert told == pytest.approx([float(before[3][f"{axis}_cm"]) for axis in "xyz"], abs=1.0)
+    # The same file on another copy gives the same bytes; taken back, the scale is what it was.
+    saved = tmp_path / "saved.json"
+    shutil.copyfile(reported_copy.corrections_json, saved)
+    first = tables(reported_copy)
+    again = Workspace(shutil.copytree(reported_copy.root, tmp_path / "again" / "plant_017"))
+    for _ in range(3):
+        correct(again, Asked(undo=True))
+    assert not again.corrections_json.exists() and ScaleInfo.load(again.scale_json) == info.found
+    assert plant_row(again)["original_plant_height_cm"] == ""
+    correct(again, Asked(file=saved))
+    assert tables(again) == first
+
+
+def test_a_corner_is_for_the_photos_that_were_pointed_at(reported_copy):
+    cameras = read_cameras(reported_copy.undistorted / "sparse")
+    found = read_scale(reported_copy.scale_json)
+    picks = picks_of((cameras[1], cameras[5]), found.corners[1])
+    correct(reported_copy, Asked(corner=[picks]))
+    assert ScaleInfo.load(reported_copy.scale_json).found
+    # Another image under the name of one that was pointed at, as another run makes it.
+    shutil.copyfile(reported_copy.undistorted_image(cameras[2].name), reported_copy.undistorted_image(cameras[1].name))
+    outcome = correct(reported_copy, Asked(delete=[1], corner=[picks_of((cameras[3], cameras[6]), found.corners[0])]))
+    assert outcome.refused == ("correction not applied: corner: a photo that was pointed at is another one now",)
+    info = ScaleInfo.load(reported_copy.scale_json)
+    assert info.evidence == {"moved_corners": [1]}
+    assert "corrections_not_applied" in plant_row(reported_copy)["qc_flags"]
+    told = json.loads(reported_copy.corrections_json.read_text())["corrections"][-1]
+    told["picks"][0]["sha256"], told["model"] = "0" * 64, ""
+    saved = reported_copy.root / "old_page.json"
+    saved.write_text(json.dumps({"corrections": [told]}))
+    with pytest.raises(BadUsage, match="another image now; open the plant's report anew"):
+        correct(reported_copy, Asked(file=saved))
+
+
+def test_other_corrections_leave_the_scale_as_it_is(reported_copy):
+    assert scale_stage.parts(reported_copy) == {}
+    correct(reported_copy, Asked(delete=[1]))
+    assert scale_stage.parts(reported_copy) == {}
+    corner = Correction("corner", picks=(Pick("a.jpg", 1.0, 2.0), Pick("b.jpg", 1.0, 2.0)))
+    Corrections((corner,)).save(reported_copy.corrections_json)
+    (one,) = scale_stage.parts(reported_copy).values()
+    Corrections((corner, Correction("delete", (Place(1),)))).save(reported_copy.corrections_json)
+    assert list(scale_stage.parts(reported_copy).values()) == [one]
+
+
+def test_a_ruler_measures_and_changes_nothing(reported_copy):
+    before = tables(reported_copy)
+    bolls = {boll.boll_id: boll for boll in read_bolls(*reported_copy.final_bolls())[0]}
+    cameras = read_cameras(reported_copy.undistorted / "sparse")
+    ends = [picks_of(pair, bolls[k].centre) for k, pair in ((1, cameras[1:5:3]), (4, cameras[3:7:3]))]
+    outcome = correct(reported_copy, Asked(ruler=[" / ".join(ends)]))
+    true_cm = np.linalg.norm(np.subtract(*BOLLS_CM[[0, 3]]))
+    (length,) = outcome.lengths
+    assert length.length_cm == pytest.approx(true_cm, abs=1.0)
+    assert abs(length.length_cm - true_cm) < 3 * length.error_cm and length.error_cm < 1.0
+    assert tables(reported_copy) == before
+    # Copied into the plant's folder as the page saved it, a file does as well.
+    shutil.copyfile(reported_copy.corrections_json, reported_copy.root / "kept.json")
+    said = json.loads(reported_copy.corrections_json.read_text())["corrections"][0]
+    bare = [{key: pick[key] for key in ("image", "x_px", "y_px", "end")} for pick in said["picks"]]
+    reported_copy.corrections_json.write_text(json.dumps({"corrections": [{"kind": "ruler", "picks": bare}]}))
+    assert correct(reported_copy, Asked()).lengths == outcome.lengths
+    assert reported_copy.corrections_json.read_bytes() == (reported_copy.root / "kept.json").read_bytes()
+    # Picked in 3D it has places and no picks, and without its model it is not known.
+    places = tuple(Place(0, tuple(float(rows(reported_copy)[k][f"{axis}_cm"]) for axis in "xyz")) for k in (1, 4))
+    (reported_copy.root / "said.json").write_text(
+        json.dumps({"corrections": [{"kind": "ruler", "bolls": [{"centre_cm": place.centre_cm} for place in places]}]})
+    )
+    outcome = correct(reported_copy, Asked(file=reported_copy.root / "said.json"))
+    assert outcome.lengths[1].length_cm == pytest.approx(true_cm, abs=1.0)
+    kept = Corrections.load(reported_copy.corrections_json)
+    Corrections(tuple(replace(said, model="other", picks=()) for said in kept.corrections)).save(
+        reported_copy.corrections_json
+    )
+    told = CliRunner().invoke(app, ["correct", str(reported_copy.root)])
+    assert told.exit_code == 0, told.output
+    assert told.output.count("ruler (its ends or the scale are not known)") == 2
+
+
 def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
     for asked, words in (
         (Asked(delete=[9]), "there is no boll 9; its bolls are 1, 2, 3, 4"),
@@ -118,6 +237,11 @@ def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
         (Asked(add=["000000.jpg"]), "write IMAGE:X,Y twice"),
         (Asked(add=["000000.jpg:1,2 nowhere.jpg:3,4"]), "nowhere.jpg is no placed image"),
         (Asked(add=["000000.jpg:1,2"]), "two images"),
+        (Asked(add=["000000.jpg:1,nan 000003.jpg:3,4"]), "a place needs three finite numbers"),
+        (Asked(add=["000000.jpg:1,2 000003.jpg:300,230"]), "the picks do not meet in space"),
+        (Asked(corner=["000000.jpg:1,2"]), "corner needs its place in two images"),
+        (Asked(ruler=["000000.jpg:1,2 000003.jpg:3,4"]), "a slash between them"),
+        (Asked(ruler=["000000.jpg:1,2 000003.jpg:3,4 / 000000.jpg:1,2"]), "both its ends in two images"),
         (Asked(undo=True), "no correction to take back"),
     ):
         with pytest.raises(BadUsage, match=words):
@@ -155,7 +279,7 @@ def test_they_outlive_another_model_or_are_told_not_to_apply(reported_copy):
     own = replace(said, model=sha, bolls=(Place(1, None, tuple(bolls[0].centre)),))
     assert len(apply_corrections(bolls, [own], gaussians, sha, None).bolls) == 3
     empty = apply_corrections(bolls, [Correction("add", (Place(0, (0.0, 0.0, 150.0)),))], gaussians, sha, frame)
-    assert "nothing there" in empty.refused[0]
+    assert "no lint there" in empty.refused[0]
     assert POSE.cm(bolls[0].centre[None]) == pytest.approx(BOLLS_CM[:1], abs=1.0)
 
 
@@ -170,3 +294,17 @@ def test_the_command_line(reported_copy):
     assert told.exit_code == 8
     assert "delete 1: no boll is there any more" in told.output
     assert "corrections_not_applied" in plant_row(reported_copy)["qc_flags"]
+
+
+def test_a_boll_is_added_where_all_were_missed(reported_copy):
+    """Its size is then that of a usual boll; without a scale nothing tells it."""
+    bolls, sha = read_bolls(*reported_copy.final_bolls())
+    gaussians = read_gaussians(reported_copy.gaussians_ply)
+    scale = read_scale(reported_copy.scale_json)
+    frame = PlantFrame(scale, measure_plant(gaussians, bolls, scale, 0.01, 4.0).plant.foot)
+    said = [Correction("add", (Place(0, None, tuple(bolls[1].centre)),), model=sha)]
+    (added,) = apply_corrections([], said, gaussians, sha, frame).bolls
+    true, made = set(bolls[1].indices.tolist()), set(added.indices.tolist())
+    assert len(true & made) > 0.9 * len(true | made)
+    blind = apply_corrections([], said, gaussians, sha, None)
+    assert blind.bolls == [] and "neither another boll nor a scale" in blind.refused[0]

@@ -4,9 +4,13 @@ import numpy as np
 from scenes.finished_scene import N_BOLLS
 from scenes.report_page import Page, batch_row, batch_rows
 
+from cotton3dg.documents.check import RED, CheckInfo, Finding, film_of
+from cotton3dg.documents.record import Record
 from cotton3dg.field.genotypes import Trial, compare_genotypes
 from cotton3dg.report.advice import FLAGS
+from cotton3dg.report.checklist import FILM_AGAIN, to_film
 from cotton3dg.report.index import index_page, robust_z
+from cotton3dg.workspace import Workspace
 
 
 def test_robust_z_finds_what_stands_out():
@@ -35,7 +39,7 @@ def test_the_index_lists_failures_outliers_and_links(reported):
     assert set(links[1:-2]) <= set(links[-2:])  # outliers, with their pictures
     assert "height far above the others" in seen.text
     assert FLAGS["orbit_gap"].title in seen.text
-    assert f"plant_3 : {FLAGS['orbit_gap'].title}" in seen.text  # to film again
+    assert f"plant_3 {FLAGS['orbit_gap'].title} a full turn that ends where it began" in seen.text
     assert seen.count("img") == 2  # the one plant that has frames, in the table and among the outliers
     assert seen.count("img", src="x") == seen.count("b") == 0
     assert "default-src 'none'" in text
@@ -49,5 +53,38 @@ def test_the_field_book_filters_lists_what_to_film_and_compares_genotypes(tmp_pa
     seen = Page(index_page("field", tmp_path, rows, Trial(columns, means, fits, unfilmed)))
     assert seen.count("select", **{"data-filter": "0"}) == seen.count("select", **{"data-filter": "1"}) == 1
     assert seen.count("tr", **{"data-field0": "G1"}) == 3
-    assert "late <1> (block 2, plot 77): not filmed yet" in seen.text.replace(" (", " (").replace("> :", ">:")
+    assert "late <1> block 2, plot 77 not filmed yet one slow full turn" in seen.text
     assert "Bolls : 3 genotypes, 7 plants; F" in seen.text
+
+
+def test_the_list_to_film_has_failures_red_checks_and_flags(tmp_path):
+    """With what to film; a check of another film, and failures that no film mends, are not on it."""
+    film = Record("frames", inputs={"walk.mp4": "a" * 64})
+    for name, now in (("red", film), ("filmed_again", Record("frames", inputs={"walk.mp4": "b" * 64}))):
+        (tmp_path / name).mkdir()
+        workspace = Workspace(tmp_path / name)
+        workspace.write_record(now)
+        with workspace.writing("check") as made:
+            found = Finding(RED, "Plant", "the frame cuts it in 9 of 10 images", "step back")
+            info = CheckInfo(RED, "", (found, Finding("green", "Light", "well lit")), {}, 1.0, film_of(film))
+            info.save(made / "check.json")
+    rows = [
+        batch_row("red", boll_count=3),
+        batch_row("filmed_again", boll_count=3),
+        batch_row("dark", qc_flags="underexposed;orbit_gap;doubtful_bolls"),
+        batch_row("lost", "failed", reason="12 of 100 frames registered; film one slow turn") | {"exit_code": 4},
+        batch_row("no_memory", "failed", reason="out of memory; use a larger machine") | {"exit_code": 7},
+    ]
+    plants = [row | {"flags": [flag for flag in (row["qc_flags"] or "").split(";") if flag]} for row in rows]
+    found = {item["plant"]: (item["why"], item["what"]) for item in to_film(tmp_path, plants, Trial())}
+    assert found == {
+        "red": (["the frame cuts it in 9 of 10 images"], ["step back"]),
+        "dark": (
+            [FLAGS["underexposed"].title, FLAGS["orbit_gap"].title],
+            ["in more light", "a full turn that ends where it began"],
+        ),
+        "lost": (["12 of 100 frames registered"], ["film one slow turn"]),
+    }
+    assert FILM_AGAIN.keys() <= FLAGS.keys()
+    seen = Page(index_page("field", tmp_path, rows))
+    assert seen.text.index("To film") < seen.text.index("step back") < seen.text.index("Seconds")

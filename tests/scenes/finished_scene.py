@@ -28,7 +28,7 @@ def record(workspace: Workspace, stage: str, flags: tuple[str, ...] = (), warnin
     options = stage_options(workspace)[stage]
     found = replace(
         stage_of(stage).record(options, ""), seconds=1.25, cpu_seconds=2.5, peak_memory_mib=321.0,
-        inputs=workspace.hashes(*stage_of(stage).reads(workspace, options)),
+        inputs=stage_of(stage).input_hashes(workspace, options),
     )  # fmt: skip
     outcome = StageOutcome({"n": 3}, flags, warnings)
     workspace.write_record(found.done(outcome, workspace.hashes(workspace.folder(stage))))

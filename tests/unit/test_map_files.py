@@ -1,8 +1,10 @@
 """The plant map on disk and against the truth: documents, PLY, drawing, scores."""
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import open3d as o3d
@@ -69,6 +71,29 @@ def test_the_drawing_has_every_branch_and_boll():
     for axis in mapped().branches:
         assert f"{axis.rank} · {length_of(axis.curve):.0f} cm" in texts
     assert draw_map(PlantMap((), (), "no_stem")) == ""
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_no_label_of_a_crowded_plant_hides_another(seed):
+    options = SimulateOptions(seed=seed, architecture="natural", bolls=40, vegetative=1)
+    plant_map = true_map(Truth.parsed(plant_truth(grow_plant(options), options)))
+    root = ET.fromstring(draw_map(plant_map))
+    size = [float(side) for side in root.attrib["viewBox"].split()[2:]]
+    named = [child for child in root if child.tag.endswith("text") and not re.fullmatch(r"[123]\+?", child.text)]
+    assert len(named) == 1 + len(plant_map.bolls) + len(plant_map.branches) + int(plant_map.stem.curve[-1, 2]) // 10
+    boxes = []
+    for item in named:
+        font = float(re.search(r"font-size:(\d+)px", item.attrib["style"])[1])
+        x, y, wide = float(item.attrib["x"]), float(item.attrib["y"]), 0.5 * font * len(item.text)
+        left = x - wide * {"start": 0, "middle": 0.5, "end": 1}[item.attrib["text-anchor"]]
+        boxes.append((left, y - 0.7 * font, left + wide, y))
+        assert left >= 0 and left + wide <= size[0] and 0 <= y <= size[1]
+    circles = [child.attrib for child in root if child.tag.endswith("circle")]
+    boxes += [(float(c["cx"]) - 6, float(c["cy"]) - 6, float(c["cx"]) + 6, float(c["cy"]) + 6) for c in circles]
+    for one, other in combinations(range(len(boxes)), 2):
+        if one < len(named):
+            a, b = boxes[one], boxes[other]
+            assert not (a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]), named[one].text
 
 
 def test_the_truth_scores_full_marks_against_itself():

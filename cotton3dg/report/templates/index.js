@@ -33,8 +33,8 @@
     const y = value => bottom - (bottom - top) * (value - spanY[0]) / (spanY[1] - spanY[0]);
     for (let tick = 0; tick <= 4; tick++) {
       const [valueX, valueY] = [spanX, spanY].map(([low, high]) => low + (high - low) * (tick + 0.5) / 5);
-      add("text", { x: x(valueX), y: bottom + 14, "text-anchor": "middle" }, valueX.toPrecision(3));
-      add("text", { x: left - 6, y: y(valueY) + 3, "text-anchor": "end" }, valueY.toPrecision(3));
+      add("text", { x: x(valueX), y: bottom + 14, "text-anchor": "middle" }, Number(valueX.toPrecision(3)));
+      add("text", { x: left - 6, y: y(valueY) + 3, "text-anchor": "end" }, Number(valueY.toPrecision(3)));
     }
     const names = selects.map(select => select.selectedOptions[0].textContent);
     add("text", { x: (left + right) / 2, y: bottom + 30, "text-anchor": "middle" }, names[0]);
@@ -51,6 +51,13 @@
       });
     }
   }
+
+  // ------------------------------------------------------------ the list to take along
+  document.getElementById("print_list")?.addEventListener("click", () => {
+    document.body.classList.add("only_list");
+    window.print();
+  });
+  window.addEventListener("afterprint", () => document.body.classList.remove("only_list"));
 
   // ------------------------------------------------------------ choosing by the field book
   const filters = [...document.querySelectorAll("[data-filter]")];

@@ -70,43 +70,29 @@
 
   for (const [id, row] of rows) row.addEventListener("click", () => choose(id));
 
-  // ------------------------------------------------------------ mending
-  const said = [];
-  const mending = document.getElementById("mending");
-
+  // ------------------------------------------------------------ mending bolls
   function place(id) {
     const centre = rows.get(id).dataset.centre;
     return { boll_id: Number(id), ...(centre ? { centre_cm: JSON.parse(centre) } : {}) };
   }
 
-  function tell() {
-    mending.hidden = !said.length;
-    document.getElementById("said").replaceChildren(...said.map(({ kind, ids }) =>
-      Object.assign(document.createElement("li"), { textContent: `${kind} ${ids.join(" + ")}` })));
-    const mended = new Set(said.flatMap(item => item.ids));
-    for (const [id, row] of rows) row.classList.toggle("mended", mended.has(id));
-  }
-
-  function say(kind, id) {
+  function mend(kind, id) {
     const chosen = document.querySelector("tr.chosen")?.dataset.boll;
     if (kind === "merge" && (!chosen || chosen === id)) return choose(id);
-    said.push({ kind, ids: kind === "merge" ? [chosen, id] : [id] });
-    tell();
+    const bolls = kind === "merge" ? [chosen, id] : [id];
+    corrections.say({ words: `${kind} ${bolls.join(" + ")}`, saved: { kind, bolls: bolls.map(place) }, bolls });
   }
 
+  corrections.onChange(said => {
+    const mended = new Set(said.flatMap(item => item.bolls));
+    for (const [id, row] of rows) row.classList.toggle("mended", mended.has(id));
+  });
   for (const button of document.querySelectorAll("[data-mend]")) {
     button.addEventListener("click", event => {
       event.stopPropagation();
-      say(button.dataset.mend, button.closest("tr").dataset.boll);
+      mend(button.dataset.mend, button.closest("tr").dataset.boll);
     });
   }
-  document.getElementById("undo")?.addEventListener("click", () => { said.pop(); tell(); });
-  document.getElementById("save")?.addEventListener("click", () => {
-    const corrections = said.map(({ kind, ids }) => ({ kind, bolls: ids.map(place) }));
-    const text = JSON.stringify({ corrections }, null, 1) + "\n";
-    const href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    Object.assign(document.createElement("a"), { href, download: "corrections.json" }).click();
-  });
 
   // ------------------------------------------------------------ the plant in 3D
   const element = document.getElementById("scene");
@@ -172,6 +158,12 @@
     });
   }
 
+  const rod = traces.length;
+  traces.push({
+    type: "scatter3d", mode: "lines+markers", x: [], y: [], z: [], hoverinfo: "skip",
+    marker: { size: 5, color: "#e6007a" }, line: { color: "#e6007a", width: 5 },
+  });
+
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const axis = name => ({
@@ -193,20 +185,53 @@
   Plotly.newPlot(element, traces, layout(), config).then(() => {
     element.dataset.drawn = "yes";
     const boll = event => event.points.map(point => point.data.meta).find(Boolean);
-    let touched, pressed;
-    function touch(id) {
-      touched = id;
+    let touched, spot, pressed;
+    function touch(id, point) {
+      [touched, spot] = [id, point && [point.x, point.y, point.z]];
       for (const [other, row] of rows) row.classList.toggle("touched", other === id);
     }
-    element.on("plotly_hover", event => touch(boll(event)));
-    element.on("plotly_unhover", () => touch(undefined));
+    element.on("plotly_hover", event => touch(boll(event), event.points[0]));
+    element.on("plotly_unhover", () => touch());
     // Not plotly_click: it needs a frame to be drawn while the button is down, and slow machines lose clicks.
-    element.addEventListener("pointerdown", event => { pressed = { id: touched, x: event.x, y: event.y }; }, true);
+    element.addEventListener("pointerdown", event => { pressed = { id: touched, spot, x: event.x, y: event.y }; }, true);
     element.addEventListener("pointerup", event => {
       const still = pressed && Math.hypot(event.x - pressed.x, event.y - pressed.y) < 5;
-      if (!still || !pressed.id) return;
+      if (!still) return;
+      if (measuring()) return pressed.spot && measure(pressed.spot);
+      if (!pressed.id) return;
       lines.has(pressed.id) ? chooseBranch(lines.get(pressed.id)) : choose(pressed.id);
     }, true);
+
+    const ruler = document.getElementById("ruler");
+    const told = document.getElementById("measured");
+    const points = traces.map((_, n) => n).filter(n => traces[n].mode === "markers" && n !== ring);
+    const measuring = () => ruler?.getAttribute("aria-pressed") === "true";
+    let ends = [];
+    function drawRod() {
+      Plotly.restyle(element, Object.fromEntries(["x", "y", "z"].map((a, n) => [a, [ends.map(end => end[n])]])), [rod]);
+    }
+    function measure(at) {
+      ends = ends.length === 2 ? [at] : [...ends, at];
+      drawRod();
+      told.textContent = "Now the other end.";
+      if (ends.length < 2) return;
+      const words = corrections.length(...ends, [data.pixel, data.pixel], data.relative_error);
+      told.textContent = words.replace("ruler ", "");
+      corrections.say({ words, saved: { kind: "ruler", bolls: ends.map(end => ({ centre_cm: end })) }, marks: ends });
+    }
+    corrections.onChange(said => {
+      if (ends.length < 2 || said.some(item => item.marks === ends)) return;
+      ends = [];
+      drawRod();
+      told.textContent = "";
+    });
+    ruler?.addEventListener("click", () => {
+      ruler.setAttribute("aria-pressed", String(!measuring()));
+      Plotly.restyle(element, { hoverinfo: measuring() ? "none" : "skip" }, points);
+      ends = [];
+      drawRod();
+      told.textContent = measuring() ? "Click one end on the plant." : "";
+    });
     mark = id => {
       const found = data.bolls.find(item => String(item.id) === id);
       if (found) Plotly.restyle(element, Object.fromEntries(["x", "y", "z"].map((a, n) => [a, [[found.centre[n]]]])), [ring]);

@@ -1,0 +1,66 @@
+"""Photos that can be pointed at: what the page needs to find the point in space that two clicks show."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..core.scene import Camera
+from ..geometry.camera_orbit import azimuths, evenly_spaced
+from ..geometry.picks import SLIP_PX
+from ..geometry.triangulation import FULL_WIDTH_PX, LEAST_ANGLE
+from ..scale.corners import OFF_TABLE
+from .figures import jpeg_uri
+from .pictures import Pictures
+from .scene import Frame
+
+PHOTOS, SIDE_PX, QUALITY = 12, 1280, 72
+"""Photos, 30 degrees apart; their longer side."""
+
+
+def describe_photos(pictures: Pictures) -> dict[str, Any]:
+    """Photos from around the plant with their cameras, bolls and table corners, all in the page's coordinates.
+
+    Empty without cameras.
+    """
+    if len(pictures.cameras) < 2:
+        return {}
+    frame, scale = pictures.frame(), pictures.scale
+    chosen = sorted(evenly_spaced(azimuths(pictures.cameras, pictures.orbit), PHOTOS))
+    bolls = zip(pictures.bolls, frame.places(np.array([b.centre for b in pictures.bolls]).reshape(-1, 3)), strict=True)
+    corners = frame.places(scale.corners) if scale is not None else np.zeros((0, 3))
+    return {
+        "unit": frame.unit,
+        "photos": [_describe(pictures, pictures.cameras[i], frame) for i in chosen],
+        "bolls": [[boll.boll_id, *np.round(place, 3).tolist()] for boll, place in bolls],
+        "corners": np.round(corners, 4).tolist(),
+        "relative_error": scale.relative_error if scale is not None else 0.0,
+        "slip_px": SLIP_PX,
+        "full_width_px": FULL_WIDTH_PX,
+        "least_angle": LEAST_ANGLE,
+        "off_table": OFF_TABLE,
+    }
+
+
+def _describe(pictures: Pictures, camera: Camera, frame: Frame) -> dict[str, Any]:
+    """A photo, `pose` (page to camera) to project with, and `centre` and `rays` (camera to page) to look along."""
+    scene_from_page = np.linalg.inv(frame.page_from_scene)
+    pose = np.column_stack(
+        [
+            camera.rotation @ scene_from_page,
+            camera.cam_from_scene[:, 3] - camera.rotation @ scene_from_page @ frame.offset,
+        ]
+    )
+    path = pictures.workspace.undistorted_image(camera.name)
+    return {
+        "name": camera.name,
+        "sha256": next(iter(pictures.workspace.hashes(path).values())),
+        "src": jpeg_uri(pictures.photo(camera.name), SIDE_PX, QUALITY),
+        "size": [camera.width, camera.height],
+        "focal": [camera.fx, camera.fy],
+        "middle": [camera.cx, camera.cy],
+        "pose": pose.tolist(),
+        "centre": frame.places(camera.centre[None])[0].tolist(),
+        "rays": (frame.page_from_scene @ camera.rotation.T).tolist(),
+    }

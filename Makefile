@@ -37,9 +37,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt $(SOURCES)
 	@touch $@
 
 demo: setup ## simulate a plant, run it, print its row beside the truth
-	$(BIN)/cotton3dg simulate $(DEMO)
-	$(BIN)/cotton3dg run $(DEMO) --preset $(PRESET)
-	$(BIN)/cotton3dg evaluate $(DEMO)
+	$(BIN)/cotton3dg demo $(DEMO) --preset $(PRESET)
 
 test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
 	$(PYTEST) -m "not slow"

@@ -19,7 +19,7 @@ from ..errors import BadInput, BadUsage
 from ..files.encode import video_encoder
 from ..files.images import write_ids
 from ..files.saving import explain_disk_errors, json_text, write_text_atomically
-from ..options import SimulateOptions, resolve
+from ..options import SimulateOptions
 from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant
@@ -81,10 +81,10 @@ def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[R
     return turning, render(standing, path.at(0), k1=options.distortion)
 
 
-def film_standard_plant(folder: Path, progress: Progress = silent) -> None:
-    """Simulate the standard plant into `folder`, unless it has one."""
+def film_once(folder: Path, options: SimulateOptions, progress: Progress = silent) -> None:
+    """Film a simulated plant into `folder`, unless it has one."""
     if not (folder.is_dir() and Workspace(folder).truth_json.is_file()):
-        simulate(folder, resolve("simulate", STANDARD_PLANT), progress)
+        simulate(folder, options, progress)
 
 
 def _check(folder: Path, options: SimulateOptions) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import __version__, cli_field, cli_install
+from . import cli_field, cli_install
 from .cli_arguments import (
     CardFiles,
     Force,
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -59,7 +58,9 @@ def main() -> None:
 @app.callback(invoke_without_command=True)
 def _root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
     if version:
-        typer.echo(f"cotton3dg {__version__}")
+        from .core.version import version_text
+
+        typer.echo(f"cotton3dg {version_text()}")
         raise typer.Exit
 
 
@@ -410,6 +411,7 @@ app.command("correct", rich_help_panel="Everything")(cli_field.correct)
 app.command("export", rich_help_panel="Everything")(cli_field.export)
 app.command("demo", rich_help_panel="Trying it out")(cli_install.demo)
 app.command("doctor", rich_help_panel="Trying it out")(cli_install.doctor)
+app.command("bug-report", rich_help_panel="Trying it out")(cli_install.bug_report)
 app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -14,9 +17,9 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from .. import __version__
 from ..core.libraries import missing_library, remedy_of
 from ..core.machine import usable_cores
+from ..core.version import version_text
 from ..errors import Cotton3dgError
 from ..files.video import ffmpeg_binary
 
@@ -64,12 +67,47 @@ def examine(folder: Path) -> list[Finding]:
     with ThreadPoolExecutor(len(usable_cores())) as pool:
         imported = list(pool.map(_examine_library, libraries))
     return [
-        Finding("cotton3dg", f"{__version__}, Python {sys.version.split()[0]}"),
+        Finding("cotton3dg", f"{version_text()}, Python {sys.version.split()[0]}"),
         *imported,
         _examine_core(),
         *_examine_ffmpeg(),
         *_examine_machine(folder),
     ]
+
+
+def mend(findings: list[Finding], tell: Callable[[str], None]) -> None:
+    """Run what mends them, as far as this user may: pip always, apt-get as root or where sudo asks for no password."""
+    for remedy in dict.fromkeys(finding.remedy for finding in findings if finding.remedy):
+        commands = _commands_of(remedy)
+        if not commands:
+            tell(f"left to you: {remedy}")
+        for command in commands:
+            tell(f"$ {shlex.join(command)}")
+            if subprocess.run(command, check=False).returncode:
+                tell(f"failed: {remedy}")
+                break
+
+
+def _commands_of(remedy: str) -> list[list[str]]:
+    """What a remedy is for this user to run; empty where it is no command, or not for them."""
+    words = shlex.split(remedy)
+    if words[:2] == ["pip", "install"]:
+        if importlib.util.find_spec("pip"):
+            return [[sys.executable, "-m", *words]]
+        return [["uv", "pip", "install", "--python", sys.executable, *words[2:]]] if shutil.which("uv") else []
+    by_apt = words[:3] == ["sudo", "apt-get", "install"] and shutil.which("apt-get")
+    if by_apt and (first := _as_root()) is not None:
+        return [[*first, "apt-get", "update", "-q"], [*first, "apt-get", "install", "-y", "-q", *words[3:]]]
+    return []
+
+
+def _as_root() -> list[str] | None:
+    """What stands in front of a command that needs root; None where this user may not."""
+    if os.geteuid() == 0:
+        return []
+    sudo = ["sudo", "-n"]
+    allowed = shutil.which("sudo") and subprocess.run([*sudo, "true"], check=False, capture_output=True).returncode == 0
+    return sudo if allowed else None
 
 
 def _list_libraries() -> list[str]:

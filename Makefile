@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 DEMO ?= demo
 PRESET ?= draft
 JOBS ?= 2
+BY ?= checkout
+MACHINES ?= x86_64 aarch64
 BASE ?= HEAD~1
 PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
@@ -13,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs test-lowest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -57,8 +59,16 @@ yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultraly
 	PATH="$(CURDIR)/$(BIN)-yolo:$$PATH"; $(VENV)-yolo/bin/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,yolo]'
 	$(VENV)-yolo/bin/python -m pytest tests/unit/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
 
-bare-test: ## install.md and the demo in a Debian with nothing in it, made by debootstrap (as root); 10 minutes
-	$(PYTHON) tests/stress/bare_machine.py results/bare $(if $(LEND),--lend $(LEND))
+bare-test: ## install.md and the demo in a Debian with nothing in it (debootstrap, as root); BY=checkout|wheel|sdist, AS=--user
+	$(PYTHON) tests/stress/bare_machine.py results/bare --by $(BY) $(AS) $(if $(LEND),--lend $(LEND))
+
+wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in dist/
+	$(BIN)/pip install -q -c constraints.txt -e '.[wheels]' --no-build-isolation
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python tools/build_wheels.py dist $(MACHINES)
+
+docs: setup ## the documentation as a site in build/site; a warning is an error
+	$(BIN)/pip install -q -c constraints.txt -e '.[docs]' --no-build-isolation
+	$(BIN)/python -m mkdocs build --strict --site-dir build/site
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
 	rm -rf results/fifty && mkdir -p results

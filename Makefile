@@ -44,6 +44,12 @@ demo: setup ## simulate a plant, run it, print its row beside the truth
 test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
 	$(PYTEST) -m "not slow"
 
+test-lowest: ## the quick tests with the oldest releases that pyproject.toml allows, in an environment of its own
+	test -x $(VENV)-lowest/bin/python || $(PYTHON) -m venv $(VENV)-lowest
+	$(VENV)-lowest/bin/pip install -q -c constraints.txt uv scikit-build-core pybind11 cmake ninja
+	PATH="$(CURDIR)/$(VENV)-lowest/bin:$$PATH" $(VENV)-lowest/bin/uv pip install -q --python $(VENV)-lowest/bin/python --resolution lowest-direct --no-build-isolation -e '.[dev]'
+	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not slow"
+
 test-slow: setup ## the tests that make test leaves out
 	$(PYTEST) -m slow
 
@@ -121,4 +127,4 @@ bench-compare: setup ## speed of the core against that of the commit BASE (defau
 	$(BIN)/python tests/benchmarks/bench_compare.py $(BASE)
 
 clean: ## remove the environment, builds and the demo
-	rm -rf $(VENV) $(VENV)-yolo build dist $(DEMO) results
+	rm -rf $(VENV) $(VENV)-yolo $(VENV)-lowest build dist $(DEMO) results

@@ -53,7 +53,10 @@ def build(machine: str, scratch: Path, commit: str) -> Path:
     """A wheel for `machine` in `scratch`, named after this machine's glibc as yet."""
     target = f"{machine}-linux-gnu.{GLIBC}"
     tools = {name: script(scratch / name, name) for name in ("ar", "ranlib")}
-    defines = {f"CMAKE_{name.upper()}": str(path) for name, path in tools.items()} | {"COTTON_COMMIT": commit}
+    page = scratch / "cotton3dg.1"
+    run([sys.executable, ROOT / "tools" / "man_page.py", page])
+    defines = {f"CMAKE_{name.upper()}": str(path) for name, path in tools.items()}
+    defines |= {"COTTON_COMMIT": commit, "COTTON_MAN_PAGE": str(page)}
     environment = {
         **os.environ,
         "CC": str(script(scratch / "cc", "cc", "-target", target)),

@@ -1,7 +1,7 @@
 """What the site has besides docs/ (mkdocs calls these hooks): README and its like, and references made from the code.
 
-The pages of docs/ link to files beside them in the repository, so that they can be read there, too. Such a link leads to
-the site's page of that file, where it has one; other files (tests, examples) are copied into the site.
+The pages of docs/ link to files beside them in the repository, so that they can be read there, too. Such a link leads
+to the page that the site has of that file, or to a copy of it (tests, examples).
 """
 
 from __future__ import annotations
@@ -98,7 +98,12 @@ def _option_row(item: Any) -> str:
 
 def python_reference() -> str:
     """Every public name, by the module that it comes from."""
-    lines = ["# Python reference", "", "What `import cotton3dg` offers, by part of the program; [an overview](python.md).", ""]
+    lines = [
+        "# Python reference",
+        "",
+        "What `import cotton3dg` offers, by part of the program; [an overview](python.md).",
+        "",
+    ]
     for module, names in cotton3dg._HOMES.items():
         for name in names:
             lines += [f"::: cotton3dg.{module}.{name}", "    options: {heading_level: 2, members: null}", ""]

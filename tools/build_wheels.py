@@ -57,11 +57,15 @@ def build(machine: str, scratch: Path, commit: str) -> Path:
     run([sys.executable, ROOT / "tools" / "man_page.py", page])
     defines = {f"CMAKE_{name.upper()}": str(path) for name, path in tools.items()}
     defines |= {"COTTON_COMMIT": commit, "COTTON_MAN_PAGE": str(page)}
+    # zig builds its C++ library anew for each way of optimising, so all that CMake tries out is optimised alike, and
+    # nothing is linked but the core.
+    flags = ("-target", target, "-O3")
     environment = {
         **os.environ,
-        "CC": str(script(scratch / "cc", "cc", "-target", target)),
-        "CXX": str(script(scratch / "c++", "c++", "-target", target)),
+        "CC": str(script(scratch / "cc", "cc", *flags)),
+        "CXX": str(script(scratch / "c++", "c++", *flags)),
     }
+    defines["CMAKE_TRY_COMPILE_TARGET_TYPE"] = "STATIC_LIBRARY"
     if machine != platform.machine():
         suffix = sysconfig.get_config_var("EXT_SUFFIX").replace(platform.machine(), machine)
         defines |= {"CMAKE_SYSTEM_NAME": "Linux", "CMAKE_SYSTEM_PROCESSOR": machine, "PYTHON_MODULE_EXTENSION": suffix}

@@ -18,6 +18,7 @@ import shutil
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,6 +30,7 @@ HOME = "home/new"
 """Of the new user, in the other system."""
 USER = 1000
 BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd "$HOME"\nrm -rf cotton3dg demo\n'
+INDEX = "https://download.pytorch.org/whl/cpu"
 BEFORE = {"checkout": "", "wheel": "python3 python3-venv", "sdist": "python3 python3-venv python3-dev g++"}
 """Packages that a machine has, or its administrator installs, before the page is followed."""
 
@@ -43,8 +45,18 @@ def commands(by: str) -> str:
             lines = [line.replace("-*.whl", "-*.tar.gz") for line in lines]
         lines += ["du -sm cotton3dg | sed 's/$/ MB installed/'"]
     lines = [line.replace("URL_OF_THIS_REPOSITORY", "/source") for line in lines]
+    if not reachable(INDEX):  # pip would ask it again and again; what it has is to be lent then
+        lines = [line.replace(f"--extra-index-url {INDEX} ", "") for line in lines]
     timed = [line for one in lines for line in (f"echo '$ {one}'", one, 'echo "after $SECONDS s"')]
     return BEGIN + "\n".join([*timed, "cat demo/traits/traits.csv", ""])
+
+
+def reachable(address: str) -> bool:
+    try:
+        with urllib.request.urlopen(address, timeout=20):
+            return True
+    except OSError:
+        return False
 
 
 def block_of(heading: str) -> list[str]:
@@ -108,6 +120,7 @@ def main() -> None:
     owner = USER if wanted.user else 0
     subprocess.run(["chown", "-R", f"{owner}:{owner}", system / HOME], check=True)
     kept = [f"{key}={value}" for key, value in os.environ.items() if re.match("PIP_|(https?|no)_proxy", key, re.I)]
+    kept += ["PIP_CONSTRAINT=/source/constraints.txt"] if wanted.by != "checkout" else []
     kept += [f"{name}=/etc/lent.crt" for name in ("PIP_CERT", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE")]
     inside = ["env", "-i", f"HOME=/{HOME}", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", *kept]
     with lent(system, [Path("/proc"), *wanted.lend]):

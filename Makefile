@@ -74,7 +74,7 @@ wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in d
 
 docs: setup ## the documentation as a site in build/site; a warning is an error
 	$(BIN)/pip install -q -c constraints.txt -e '.[docs]' --no-build-isolation
-	$(BIN)/python -m mkdocs build --strict --site-dir build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
 	rm -rf results/fifty && mkdir -p results

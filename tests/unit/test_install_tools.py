@@ -75,7 +75,7 @@ def test_the_manual_page_has_every_command_and_exit_code():
 @pytest.mark.parametrize("missing", ["", "masks/bolls.onnx", "_native.cpython-311.so"])
 def test_a_wheel_without_what_the_program_reads_is_refused(tmp_path, monkeypatch, missing):
     monkeypatch.setattr(build_wheels, "run", lambda command: None)  # auditwheel
-    wheel = tmp_path / "cotton3dg-1-py3-none-any.whl"
+    wheel = tmp_path / "cotton3dg-1-cp311-cp311-manylinux_2_24_x86_64.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
         for name in (*build_wheels.NEEDED, "_native.cpython-311.so"):
             if name != missing:
@@ -85,6 +85,9 @@ def test_a_wheel_without_what_the_program_reads_is_refused(tmp_path, monkeypatch
             build_wheels.check(wheel)
     else:
         build_wheels.check(wheel)
+        newer = wheel.rename(tmp_path / "cotton3dg-1-cp311-cp311-manylinux_2_36_x86_64.whl")
+        with pytest.raises(SystemExit, match="newer system"):
+            build_wheels.check(newer)
 
 
 def test_all_that_a_wheel_needs_is_in_the_sources():

@@ -69,11 +69,11 @@ bare-test: ## install.md and the demo in a Debian with nothing in it (debootstra
 	$(PYTHON) tests/stress/bare_machine.py results/bare --by $(BY) $(AS) $(if $(LEND),--lend $(LEND))
 
 wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in dist/
-	$(BIN)/pip install -q -c constraints.txt -e '.[wheels]' --no-build-isolation
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[wheels]'
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python tools/build_wheels.py dist $(MACHINES)
 
 docs: setup ## the documentation as a site in build/site; a warning is an error
-	$(BIN)/pip install -q -c constraints.txt -e '.[docs]' --no-build-isolation
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes

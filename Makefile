@@ -72,6 +72,10 @@ wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in d
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[wheels]'
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python tools/build_wheels.py dist $(MACHINES)
 
+arm-test: setup ## the core of the ARM wheel in dist/, in an emulator (Debian, as root)
+	@command -v qemu-aarch64-static >/dev/null || { apt-get update -q && apt-get install -y -q --no-install-recommends qemu-user-static; }
+	$(BIN)/python tests/stress/arm_core.py results/arm dist/cotton3dg-*_aarch64.whl
+
 docs: setup ## the documentation as a site in build/site; a warning is an error
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site

@@ -10,8 +10,7 @@ from cotton3dg.workspace import Workspace
 
 
 def test_the_demo_ends_with_the_row_and_the_truth(filmed, tmp_path):
-    plant = Workspace(tmp_path / "demo")
-    shutil.copytree(filmed, plant.root)
+    plant = Workspace(shutil.copytree(filmed, tmp_path / "demo"))
     (plant.root / "cotton3dg.toml").write_text(OPTIONS)
     film = (plant.root / "video.mp4").read_bytes()
     first = CliRunner().invoke(app, ["demo", str(plant.root)])

@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 DEMO ?= demo
 PRESET ?= draft
 JOBS ?= 2
+BY ?= checkout
+MACHINES ?= x86_64 aarch64
 BASE ?= HEAD~1
 PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
@@ -13,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs test-lowest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -37,12 +39,16 @@ $(VENV)/.installed: pyproject.toml constraints.txt $(SOURCES)
 	@touch $@
 
 demo: setup ## simulate a plant, run it, print its row beside the truth
-	$(BIN)/cotton3dg simulate $(DEMO)
-	$(BIN)/cotton3dg run $(DEMO) --preset $(PRESET)
-	$(BIN)/cotton3dg evaluate $(DEMO)
+	$(BIN)/cotton3dg demo $(DEMO) --preset $(PRESET)
 
 test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
 	$(PYTEST) -m "not slow"
+
+test-lowest: ## the quick tests with the oldest releases that pyproject.toml allows, in an environment of its own
+	test -x $(VENV)-lowest/bin/python || $(PYTHON) -m venv $(VENV)-lowest
+	$(VENV)-lowest/bin/pip install -q -c constraints.txt uv scikit-build-core pybind11 cmake ninja
+	PATH="$(CURDIR)/$(VENV)-lowest/bin:$$PATH" $(VENV)-lowest/bin/uv pip install -q --python $(VENV)-lowest/bin/python --resolution lowest-direct --no-build-isolation -e '.[dev]'
+	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-slow: setup ## the tests that make test leaves out
 	$(PYTEST) -m slow
@@ -59,8 +65,20 @@ yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultraly
 	PATH="$(CURDIR)/$(BIN)-yolo:$$PATH"; $(VENV)-yolo/bin/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,yolo]'
 	$(VENV)-yolo/bin/python -m pytest tests/unit/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
 
-bare-test: ## install.md and the demo in a Debian with nothing in it, made by debootstrap (as root); 10 minutes
-	$(PYTHON) tests/stress/bare_machine.py results/bare $(if $(LEND),--lend $(LEND))
+bare-test: ## install.md and the demo in a Debian with nothing in it (debootstrap, as root); BY=checkout|wheel|sdist, AS=--user
+	$(PYTHON) tests/stress/bare_machine.py results/bare --by $(BY) $(AS) $(if $(LEND),--lend $(LEND))
+
+wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in dist/
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[wheels]'
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python tools/build_wheels.py dist $(MACHINES)
+
+arm-test: setup ## the core of the ARM wheel in dist/, in an emulator (Debian, as root)
+	@command -v qemu-aarch64-static >/dev/null || { apt-get update -q && apt-get install -y -q --no-install-recommends qemu-user-static; }
+	$(BIN)/python tests/stress/arm_core.py results/arm dist/cotton3dg-*_aarch64.whl
+
+docs: setup ## the documentation as a site in build/site; a warning is an error
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
 	rm -rf results/fifty && mkdir -p results
@@ -113,4 +131,4 @@ bench-compare: setup ## speed of the core against that of the commit BASE (defau
 	$(BIN)/python tests/benchmarks/bench_compare.py $(BASE)
 
 clean: ## remove the environment, builds and the demo
-	rm -rf $(VENV) $(VENV)-yolo build dist $(DEMO) results
+	rm -rf $(VENV) $(VENV)-yolo $(VENV)-lowest build dist $(DEMO) results

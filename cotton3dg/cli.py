@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import __version__, cli_field
+from . import cli_field, cli_install
 from .cli_arguments import (
     CardFiles,
     Force,
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -59,7 +58,9 @@ def main() -> None:
 @app.callback(invoke_without_command=True)
 def _root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
     if version:
-        typer.echo(f"cotton3dg {__version__}")
+        from .core.version import version_text
+
+        typer.echo(f"cotton3dg {version_text()}")
         raise typer.Exit
 
 
@@ -207,34 +208,6 @@ def check(
         raise typer.Exit(CaptureFailed.exit_code if info.verdict == RED else DOUBTFUL)
 
 
-@app.command(rich_help_panel="Trying it out")
-def doctor(
-    folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
-    calibrate: Annotated[bool, typer.Option("--calibrate", help="measure its speed, for --time-budget")] = False,
-) -> None:
-    """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
-    from dataclasses import asdict
-
-    from . import display
-    from .commands.doctor import examine
-    from .errors import EnvironmentUnusable
-
-    if calibrate:
-        from .planning.calibrate import calibrate as measure
-        from .planning.calibrate import describe
-
-        with report_errors(folder):
-            typer.echo(describe(measure()), err=as_json)
-    findings = examine(folder)
-    if as_json:
-        typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
-    else:
-        display.print_findings(findings)
-    if any(finding.fatal and finding.remedy for finding in findings):
-        raise typer.Exit(EnvironmentUnusable.exit_code)
-
-
 @app.command(rich_help_panel="Everything")
 def clean(plant_dir: PlantDir) -> None:
     """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
@@ -275,8 +248,6 @@ def evaluate(
     from .evaluation.mask_table import add_to_table
     from .evaluation.masks import MaskCounts, evaluate_masks
     from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
-    from .evaluation.plant import evaluate as compare
-    from .evaluation.plant_map import evaluate_map
     from .evaluation.tables import (
         evaluate_boll_tables,
         evaluate_tables,
@@ -306,9 +277,7 @@ def evaluate(
                 raise BadUsage(f"--cloud-unit {cloud_unit} is unknown; use {', '.join(CM_PER_UNIT)}")
             display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
         else:
-            display.print_evaluation(*compare(workspace, truth or workspace.truth_json))
-            if map_scores := evaluate_map(workspace, truth or workspace.truth_json):
-                display.print_map_scores(map_scores)
+            display.print_comparison(workspace, truth or workspace.truth_json)
 
 
 @app.command("evaluate-weights", rich_help_panel="Trying it out")
@@ -342,7 +311,8 @@ def study(
 ) -> None:
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
     from . import display
-    from .commands.simulate import film_standard_plant
+    from .commands.simulate import STANDARD_PLANT, film_once
+    from .options import resolve
     from .planning.tradeoff import parse_duration
     from .study.settings import sweeps_of
     from .study.tables import summary
@@ -352,7 +322,7 @@ def study(
     with report_errors(plant_dir), display.ProgressDisplay() as watcher:
         sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")
         if standard:
-            film_standard_plant(plant_dir, watcher.watched("simulate"))
+            film_once(plant_dir, resolve("simulate", STANDARD_PLANT), watcher.watched("simulate"))
         plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
         if lpips and not lpips.is_file():
             raise MissingInput(f"{lpips} is not there; docs/papers.md says how to make the network of LPIPS")
@@ -448,6 +418,9 @@ app.command("correct", rich_help_panel="Everything")(cli_field.correct)
 app.command("export", rich_help_panel="Everything")(cli_field.export)
 app.command("compare", rich_help_panel="Everything")(cli_field.compare)
 app.command("repeat", rich_help_panel="Trying it out")(cli_field.repeat)
+app.command("demo", rich_help_panel="Trying it out")(cli_install.demo)
+app.command("doctor", rich_help_panel="Trying it out")(cli_install.doctor)
+app.command("bug-report", rich_help_panel="Trying it out")(cli_install.bug_report)
 app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .evaluation.plant import BollMatches, TraitError
     from .evaluation.plant_map import MapScores
     from .stages.staleness import StageState
+    from .workspace import Workspace
 
 PLAIN_INTERVAL_S = 30.0
 """How often a line is printed where there is no terminal."""
@@ -213,6 +214,16 @@ def print_render(record: dict[str, Any], root: Path) -> None:
         f" rendered at {record['fps_rendered']:.1f} a second on {record['threads']} threads"
         f" ({record['instruction_set']})\nsaved as {root / record['saved_as']}"
     )
+
+
+def print_comparison(workspace: Workspace, truth_json: Path) -> None:
+    """A plant's results beside its truth: traits, bolls and, where the truth has a skeleton, the plant map."""
+    from .evaluation.plant import evaluate
+    from .evaluation.plant_map import evaluate_map
+
+    print_evaluation(*evaluate(workspace, truth_json))
+    if map_scores := evaluate_map(workspace, truth_json):
+        print_map_scores(map_scores)
 
 
 def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..core.bolls import BollInstance, LiftedMasks
+from ..core.libraries import import_open3d
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import measure_extent
 from .view_objects import ViewObject, bolls_of_groups, find_objects, join_nearest
@@ -78,8 +79,7 @@ class Member:
 
 def find_clusters(objects: list[ViewObject], points: NDArray, eps_su: float, min_samples: int) -> list[Member]:
     """DBSCAN over the points of all objects; objects that are all noise are left out."""
-    import open3d as o3d
-
+    o3d = import_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate([points[item.rows] for item in objects])))
     labels = np.array(cloud.cluster_dbscan(eps_su, min_samples), np.int64)
     members = []

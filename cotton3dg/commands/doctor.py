@@ -2,38 +2,45 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from .. import __version__
+from packaging.requirements import Requirement
+
+from ..core.libraries import missing_library, remedy_of
 from ..core.machine import usable_cores
+from ..core.version import version_text
 from ..errors import Cotton3dgError
 from ..files.video import ffmpeg_binary
 
 MODULE_OF = {
     "ffmpeg-python": "ffmpeg",
     "imageio-ffmpeg": "imageio_ffmpeg",
+    "open3d-cpu": "open3d",
     "opencv-contrib-python-headless": "cv2",
     "pillow": "PIL",
     "zxing-cpp": "zxingcpp",
 }
 """Distribution -> module, where the names differ."""
 
-DEBIAN_PACKAGE_OF = {
-    "libGL.so.1": "libgl1",
-    "libEGL.so.1": "libegl1",
-    "libX11.so.6": "libx11-6",
-    "libgomp.so.1": "libgomp1",
-    "libusb-1.0.so.0": "libusb-1.0-0",
+ONLY_FOR = {
+    "open3d": "clusters by DBSCAN, point clouds of scanners",
+    "open3d-cpu": "clusters by DBSCAN, point clouds of scanners",
+    "openpyxl": "Excel files",
+    "torch": "segmentation by affinity, training of networks",
+    "zxing-cpp": "cards that name plants",
 }
-"""System libraries that the wheels leave to the machine."""
+"""Distribution -> what it is needed for; a default run needs all others."""
 
 PHONE_CODECS = ("h264", "hevc")
 """What smartphones film with."""
@@ -60,7 +67,7 @@ def examine(folder: Path) -> list[Finding]:
     with ThreadPoolExecutor(len(usable_cores())) as pool:
         imported = list(pool.map(_examine_library, libraries))
     return [
-        Finding("cotton3dg", f"{__version__}, Python {sys.version.split()[0]}"),
+        Finding("cotton3dg", f"{version_text()}, Python {sys.version.split()[0]}"),
         *imported,
         _examine_core(),
         *_examine_ffmpeg(),
@@ -68,10 +75,45 @@ def examine(folder: Path) -> list[Finding]:
     ]
 
 
+def mend(findings: list[Finding], tell: Callable[[str], None]) -> None:
+    """Run what mends them, as far as this user may: pip always, apt-get as root or where sudo asks for no password."""
+    for remedy in dict.fromkeys(finding.remedy for finding in findings if finding.remedy):
+        commands = _commands_of(remedy)
+        if not commands:
+            tell(f"left to you: {remedy}")
+        for command in commands:
+            tell(f"$ {shlex.join(command)}")
+            if subprocess.run(command, check=False).returncode:
+                tell(f"failed: {remedy}")
+                break
+
+
+def _commands_of(remedy: str) -> list[list[str]]:
+    """What a remedy is for this user to run; empty where it is no command, or not for them."""
+    words = shlex.split(remedy)
+    if words[:2] == ["pip", "install"]:
+        if importlib.util.find_spec("pip"):
+            return [[sys.executable, "-m", *words]]
+        return [["uv", "pip", "install", "--python", sys.executable, *words[2:]]] if shutil.which("uv") else []
+    by_apt = words[:3] == ["sudo", "apt-get", "install"] and shutil.which("apt-get")
+    if by_apt and (first := _as_root()) is not None:
+        return [[*first, "apt-get", "update", "-q"], [*first, "apt-get", "install", "-y", "-q", *words[3:]]]
+    return []
+
+
+def _as_root() -> list[str] | None:
+    """What stands in front of a command that needs root; None where this user may not."""
+    if os.geteuid() == 0:
+        return []
+    sudo = ["sudo", "-n"]
+    allowed = shutil.which("sudo") and subprocess.run([*sudo, "true"], check=False, capture_output=True).returncode == 0
+    return sudo if allowed else None
+
+
 def _list_libraries() -> list[str]:
     """Names of the distributions that the package needs."""
-    needed = metadata.requires("cotton3dg") or []
-    return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in needed if "extra ==" not in line]
+    needed = map(Requirement, metadata.requires("cotton3dg") or [])
+    return [item.name for item in needed if item.marker is None or item.marker.evaluate({"extra": ""})]
 
 
 def _examine_library(name: str) -> Finding:
@@ -79,7 +121,7 @@ def _examine_library(name: str) -> Finding:
     try:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
-        return Finding(name, "missing", f"pip install {name}", fatal=True)
+        return _library_finding(name, "missing", f"pip install {name}")
     module = MODULE_OF.get(name, name)
     done = subprocess.run(
         [sys.executable, "-c", f"import {module}"], check=False, capture_output=True, text=True, errors="replace"
@@ -91,17 +133,19 @@ def _import_finding(name: str, version: str, code: int, said: str) -> Finding:
     """What the end of `import` means."""
     if code == 0:
         return Finding(name, version)
-    missing = re.search(r"(lib[\w.+-]+\.so[.\d]*): cannot open", said)
-    if missing:
-        library = missing.group(1)
-        package = DEBIAN_PACKAGE_OF.get(library)
-        remedy = f"sudo apt-get install {package}" if package else f"install the system package that has {library}"
-        return Finding(name, f"{version}, but {library} is missing", remedy, fatal=True)
+    if library := missing_library(said):
+        return _library_finding(name, f"{version}, but {library} is missing", remedy_of(library))
     if code < 0:
         remedy = f"install a build of {name} for this processor"
-        return Finding(name, f"{version} ends with signal {-code}", remedy, fatal=True)
+        return _library_finding(name, f"{version} ends with signal {-code}", remedy)
     reason = next((line for line in reversed(said.strip().splitlines()) if line.strip()), "no reason was given")
-    return Finding(name, f"{version} cannot be imported: {reason}", f"pip install --force-reinstall {name}", fatal=True)
+    remedy = f"pip install --force-reinstall {name}"
+    return _library_finding(name, f"{version} cannot be imported: {reason}", remedy)
+
+
+def _library_finding(name: str, found: str, remedy: str) -> Finding:
+    purpose = ONLY_FOR.get(name)
+    return Finding(name, f"{found} (only for {purpose})" if purpose else found, remedy, fatal=purpose is None)
 
 
 def _examine_core() -> Finding:

@@ -24,7 +24,7 @@ from ..files.saving import explain_disk_errors, json_text, write_text_atomically
 from ..identity.card import draw_card
 from ..identity.codes import code_picture
 from ..identity.names import card_text, id_problem
-from ..options import SimulateOptions, resolve
+from ..options import SimulateOptions
 from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant
@@ -96,10 +96,10 @@ def _printed_card(plant_id: str) -> Float32:
     return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
 
 
-def film_standard_plant(folder: Path, progress: Progress = silent) -> None:
-    """Simulate the standard plant into `folder`, unless it has one."""
+def film_once(folder: Path, options: SimulateOptions, progress: Progress = silent) -> None:
+    """Film a simulated plant into `folder`, unless it has one."""
     if not (folder.is_dir() and Workspace(folder).truth_json.is_file()):
-        simulate(folder, resolve("simulate", STANDARD_PLANT), progress)
+        simulate(folder, options, progress)
 
 
 def _check(folder: Path, options: SimulateOptions) -> None:

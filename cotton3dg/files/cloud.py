@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.libraries import import_open3d
 from ..errors import BadInput, MissingInput
 
 SUFFIXES = (".ply", ".pcd", ".xyz", ".txt", ".csv")
@@ -40,9 +41,7 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
 
 
 def _read_scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
-    import open3d as o3d
-
-    attributes = o3d.t.io.read_point_cloud(path).point
+    attributes = import_open3d().t.io.read_point_cloud(path).point
     if "positions" not in attributes:
         return np.zeros((0, 3)), None
     label = next((name for name in LABELS if name in attributes), None)

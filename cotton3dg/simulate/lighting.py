@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
+from .rays import Rays
 from .room import Lamp
 
 Float32 = NDArray[np.float32]
@@ -15,9 +15,7 @@ LAMP_SAMPLES = 9
 SKY_SAMPLES = 20
 
 
-def irradiance(
-    rays: o3d.t.geometry.RaycastingScene, points: Float32, normals: Float32, lamps: Sequence[Lamp], reach: float
-) -> Float32:
+def irradiance(rays: Rays, points: Float32, normals: Float32, lamps: Sequence[Lamp], reach: float) -> Float32:
     """Light that arrives at surface points: soft shadows of the lamps plus ambient occlusion.
 
     Args:
@@ -34,7 +32,7 @@ def irradiance(
     return light + 0.55 * _ambient(rays, starts, normals, reach)[:, None]
 
 
-def _from_lamp(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Float32, lamp: Lamp) -> Float32:
+def _from_lamp(rays: Rays, starts: Float32, normals: Float32, lamp: Lamp) -> Float32:
     """(N,) share of the lamp's light that arrives, times the cosine at the receiver."""
     side = int(np.sqrt(LAMP_SAMPLES))
     grid = (np.arange(side) + 0.5) / side
@@ -47,12 +45,12 @@ def _from_lamp(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: F
             squared = (towards * towards).sum(axis=1)
             cosines = (towards * normals).sum(axis=1).clip(min=0) * -(towards @ facing) / squared
             lit = np.flatnonzero(cosines > 0)
-            free = ~_occluded(rays, starts[lit], towards[lit], 0.97)
+            free = ~rays.blocked(starts[lit], towards[lit], 0.97)
             total[lit] += free * cosines[lit] / squared[lit]
     return total * np.float32(1 / side**2)
 
 
-def _ambient(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Float32, reach: float) -> Float32:
+def _ambient(rays: Rays, starts: Float32, normals: Float32, reach: float) -> Float32:
     """(N,) cosine-weighted share of directions that are free up to `reach`; light from above counts more."""
     # A Fibonacci spiral of directions around z, turned to each normal.
     k = np.arange(SKY_SAMPLES)
@@ -65,12 +63,5 @@ def _ambient(rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Flo
     total = np.zeros(len(starts), np.float32)
     for a, b, c in spiral.astype(np.float32):
         towards = a * x + b * y + c * normals
-        total += ~_occluded(rays, starts, towards, reach) * (0.7 + 0.3 * towards[:, 2])
+        total += ~rays.blocked(starts, towards, reach) * (0.7 + 0.3 * towards[:, 2])
     return total * np.float32(1 / SKY_SAMPLES)
-
-
-def _occluded(
-    rays: o3d.t.geometry.RaycastingScene, starts: Float32, towards: Float32, reach: float
-) -> NDArray[np.bool_]:
-    bundle = np.concatenate([starts, towards], axis=1)
-    return rays.test_occlusions(o3d.core.Tensor.from_numpy(bundle), tfar=reach).numpy()

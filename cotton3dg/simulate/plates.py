@@ -12,10 +12,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from .mesh import Float64, unit
+from .rays import Rays, build_rays
 from .training_scenes import LINT, TrainingScene, build_scene
 
 Float32 = NDArray[np.float32]
@@ -66,17 +66,15 @@ class Plate:
 @dataclass(frozen=True)
 class LitScene:
     scene: TrainingScene
-    rays: o3d.t.geometry.RaycastingScene
+    rays: Rays
     radiance: Float32
     """(LIGHTS, V, 3) that each vertex sends out under each light."""
 
 
 def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
     """Let each light shine once on everything; what it hits sends light on, once."""
-    rays = o3d.t.geometry.RaycastingScene()
     mesh = scene.mesh
-    vertices, triangles = mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)
-    rays.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
+    rays, vertices = build_rays([(mesh.vertices, mesh.triangles)]), mesh.vertices.astype(np.float32)
     normals = mesh.normals().astype(np.float32)
     starts = vertices + 0.0006 * normals
     wrap = np.where(scene.classes == LINT, np.float32(WRAP), np.float32(0))
@@ -86,10 +84,9 @@ def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
     albedo = mesh.colours.astype(np.float32)
     hits, ups = [], []
     for towards in _hemisphere(normals, HEMISPHERE_RAYS):
-        bundle = np.concatenate([starts, towards], axis=1)
-        found = rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
-        free = ~np.isfinite(found["t_hit"].numpy())
-        hits.append(np.where(free, -1, found["primitive_ids"].numpy().astype(np.int64)))
+        found = rays.cast(starts, towards)
+        free = found.meshes < 0
+        hits.append(found.triangles)
         ups.append(towards[:, 2])
         direct[2] += free * (0.25 + 0.75 * (towards[:, 2] > 0)) / HEMISPHERE_RAYS
         direct[3] += free / np.float32(HEMISPHERE_RAYS)
@@ -109,15 +106,12 @@ def _lamp_directions(rng: np.random.Generator) -> Float32:
     return unit(to + size * rng.normal(0, 1, (LAMP_SAMPLES, 3))).astype(np.float32)
 
 
-def _from_lamp(
-    rays: o3d.t.geometry.RaycastingScene, starts: Float32, normals: Float32, wrap: Float32, directions: Float32
-) -> Float32:
+def _from_lamp(rays: Rays, starts: Float32, normals: Float32, wrap: Float32, directions: Float32) -> Float32:
     total = np.zeros(len(starts), np.float32)
     for towards in directions:
         cosines = ((normals @ towards + wrap) / (1 + wrap)).clip(min=0)
         lit = np.flatnonzero(cosines > 0)
-        bundle = np.concatenate([starts[lit], np.broadcast_to(towards, (len(lit), 3))], axis=1)
-        total[lit] += ~rays.test_occlusions(o3d.core.Tensor.from_numpy(bundle)).numpy() * cosines[lit]
+        total[lit] += ~rays.blocked(starts[lit], towards) * cosines[lit]
     return total / np.float32(len(directions))
 
 
@@ -167,14 +161,11 @@ def render_plate(lit: LitScene, rng: np.random.Generator) -> Plate:
     grid = (np.arange(size * n, dtype=np.float32) + 0.5) / n - 0.5 * size
     x, y = np.meshgrid(grid / view.focal_px, grid / view.focal_px)
     directions = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3) @ view.rotation.astype(np.float32)
-    bundle = np.concatenate(
-        [np.broadcast_to(view.centre.astype(np.float32), directions.shape), directions], axis=1, dtype=np.float32
-    )
-    found = lit.rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
-    hit = np.isfinite(found["t_hit"].numpy())
+    found = lit.rays.cast(view.centre.astype(np.float32), directions.astype(np.float32))
+    hit = found.meshes >= 0
     where = np.flatnonzero(hit)
-    triangles = found["primitive_ids"].numpy()[where].astype(np.int64)
-    u, v = found["primitive_uvs"].numpy()[where].T[..., None]
+    triangles = found.triangles[where]
+    u, v = found.weights[where].T[..., None]
     corners = scene.mesh.triangles[triangles]
     light = np.zeros((LIGHTS, len(hit), 3), np.float32)
     for number in range(LIGHTS):

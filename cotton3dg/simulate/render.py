@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
@@ -16,6 +15,7 @@ from .atlas import Atlas, pack
 from .lighting import irradiance
 from .mesh import Mesh, merge
 from .plant import PlantMeshes
+from .rays import Hits, Rays, build_rays
 from .room import Panel, Room
 
 Float32 = NDArray[np.float32]
@@ -29,7 +29,7 @@ VOID = 0.05
 class RenderScene:
     """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant."""
 
-    rays: o3d.t.geometry.RaycastingScene
+    rays: Rays
     atlas: Atlas
     densities: Float32
     """(P,) texels a metre of each panel."""
@@ -77,15 +77,11 @@ def on_turntable(scene: RenderScene, plant: PlantMeshes, room: Room) -> tuple[Re
     return replace(scene, rays=turning), replace(scene, rays=standing)
 
 
-def _trace(room: Room, plant: Mesh, shown: Sequence[bool]) -> o3d.t.geometry.RaycastingScene:
+def _trace(room: Room, plant: Mesh, shown: Sequence[bool]) -> Rays:
     """The ray tracer of a room and a plant; panels that are not shown have no size."""
-    rays = o3d.t.geometry.RaycastingScene()
     corners = np.concatenate([_corners(p) * float(s) for p, s in zip(room.panels, shown, strict=True)])
     quads = 4 * np.arange(len(room.panels))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
-    for points, triangles in ((corners, quads.reshape(-1, 3)), (plant.vertices, plant.triangles)):
-        kinds = points.astype(np.float32), triangles.astype(np.uint32)
-        rays.add_triangles(*(o3d.core.Tensor.from_numpy(array) for array in kinds))
-    return rays
+    return build_rays([(corners, quads.reshape(-1, 3)), (plant.vertices, plant.triangles)])
 
 
 def render(
@@ -139,9 +135,9 @@ def instance_ids(scene: RenderScene, camera: Camera, *, k1: float = 0.0) -> NDAr
     """(H, W) id of the boll whose lint is seen at the centre of each pixel; 0 = something else."""
     y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
     hits = _cast(scene, camera, _directions(camera, x.ravel(), y.ravel(), k1))
-    on_plant = hits["geometry_ids"].numpy() == 1
+    on_plant = hits.meshes == 1
     ids = np.zeros(on_plant.shape, np.uint16)
-    ids[on_plant] = scene.boll_ids[hits["primitive_ids"].numpy()[on_plant]]
+    ids[on_plant] = scene.boll_ids[hits.triangles[on_plant]]
     return ids.reshape(camera.height, camera.width)
 
 
@@ -177,11 +173,8 @@ def _directions(camera: Camera, x_px: Float32, y_px: Float32, k1: float) -> Floa
     return x[:, None] * right + y[:, None] * down + forward
 
 
-def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> dict[str, o3d.core.Tensor]:
-    bundle = np.empty((len(directions), 6), np.float32)
-    bundle[:, :3] = camera.centre
-    bundle[:, 3:] = directions
-    return scene.rays.cast_rays(o3d.core.Tensor.from_numpy(bundle))
+def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> Hits:
+    return scene.rays.cast(camera.centre.astype(np.float32), directions)
 
 
 def _light(
@@ -193,8 +186,7 @@ def _light(
         light: (N, 3) of rays that hit nothing; the others are written into it.
     """
     hits = _cast(scene, camera, directions)
-    geometry, triangles = hits["geometry_ids"].numpy(), hits["primitive_ids"].numpy()
-    depths, barycentric = hits["t_hit"].numpy(), hits["primitive_uvs"].numpy()
+    geometry, triangles, depths, barycentric = hits.meshes, hits.triangles, hits.depths, hits.weights
 
     hit = np.flatnonzero(geometry == 0)
     panels, second = np.divmod(triangles[hit].astype(np.intp), 2)
@@ -226,7 +218,7 @@ def _normal(panel: Panel) -> NDArray[np.float64]:
     return normal / np.linalg.norm(normal)
 
 
-def _panel_light(rays: o3d.t.geometry.RaycastingScene, room: Room) -> list[Float32]:
+def _panel_light(rays: Rays, room: Room) -> list[Float32]:
     """(H, W, 3) irradiance of each panel, computed on a coarse grid."""
     grids = []
     for panel in room.panels:

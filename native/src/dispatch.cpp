@@ -1,5 +1,9 @@
 #include "dispatch.h"
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 #include <cstdlib>
 #include <stdexcept>
 
@@ -28,21 +32,37 @@ struct Choice {
     const Kernels<double>* doubles;
 };
 
+struct Features {
+    bool avx2 = false;    // and FMA
+    bool avx512 = false;  // F, DQ, BW and VL
+};
+
+// What the processor has and the system keeps the registers of (XCR0), by their own word: with some compilers, among
+// them zig's, which builds the wheels, __builtin_cpu_supports() knows of nothing.
+Features features() {
+    Features found;
+#if defined(__x86_64__)
+    unsigned a, b, c, d, kept, unused;
+    if (!__get_cpuid(1, &a, &b, &c, &d)) return found;
+    const auto has = [](unsigned bits, unsigned wanted) { return (bits & wanted) == wanted; };
+    if (!has(c, 1u << 27)) return found;  // no XCR0
+    const bool fma = has(c, 1u << 12);
+    __asm__("xgetbv" : "=a"(kept), "=d"(unused) : "c"(0));
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return found;
+    found.avx2 = fma && has(b, 1u << 5) && has(kept, 0x06);
+    found.avx512 = found.avx2 && has(b, 1u << 16 | 1u << 17 | 1u << 30 | 1u << 31) && has(kept, 0xe6);
+#endif
+    return found;
+}
+
 std::vector<Choice> choices() {
     std::vector<Choice> found = {{"baseline", &baseline::float_kernels, &baseline::double_kernels}};
-#if defined(__x86_64__)
-    __builtin_cpu_init();
-#endif
+    [[maybe_unused]] const Features here = features();
 #if defined(COTTON_HAS_avx2)
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
-        found.push_back({"avx2", &avx2::float_kernels, &avx2::double_kernels});
-    }
+    if (here.avx2) found.push_back({"avx2", &avx2::float_kernels, &avx2::double_kernels});
 #endif
 #if defined(COTTON_HAS_avx512)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
-        __builtin_cpu_supports("avx512vl")) {
-        found.push_back({"avx512", &avx512::float_kernels, &avx512::double_kernels});
-    }
+    if (here.avx512) found.push_back({"avx512", &avx512::float_kernels, &avx512::double_kernels});
 #endif
     return found;
 }

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import subprocess
 import sys
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import adam as reference
 import numpy as np
@@ -60,6 +63,13 @@ def test_instruction_sets_agree() -> None:
     for other in results[1:]:
         for name, expected in results[0].items():
             assert np.linalg.norm(other[name] - expected) <= 1e-5 * np.linalg.norm(expected), name
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="asks Linux on x86-64")
+def test_every_instruction_set_of_the_processor_is_found() -> None:
+    flags = set(re.findall(r"^flags\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)[0].split())
+    sets = {"baseline": set(), "avx2": {"avx2", "fma"}, "avx512": {"avx512f", "avx512dq", "avx512bw", "avx512vl"}}
+    assert _native.instruction_sets() == [name for name, needed in sets.items() if needed <= flags]
 
 
 @pytest.mark.parametrize("name", [*_native.instruction_sets(), "abacus"])

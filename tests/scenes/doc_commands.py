@@ -86,6 +86,9 @@ def check(words: list[str], *, whole: bool = True) -> None:
     """
     if not words[1:]:
         return
+    if words[1].startswith("--"):  # the program's own, which act at once
+        assert words[1] in option_names(), words
+        return
     root = GROUP.make_context("cotton3dg", words[1:])
     with root:
         rest = [*root._protected_args, *root.args]
@@ -113,7 +116,7 @@ def check(words: list[str], *, whole: bool = True) -> None:
 
 def option_names() -> set[str]:
     """Flags of all commands."""
-    return {flag for command in COMMANDS.values() for item in command.params for flag in item.opts}
+    return {flag for command in (GROUP, *COMMANDS.values()) for item in command.params for flag in item.opts}
 
 
 def stage_option_names() -> set[str]:

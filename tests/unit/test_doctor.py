@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import zipfile
 from importlib import metadata
 
 import pytest
@@ -22,7 +23,8 @@ def told(tmp_path_factory):
 def test_this_machine_is_usable_and_every_dependency_is_looked_at(told):
     findings = told
     assert [f for f in findings.values() if f.fatal and f.remedy] == []
-    named = {"torch", "open3d", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python", "zxing-cpp"}
+    assert len({"open3d", "open3d-cpu"} & findings.keys()) == 1  # which of them is a matter of the machine
+    named = {"torch", "pycolmap", "opencv-contrib-python-headless", "ffmpeg-python", "zxing-cpp"}
     assert named <= findings.keys()
     assert findings["numpy"].found == metadata.version("numpy")
     assert "instruction set" in findings["C++ core"].found
@@ -37,7 +39,7 @@ def test_this_machine_is_usable_and_every_dependency_is_looked_at(told):
             1,
             "ImportError: libusb-1.0.so.0: cannot open shared object file: No such file",
             "libusb-1.0.so.0 is missing",
-            "sudo apt-get install libusb-1.0-0",
+            "sudo apt-get install libgl1 libegl1 libx11-6 libusb-1.0-0",
         ),
         (1, "ImportError: libodd.so.3: cannot open shared object file", "libodd.so.3", "package that has libodd.so.3"),
         (-4, "", "signal 4", "build of lib for this processor"),
@@ -78,3 +80,66 @@ def test_the_exit_code_tells_what_is_missing(tmp_path):
     assert "C++ core" in bare.stdout
     assert bare.returncode in (0, 3)  # imageio-ffmpeg may bring its own
     assert ("sudo apt-get install ffmpeg" in bare.stdout) == (bare.returncode == 3)
+
+
+@pytest.mark.parametrize(
+    ("remedy", "root", "commands"),
+    [
+        ("pip install numpy", False, [[sys.executable, "-m", "pip", "install", "numpy"]]),
+        (
+            "sudo apt-get install libgl1 libx11-6",
+            True,
+            [["apt-get", "update", "-q"], ["apt-get", "install", "-y", "-q", "libgl1", "libx11-6"]],
+        ),
+        ("sudo apt-get install libgl1", False, []),
+        ("free some space: a plant takes about 0.5 GiB", True, []),
+        ("install an ffmpeg with them: sudo apt-get install ffmpeg", True, []),
+    ],
+)
+def test_only_commands_that_this_user_may_run_are_run(monkeypatch, remedy, root, commands):
+    monkeypatch.setattr(doctor, "_as_root", lambda: [] if root else None)
+    monkeypatch.setattr(doctor.shutil, "which", lambda name: f"/usr/bin/{name}")
+    assert doctor._commands_of(remedy) == commands
+
+
+def test_what_cannot_be_mended_is_named(monkeypatch):
+    said, run = [], []
+    monkeypatch.setattr(doctor, "_commands_of", lambda remedy: [[remedy, "now"]] if remedy != "buy a disk" else [])
+    monkeypatch.setattr(
+        doctor.subprocess, "run", lambda command, **_: run.append(command) or subprocess.CompletedProcess(command, 1)
+    )
+    findings = [doctor.Finding("a", "", remedy) for remedy in ("buy a disk", "one", "one", "")]
+    doctor.mend(findings, said.append)
+    assert run == [["one", "now"]]
+    assert said == ["left to you: buy a disk", "$ one now", "failed: one"]
+
+
+def test_doctor_fix_installs_a_library_that_was_taken_away(tmp_path):
+    """In an environment of its own whose pip finds a wheel made here."""
+    wheel = tmp_path / "absent_thing-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("absent_thing.py", "")
+        archive.writestr(
+            "absent_thing-1.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: absent-thing\nVersion: 1.0\n"
+        )
+        archive.writestr(
+            "absent_thing-1.0.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
+        archive.writestr("absent_thing-1.0.dist-info/RECORD", "")
+    venv = tmp_path / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", venv], check=True)
+    here = [path for path in sys.path if path]
+    script = (
+        f"import sys; sys.path += {here!r}\n"
+        "from cotton3dg.commands import doctor\n"
+        f"doctor._list_libraries = lambda: ['absent_thing']\n"
+        f"finding = doctor._examine_library('absent_thing')\n"
+        "assert finding.found == 'missing', finding\n"
+        "doctor.mend([finding], print)\n"
+        "print(doctor._examine_library('absent_thing'))\n"
+    )
+    settings = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    done = subprocess.run(
+        [venv / "bin" / "python", "-c", script], capture_output=True, text=True, env=settings, check=False
+    )
+    assert "found='1.0', remedy=''" in done.stdout, done.stdout + done.stderr

@@ -1,0 +1,79 @@
+"""Commands about the installation itself: does it work, what does it lack; parse, call, print, no logic."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .cli_arguments import PlantDir, Preset, report_errors
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")] = Path("demo"),
+    preset: Preset = "draft",
+) -> None:
+    """A simulated plant from its film to its row, and that beside the truth: simulate, run, evaluate."""
+    from . import display, pipeline
+    from .commands.simulate import film_once
+    from .options import SimulateOptions
+    from .workspace import Workspace
+
+    with report_errors(folder):
+        with display.ProgressDisplay() as watcher:
+            film_once(folder, SimulateOptions(), watcher.watched("simulate"))
+            workspace = Workspace(folder)
+            pipeline.run(workspace, pipeline.stage_options(workspace, preset), watcher=watcher, report=True)
+        display.print_traits(workspace.traits_csv)
+        display.print_comparison(workspace, workspace.truth_json)
+
+
+def doctor(
+    folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    calibrate: Annotated[bool, typer.Option("--calibrate", help="measure its speed, for --time-budget")] = False,
+    fix: Annotated[bool, typer.Option("--fix", help="install what may be installed, and name the rest")] = False,
+) -> None:
+    """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
+    from dataclasses import asdict
+
+    from . import display
+    from .commands.doctor import examine, mend
+    from .errors import EnvironmentUnusable
+
+    if calibrate:
+        from .planning.calibrate import calibrate as measure
+        from .planning.calibrate import describe
+
+        with report_errors(folder):
+            typer.echo(describe(measure()), err=as_json)
+    findings = examine(folder)
+    if fix and any(finding.remedy for finding in findings):
+        mend(findings, partial(typer.echo, err=True))
+        findings = examine(folder)
+    if as_json:
+        typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
+    else:
+        display.print_findings(findings)
+    if any(finding.fatal and finding.remedy for finding in findings):
+        raise typer.Exit(EnvironmentUnusable.exit_code)
+
+
+def bug_report(
+    plant_dir: PlantDir,
+    out: Annotated[Path | None, typer.Option(help="file to write; default: bug_report_PLANT.zip here")] = None,
+    images: Annotated[bool, typer.Option("--images", help="with the frames and the pictures of every stage")] = False,
+) -> None:
+    """What a developer needs to see of a failed plant, as one file: log, records, options, versions; no images."""
+    from .commands.bug_report import pack
+    from .commands.doctor import examine
+    from .workspace import Workspace
+
+    with report_errors(plant_dir):
+        workspace = Workspace(plant_dir)
+        machine = "".join(f"{item.name}: {item.found} {item.remedy}\n" for item in examine(plant_dir))
+        file = pack(workspace, out or Path(f"bug_report_{workspace.plant_id}.zip"), machine, images=images)
+        typer.echo(f"saved as {file}")

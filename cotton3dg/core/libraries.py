@@ -1,0 +1,44 @@
+"""Libraries that a default run does without, imported where they are used; what to do where they cannot be."""
+
+from __future__ import annotations
+
+import re
+from types import ModuleType
+
+from ..errors import EnvironmentUnusable
+
+DEBIAN_PACKAGE_OF = {
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libX11.so.6": "libx11-6",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+}
+"""System libraries that the wheel of Open3D leaves to the machine."""
+
+
+def import_open3d() -> ModuleType:
+    """Open3D, whose wheel needs libraries of a desktop.
+
+    Raises:
+        EnvironmentUnusable: names what is missing.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        library = missing_library(str(error))
+        remedy = remedy_of(library) if library else "pip install --force-reinstall open3d"
+        raise EnvironmentUnusable(f"Open3D cannot be used: {error}; {remedy}") from error
+    return open3d
+
+
+def missing_library(said: str) -> str:
+    """The shared library that a failed import names; empty when it names none."""
+    found = re.search(r"(lib[\w.+-]+\.so[.\d]*): cannot open", said)
+    return found.group(1) if found else ""
+
+
+def remedy_of(library: str) -> str:
+    """What brings a shared library; with the first of Open3D's that is missing all of them, as the loader names one."""
+    if library in DEBIAN_PACKAGE_OF:
+        return f"sudo apt-get install {' '.join(DEBIAN_PACKAGE_OF.values())}"
+    return f"install the system package that has {library}"

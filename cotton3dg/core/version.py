@@ -1,0 +1,33 @@
+"""Which cotton3dg this is."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from .. import __version__
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def version_text(package: Path = PACKAGE) -> str:
+    """Version and, where it is known, the commit: a wheel names it in a file, of a checkout git tells it."""
+    commit = _commit(package)
+    return f"{__version__} (commit {commit})" if commit else __version__
+
+
+def _commit(package: Path) -> str:
+    if (named := package / "COMMIT").is_file():
+        return named.read_text(encoding="utf-8").strip()
+    if not (package.parent / ".git").exists():
+        return ""
+    try:
+        told = subprocess.run(
+            ["git", "-C", str(package.parent), "describe", "--always", "--dirty"],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return told.stdout.strip()

@@ -21,8 +21,8 @@ MAX_ERROR_PX = 8.0
 
 def contradicted_pct(
     model: Any, names: list[str], features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]
-) -> float:
-    """Share of the pairs, both of whose images are placed, whose matches the cameras contradict; NaN without any.
+) -> float | None:
+    """Share of the pairs, both of whose images are placed, whose matches the cameras contradict; None without any.
 
     Args:
         model: a pycolmap.Reconstruction. features, matches: of the images, by their numbers in `names`.
@@ -42,7 +42,7 @@ def contradicted_pct(
         between = second.cam_from_world() * first.cam_from_world().inverse()
         both = (rays[number][found.rows[:, k]] for k, number in enumerate(pair))
         errors.append(focal_px * float(np.median(sampson(between, *both))))
-    return 100 * float(np.mean(np.array(errors) > MAX_ERROR_PX)) if errors else float("nan")
+    return 100 * float(np.mean(np.array(errors) > MAX_ERROR_PX)) if errors else None
 
 
 def sampson(between: Any, first: Float64, second: Float64) -> Float64:

@@ -45,13 +45,13 @@ def require_registered(models: Sequence[Any], names: Sequence[str]) -> None:
         )
 
 
-def require_agreement(contradicted_pct: float) -> None:
+def require_agreement(contradicted_pct: float | None) -> None:
     """The other gate behind: where cameras contradict what their images have in common, the plant is anywhere.
 
     Raises:
         CaptureFailed: too many pairs of images are contradicted.
     """
-    if contradicted_pct > MAX_CONTRADICTED_PCT:
+    if contradicted_pct is not None and contradicted_pct > MAX_CONTRADICTED_PCT:
         raise CaptureFailed(
             f"the cameras contradict {contradicted_pct:.0f} % of the pairs of images ({MAX_CONTRADICTED_PCT:.0f} % at"
             " most): something moved while filming, or too much of the scene looks alike; film one slow full turn with"
@@ -128,7 +128,7 @@ def outcome_of(info: SfmInfo) -> StageOutcome:
     if info.orbit_largest_gap_deg > MAX_GAP_DEG:
         flags.append("orbit_gap")
         warnings.append(f"no view for {info.orbit_largest_gap_deg:.0f} degrees around the plant; film a full turn")
-    if info.contradicted_pct > CONTRADICTED_PCT:
+    if info.contradicted_pct is not None and info.contradicted_pct > CONTRADICTED_PCT:
         flags.append("cameras_contradicted")
         warnings.append(
             f"the cameras contradict {info.contradicted_pct:.0f} % of the pairs of images; something moved while"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -50,7 +49,7 @@ class Reconstructed:
     taken out. Empty when no two images fit together."""
     rescue: tuple[RescueStep, ...] = ()
     """What was tried because too few images were placed at first."""
-    contradicted_pct: float = math.nan
+    contradicted_pct: float | None = None
     """Of the first model, as `agreement` has it."""
 
 
@@ -103,7 +102,7 @@ def reconstruct(
         settle(model)
     watch.lap("mapping")
     kept.sort(key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
-    contradicted = contradicted_pct(kept[0], names, best.features, best.matches) if kept else math.nan
+    contradicted = contradicted_pct(kept[0], names, best.features, best.matches) if kept else None
     return Reconstructed(kept, steps, contradicted)
 
 

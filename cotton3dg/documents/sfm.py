@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from .document import Document
@@ -60,7 +59,7 @@ class SfmInfo(Document):
     distortion: LensDecision
     plant_out_of_view: tuple[str, ...]
     """Images that miss what the cameras look at."""
-    contradicted_pct: float = math.nan
-    """Pairs of images whose matches their cameras contradict; NaN where there are none."""
+    contradicted_pct: float | None = None
+    """Pairs of images whose matches their cameras contradict; None where there are no pairs."""
     rescue: tuple[RescueStep, ...] = ()
     """In order; empty where enough images were placed at once."""

@@ -81,12 +81,12 @@ class ExposureDecision:
     on: bool
     spread_pct: float | None = None
     error_pct: float | None = None
-    likeness: float | None = None
-    """Correlation of what dark and bright points tell."""
     visible_from_pct: float | None = None
     n_observations: int | None = None
     gains: dict[str, tuple[float, ...]] | None = None
     """Image -> (3,) by which its render is multiplied."""
+    likeness: float | None = None
+    """Correlation of what dark and bright points tell."""
 
 
 @dataclass(frozen=True)

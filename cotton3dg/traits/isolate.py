@@ -26,7 +26,10 @@ VOXEL_CM = 0.8
 BRIDGE_CM = 3.0
 """Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
 BOLL_BRIDGE_CM = 6.0
-"""The same of a boll: farther away it is no boll of this plant, but something white beside it, or one that fell."""
+"""The same of a boll."""
+STANDING_CM = 10.0
+"""A boll beyond such a gap is none of this plant if it reaches down so near to the table, or is not above it: something
+white beside the plant, or one that fell. Higher up the branch is missing, not the boll's hold."""
 MIN_PART = 4
 """Gaussians of a part beyond a gap; smaller ones are floaters."""
 STEM_LAYERS = 8
@@ -55,19 +58,20 @@ def table_coordinates(scale: Scale, points: NDArray) -> Float64:
 
 
 def isolate_plant(
-    gaussians: Gaussians, scale: Scale, clamp_height_cm: float, boll_rows: NDArray[np.bool_]
+    gaussians: Gaussians, scale: Scale, clamp_height_cm: float, boll_of: NDArray[np.int64] | NDArray[np.bool_]
 ) -> Plant | None:
-    """Find the plant: what is connected with the stem above the clamp, and all bolls that are not far from that.
+    """Find the plant: what is connected with the stem above the clamp, and its bolls.
 
     Args:
         clamp_height_cm: what stands on the table and holds the plant reaches so high.
-        boll_rows: (N,) Gaussians of bolls; without a stem they belong to the plant whatever holds them.
+        boll_of: (N,) the boll that each Gaussian is of, 0 = none; without a stem all belong to the plant.
     Returns:
         None when nothing stands on the table.
     """
-    places = table_coordinates(scale, gaussians.means)
+    places, boll_rows = table_coordinates(scale, gaussians.means), boll_of > 0
     half = np.ptp(table_coordinates(scale, scale.corners)[:, :2], axis=0) / 2
-    kept = (np.abs(places[:, :2]) < half + MARGIN_CM).all(axis=1)
+    above = (np.abs(places[:, :2]) < half + MARGIN_CM).all(axis=1)
+    kept = above.copy()
     # The clamp's Gaussians reach a little above it.
     floor_cm = clamp_height_cm + 1.0
     kept &= (places[:, 2] > floor_cm) & (places[:, 2] < MAX_HEIGHT_CM)
@@ -88,7 +92,13 @@ def isolate_plant(
         away = places[candidates] - (base + share[:, None] * (top - base))
         beside = np.linalg.norm(away[:, :2], axis=1) < STEM_RADIUS_CM
         seeds = beside & (places[candidates, 2] < floor_cm + STEM_LAYERS)
-        bolls &= find_connected(samples, seeds, BOLL_BRIDGE_CM)
+        held = np.zeros(len(gaussians), bool)
+        held[candidates] = find_connected(samples, seeds, BOLL_BRIDGE_CM)
+        standing = ~above | (places[:, 2] < STANDING_CM)
+        for boll in np.unique(boll_of[boll_rows]):
+            own = boll_of == boll
+            if held[own].mean() < 0.5 and standing[own].any():
+                bolls &= ~own[candidates]
         seeds |= bolls
     rows = np.zeros(len(gaussians), bool)
     rows[candidates[find_connected(samples, seeds)]] = True

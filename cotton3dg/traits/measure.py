@@ -80,11 +80,12 @@ def measure_plant(
     """
     concerns: dict[str, str] = {}
     plant = None
-    boll_rows = np.zeros(len(gaussians), bool)
+    boll_of = np.zeros(len(gaussians), np.int64)
     for boll in bolls:
-        boll_rows[boll.indices] = True
+        boll_of[boll.indices] = boll.boll_id
+    boll_rows = boll_of > 0
     if scale is not None:
-        plant = isolate_plant(gaussians, scale, clamp_cm, boll_rows)
+        plant = isolate_plant(gaussians, scale, clamp_cm, boll_of)
         if plant is None:
             concerns["no_plant"] = "nothing stands on the table; look at train/gaussians.ply and at scale/table_0.jpg"
         elif not plant.stem_found:

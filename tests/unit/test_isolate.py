@@ -101,6 +101,17 @@ def test_a_boll_on_a_twig_that_was_not_reconstructed_hangs_on_the_plant():
     assert plant.rows[labels[~twig] == 1].all()
 
 
+def test_bolls_in_the_air_belong_to_the_plant_whatever_is_missing_below_them():
+    """A coarse model of which only the stem's foot and the bolls are left."""
+    gaussians, labels = plant_scene()
+    places = POSE.cm(gaussians.means)
+    bare = gaussians[(labels > 0) | (places[:, 2] < 14.0)]
+    left = labels[(labels > 0) | (places[:, 2] < 14.0)]
+    measured = measure_plant(bare, bolls_of(bare, left), SCALE, 0.0, 4.0)
+    assert "bolls_off_plant" not in measured.flags
+    assert measured.traits.plant_height_cm > 50
+
+
 def test_an_empty_table_has_no_plant():
     table = gaussians_at(table_points_cm(np.random.default_rng(0))[:5000], 0.1)
     assert isolate_plant(table, SCALE, 4.0, np.zeros(len(table), bool)) is None
@@ -196,7 +207,7 @@ def test_without_a_scale_only_counts_are_given():
     row = summarise_plant(traits, None, None)
     assert row.boll_count == 4
     metric = [v for k, v in vars(row).items() if k.endswith(("_cm", "_cm2", "_cm3"))]
-    assert len(metric) == 23
+    assert len(metric) == 25
     assert all(value is None or np.isnan(value) for value in metric)
     assert row.flags == ()
     assert row.bolls_by_third is None

@@ -20,9 +20,9 @@ from ..files.tables import parse_number, read_rows
 from ..workspace import Workspace
 from .align import Layout
 
-NO_TRAIT = ("corrections", "original_boll_count", "original_boll_volume_cm3", "boll_count_odd", "boll_count_even")
-INTERVAL = {"low", "high"}
-"""Words in the names of columns that are ends of an interval."""
+NO_TRAIT = ("corrections", "boll_count_odd", "boll_count_even")
+NO_TRAIT_WORDS = {"low", "high", "original"}
+"""Words in the names of columns that are ends of an interval, or what was before corrections."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def comparable_traits() -> list[Column]:
         for column in columns_of(PlantTraits, MapTraits, LintColour)
         if column.unit
         and column.name not in (*NO_TRAIT, *_errors().values())
-        and not INTERVAL & set(column.name.split("_"))
+        and not NO_TRAIT_WORDS & set(column.name.split("_"))
     ]
 
 

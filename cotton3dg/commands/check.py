@@ -46,13 +46,11 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> Ch
             names, undistorted = _place(workspace, options, watcher, Path(scratch))
             look = look_at(workspace, names, undistorted, options["scale"], watcher.watched("check"))
             info = judge(look, options["train"].max_side, time.perf_counter() - start)
-            _save(workspace, info, look, frames)
+            return _save(workspace, info, look, frames)
     except MissingInput:
         raise
     except CaptureFailed as error:
-        info = refuse(str(error), time.perf_counter() - start)
-        _save(workspace, info, None, frames)
-    return info
+        return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames)
 
 
 def plant_of(given: Path) -> Workspace:
@@ -113,10 +111,12 @@ def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distort
     return scratch / "undistorted"
 
 
-def _save(workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None) -> None:
+def _save(workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None) -> CheckInfo:
+    """Write what was found, with the film that it is of; returns that."""
     info = replace(info, film=film_of(workspace.read_record("frames")))
     strip = strip_of(frames, workspace.folder("frames")) if frames and look is None else []
     with workspace.writing("check") as folder:
         info.save(folder / workspace.check_json.name)
         page = check_page(workspace.plant_id, info, look, frames, strip)
         (folder / workspace.check_html.name).write_text(page, encoding="utf-8")
+    return info

@@ -30,7 +30,7 @@ HOME = "home/new"
 """Of the new user, in the other system."""
 USER = 1000
 BEGIN = 'set -e\nsudo() { env "$@"; }  # not there, and this is root\ncd "$HOME"\nrm -rf cotton3dg demo\n'
-INDEX = "https://download.pytorch.org/whl/cpu"
+EXTRA_INDEX = "export PIP_EXTRA_INDEX_URL="
 BEFORE = {"checkout": "", "wheel": "python3 python3-venv", "sdist": "python3 python3-venv python3-dev g++"}
 """Packages that a machine has, or its administrator installs, before the page is followed."""
 
@@ -45,8 +45,8 @@ def commands(by: str) -> str:
             lines = [line.replace("-*.whl", "-*.tar.gz") for line in lines]
         lines += ["du -sm cotton3dg | sed 's/$/ MB installed/'"]
     lines = [line.replace("URL_OF_THIS_REPOSITORY", "/source") for line in lines]
-    if not reachable(INDEX):  # pip would ask it again and again; what it has is to be lent then
-        lines = [line.replace(f"--extra-index-url {INDEX} ", "") for line in lines]
+    # Of an index that cannot be reached pip would ask again and again; what it has is to be lent then.
+    lines = [line for line in lines if not line.startswith(EXTRA_INDEX) or reachable(line.removeprefix(EXTRA_INDEX))]
     timed = [line for one in lines for line in (f"echo '$ {one}'", one, 'echo "after $SECONDS s"')]
     return BEGIN + "\n".join([*timed, "cat demo/traits/traits.csv", ""])
 

@@ -35,6 +35,10 @@ class SimulateOptions:
         0.0, "how far the plant was turned about its foot", unit="degrees", at_least=-360.0, at_most=360.0
     )
     walk: int = option(0, "another walk of the camera around the same plant in the same room", at_least=0)
+    light: int = option(0, "other lamps in the same room", at_least=0)
+    farther: float = option(
+        0.0, "how much farther away than where the plant fills the image, share", at_least=0.0, at_most=0.5
+    )
     frames: int = option(80, "images of the video, a little more than one turn", at_least=2, at_most=2000)
     shot: str = option(
         "whole", "one turn with the whole plant in view, or close by at three heights", choices=("whole", "local")
@@ -64,6 +68,7 @@ class SimulateOptions:
         0.0, "read-out time of the sensor, first row to last, share of a frame", at_least=0.0, at_most=1.0
     )
     exposure: float = option(0.0, "drift of the exposure, up and down", unit="EV", at_least=0.0, at_most=2.0)
+    dark: float = option(0.0, "how much too dark the whole film is", unit="EV", at_least=0.0, at_most=6.0)
     distortion: float = option(0.0, "radial distortion k1 of the lens (OpenCV)", at_least=-0.2, at_most=0.2)
     noise: float = option(0.0, "sensor noise, sigma in grey levels of 255", at_least=0.0, at_most=30.0)
     architecture: str = option(

@@ -91,7 +91,7 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
     plant, 0.55 m from it.
 
     Args:
-        options: `seed`, `walk`, `frames`, `width`, `height`, `shot`, `turn_deg`, `uneven`, `cut`.
+        options: `seed`, `walk`, `frames`, `width`, `height`, `shot`, `turn_deg`, `uneven`, `cut`, `farther`.
         vertices: (V, 3) m of the plant.
     """
     rng = np.random.default_rng([options.seed, 3, *([options.walk] if options.walk else [])])
@@ -135,6 +135,7 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
         if options.shot == "local":
             return path
         if all(_in_view(camera, probe) for camera in path.cameras()):
+            path = replace(path, radius=radius * (1 + options.farther))
             return replace(path, centre=_aim(path, low[2], high[2], options.cut)) if options.cut else path
         radius += 0.02
 

@@ -59,11 +59,11 @@ def film_ids(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptio
 
 
 def exposure_ev(frame: int, options: SimulateOptions) -> float:
-    """Stops by which a frame is brighter, drifting slowly between plus and minus `options.exposure`."""
+    """Stops by which a frame is brighter: `options.dark` too few, drifting slowly by `options.exposure` up and down."""
     if not options.exposure:
-        return 0.0
+        return 0.0 - options.dark
     start = np.random.default_rng([options.seed, 5]).uniform(0, 2 * np.pi)
-    return float(options.exposure * np.sin(start + 2 * np.pi * 1.3 * frame / options.frames))
+    return float(options.exposure * np.sin(start + 2 * np.pi * 1.3 * frame / options.frames)) - options.dark
 
 
 def _read_out(scene: RenderScene, path: Orbit, time: float, options: SimulateOptions, **how: Any) -> Float32:

@@ -82,7 +82,7 @@ def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None 
     """The room of a seed: four walls of different make, a floor, furniture, and the table with the clamp.
 
     Args:
-        options: `seed`, the table's size and presence; `width` sets how finely textures are painted.
+        options: `seed`, `light`, the table's size and presence; `width` sets how finely textures are painted.
         stem_base: (3,) m, where the clamp holds the stem.
         card: (H, W, 3) sRGB in 0..1, a printed sheet of A4 that lies on the table.
     """
@@ -113,7 +113,8 @@ def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None 
         _box_on_table(build, options)
     if options.second_table:
         _side_table(build)
-    return Room(tuple(build.panels), _lamps(rng, half))
+    of_light = np.random.default_rng([options.seed, 6, options.light]) if options.light else rng
+    return Room(tuple(build.panels), _lamps(of_light, half))
 
 
 def _floor(rng: np.random.Generator) -> Painter:

@@ -1,5 +1,6 @@
 """What simulate changes between two films of one plant, and the card that it lays on the table."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cotton3dg.scale.card import CARD_MARKERS
 from cotton3dg.scale.markers import find_markers
 from cotton3dg.scale.patches import read_patches
 from cotton3dg.simulate.camera import orbit
+from cotton3dg.simulate.film import exposure_ev
 from cotton3dg.simulate.plant import grow_plant
 from cotton3dg.simulate.render import develop, light_scene, render
 from cotton3dg.simulate.room import build_room
@@ -54,6 +56,31 @@ def test_another_walk_is_around_the_same_plant():
     paths = [orbit(replace(SMALL, walk=walk), plant.vertices) for walk in (0, 1, 2)]
     assert len({path.start for path in paths}) == 3
     np.testing.assert_array_equal(grow_plant(replace(SMALL, walk=1)).wood.vertices, plant.wood.vertices)
+
+
+def test_other_lamps_hang_in_the_same_room():
+    plant = grow_plant(SMALL)
+    rooms = [build_room(replace(SMALL, light=light), plant.stem_base) for light in (0, 1, 2)]
+    corners = [np.stack([lamp.corner for lamp in room.lamps]) for room in rooms]
+    assert all(np.abs(one - other).max() > 0.05 for one, other in itertools.pairwise(corners))
+    for room in rooms[1:]:
+        for panel, first in zip(room.panels, rooms[0].panels, strict=True):
+            np.testing.assert_array_equal(panel.corner, first.corner)
+            np.testing.assert_array_equal(panel.image, first.image)
+
+
+def test_the_camera_goes_farther_away():
+    vertices = grow_plant(SMALL).vertices
+    near, far = (orbit(replace(SMALL, farther=farther), vertices) for farther in (0.0, 0.25))
+    assert far.radius == pytest.approx(1.25 * near.radius)
+    assert far.height == near.height
+
+
+def test_a_dark_film_is_that_many_stops_darker():
+    dark = replace(SMALL, dark=2.0, exposure=0.5)
+    for frame in range(SMALL.frames):
+        assert exposure_ev(frame, dark) == pytest.approx(exposure_ev(frame, replace(dark, dark=0.0)) - 2)
+    assert exposure_ev(0, replace(SMALL, dark=1.5)) == -1.5
 
 
 def test_a_card_lies_on_the_table_as_printed():

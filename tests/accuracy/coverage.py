@@ -1,0 +1,248 @@
+"""Whether what a row states of its own errors is true: 24 simulated plants, each filmed five times, and judged.
+
+    python tests/accuracy/coverage.py FOLDER [--preset draft] [--jobs 2] [--also RUN:TRUTH ...] [--judge]
+
+The films of a plant differ in walk, lamps, distance, darkness, blur, exposure and lens. Whatever is up to date is
+skipped: the same command goes on where it ended; --judge only judges what is there. Constants of
+cotton3dg/traits/error_model.py may be fitted to the plants of even number ("fitted"); those of odd number and --also
+are only judged. Writes FOLDER/coverage.csv, a row for each film, and prints, also into coverage.md:
+
+- how often the 95 % intervals hold the truth, and their middle half-width, %
+- films that are off, a count by more than one boll or another trait by more than 5 %, and whether a flag says so
+- clean films of plain plants with a flag that needs none
+- how far the three ordinary films of a plain plant differ: coefficient of variation, %
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markdown_tables import markdown
+from numpy.typing import NDArray
+
+from cotton3dg.core.machine import usable_cores
+from cotton3dg.documents.truth import Truth
+from cotton3dg.evaluation.match import match_bolls
+from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
+from cotton3dg.files.saving import write_text_atomically
+from cotton3dg.files.tables import parse_number, read_rows
+from cotton3dg.options import PRESET_VALUES
+from cotton3dg.traits.error_model import COVERED
+from cotton3dg.workspace import Workspace
+
+PLANTS = {
+    **{
+        f"plain-{number}": f"--seed {800 + number} --bolls {bolls} --stem-cm {stem_cm}"
+        for number, (bolls, stem_cm) in enumerate(
+            ((8, 48), (10, 56), (12, 70), (14, 60), (16, 84), (18, 66), (20, 74), (24, 80), (12, 96), (28, 88))
+        )
+    },
+    **{
+        f"close-{number}": f"--seed {820 + number} --bolls {bolls} --clustered 0.5"
+        for number, bolls in enumerate((12, 14, 16, 18, 22))
+    },
+    **{
+        f"touching-{number}": f"--seed {840 + number} --bolls {bolls} --clustered 0.85 --contact 0.72"
+        for number, bolls in enumerate((12, 16, 20, 24))
+    },
+    **{
+        f"natural-{number}": f"--seed {860 + number} --bolls {bolls} --architecture natural --barren 0.2"
+        for number, bolls in enumerate((12, 18, 24))
+    },
+    **{
+        f"pale-{number}": f"--seed {880 + number} --bolls 14 {room}"
+        for number, room in enumerate(("--white-room", "--pale-table"))
+    },
+}
+"""Name -> options of `cotton3dg simulate`. The name without its number is the kind."""
+
+FILMS = {
+    "clean": "--walk 1",
+    "again": "--walk 2 --light 1",
+    "farther": "--walk 3 --light 2 --farther 0.25",
+    "dim": "--walk 4 --light 3 --dark 2 --noise 5",
+    "effects": "--walk 5 --light 4 --blur 0.5 --exposure 0.5 --noise 4 --distortion -0.05",
+}
+ORDINARY = ("clean", "again", "farther")
+
+TRAITS = {
+    "count": ("boll_count", "boll_count", "boll_count_{}"),
+    "volume": ("boll_volume_cm3", "total_boll_convex_volume_cm3", "boll_volume_{}_cm3"),
+    "height": ("plant_height_cm", "plant_height_cm", "plant_height_{}_cm"),
+    "canopy": ("canopy_size_cm", "canopy_size_cm", "canopy_size_{}_cm"),
+}
+"""Trait -> column of its value, key of its truth, columns of its interval."""
+OFF_PCT, OFF_BOLLS = 5.0, 1
+SAYS_NOTHING = frozenset(("no_map", "no_stem", "touching_bolls"))
+"""Flags that do not say that a trait may be off: of the map, and of every plant whose bolls touch."""
+
+
+def filmed_and_run(folder: Path, plant: str, film: str, preset: str) -> int:
+    """Exit code of the first command that failed, or 0; what they print goes to the film's log."""
+    root, tool = folder / f"{plant}_{film}", Path(sys.executable).with_name("cotton3dg")
+    commands = [["run", str(root), "--preset", preset, "--no-report"]]
+    if not (root / "video.mp4").is_file():
+        shutil.rmtree(root, ignore_errors=True)  # simulate would not touch what it left when it was killed
+        words = f"{PLANTS[plant]} {FILMS[film]} --mask-interval 40".split()
+        commands.insert(0, ["simulate", str(root), *words])
+    with (folder / f"{root.name}.log").open("a", encoding="utf-8") as log:
+        for command in commands:
+            code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
+            if code:
+                return code
+    return 0
+
+
+def judged(run: Workspace, truth_json: Path) -> dict[str, Any]:
+    """One film: each trait with its truth and interval, and of how many bolls the volume lies in its interval."""
+    truth, row = Truth.load(truth_json), read_rows(run.traits_csv)[0]
+    result: dict[str, Any] = {"flags": row["qc_flags"]}
+    for trait, (column, key, ends) in TRAITS.items():
+        result[trait], result[f"true_{trait}"] = parse_number(row[column]), float(getattr(truth, key))
+        for end in ("low", "high"):
+            result[f"{trait}_{end}"] = parse_number(row[ends.format(end)])
+    share = boll_errors(read_rows(run.bolls_csv), truth)
+    result |= {"bolls_matched": len(share), "bolls_held": int((np.abs(share) <= COVERED).sum())}
+    return result | {"bolls_rms": float(np.sqrt((share**2).mean())) if len(share) else np.nan}
+
+
+def boll_errors(bolls: Sequence[dict[str, str]], truth: Truth) -> NDArray[np.float64]:
+    """(M,) error of each matched boll's volume, in standard errors as stated."""
+    centres = np.array([[parse_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
+    true = 100 * (np.array([boll.centre_xyz_m for boll in truth.bolls]).reshape(-1, 3) - truth.stem_base_xyz_m)
+    # The table looks the same after half a turn.
+    turns = (centres, centres * (-1, -1, 1))
+    mine, theirs = max((match_bolls(turned, true, MATCH_DISTANCE_CM) for turned in turns), key=len).T
+    volumes = np.array([parse_number(boll["volume_cm3"]) for boll in bolls])[mine]
+    stated = np.array([parse_number(boll["volume_error_cm3"]) for boll in bolls])[mine]
+    share = (volumes - np.array([boll.convex_volume_cm3 for boll in truth.bolls])[theirs]) / stated
+    return share[np.isfinite(share)]
+
+
+def holds(rows: pd.DataFrame, trait: str) -> pd.Series:
+    """Whether the interval holds the truth; rows that state one only."""
+    known = rows[rows[f"{trait}_low"].notna()]
+    return (known[f"{trait}_low"] <= known[f"true_{trait}"]) & (known[f"true_{trait}"] <= known[f"{trait}_high"])
+
+
+def cover(rows: pd.DataFrame) -> pd.DataFrame:
+    """How often intervals hold the truth, and how wide they are."""
+    found = []
+    for trait in TRAITS:
+        half_pct = 50 * (rows[f"{trait}_high"] - rows[f"{trait}_low"]) / rows[trait]
+        error_pct = (100 * (rows[trait] / rows[f"true_{trait}"] - 1)).dropna()
+        held = holds(rows, trait)
+        found.append(
+            {"trait": trait, "films": len(held), "held, %": 100 * held.mean(), "half-width, %": half_pct.median(),
+             "mean error, %": error_pct.mean(), "mean absolute, %": error_pct.abs().mean()}
+        )  # fmt: skip
+    n = rows["bolls_matched"].sum()
+    return pd.DataFrame(
+        [*found, {"trait": "a boll's volume", "films": n, "held, %": 100 * rows["bolls_held"].sum() / max(n, 1)}]
+    )
+
+
+def off(rows: pd.DataFrame) -> pd.DataFrame:
+    """Films with a trait that is off, and by how much."""
+    found = []
+    for _, row in rows.iterrows():
+        wrong = []
+        for trait in TRAITS:
+            error = row[trait] - row[f"true_{trait}"]
+            if trait == "count" and abs(error) > OFF_BOLLS:
+                wrong.append(f"count {row[trait]:.0f} for {row['true_count']:.0f}")
+            elif trait != "count" and abs(error) > OFF_PCT / 100 * row[f"true_{trait}"]:
+                wrong.append(f"{trait} {100 * error / row[f'true_{trait}']:+.1f} %")
+        if wrong:
+            found.append(
+                {"film": row["film"], "off": ", ".join(wrong), "flags": row["flags"] or "none", "said": bool(says(row))}
+            )
+    return pd.DataFrame(found)
+
+
+def says(row: pd.Series) -> set[str]:
+    """Flags of a film that say that something may be off."""
+    return set(filter(None, row["flags"].split(";"))) - SAYS_NOTHING
+
+
+def repeated(rows: pd.DataFrame) -> pd.DataFrame:
+    """Coefficient of variation over the ordinary films of each plain plant, and its mean over plants."""
+    plain = rows[(rows["kind"] == "plain") & rows["film"].str.endswith(ORDINARY)]
+    by_plant = plain.groupby("plant")[list(TRAITS)]
+    cv = 100 * by_plant.std(ddof=1) / by_plant.mean()
+    return pd.concat([cv, cv.mean().to_frame("mean").T]).rename_axis("plant").reset_index()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--preset", choices=PRESET_VALUES, default="draft")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--also", nargs="*", default=[], metavar="RUN[:TRUTH]")
+    parser.add_argument("--judge", action="store_true")
+    wanted = parser.parse_args()
+    wanted.folder.mkdir(parents=True, exist_ok=True)
+    # One film of every plant before the next, of all kinds in turn: what is there after an hour is a fair sample.
+    films = [(plant, film) for film in FILMS for plant in sorted(PLANTS, key=lambda name: name.rsplit("-", 1)[1])]
+    if not wanted.judge:
+        cores: SimpleQueue[list[int]] = SimpleQueue()
+        for job in range(wanted.jobs):
+            cores.put(usable_cores()[job :: wanted.jobs] or usable_cores())
+        with ThreadPoolExecutor(wanted.jobs, initializer=lambda: os.sched_setaffinity(0, cores.get())) as pool:
+            list(pool.map(lambda film: filmed_and_run(wanted.folder, *film, wanted.preset), films))
+    rows, failed = [], []
+    for plant, film in films:
+        run = Workspace(wanted.folder / f"{plant}_{film}")
+        kind, number = plant.rsplit("-", 1)
+        if run.traits_csv.is_file():
+            half = "judged" if int(number) % 2 else "fitted"
+            rows.append(
+                {"film": run.root.name, "plant": plant, "kind": kind, "half": half} | judged(run, run.truth_json)
+            )
+        elif run.truth_json.is_file():
+            failed.append(run.root.name)
+    for also in wanted.also:
+        folder, _, truth = also.partition(":")
+        run, where = Workspace(Path(folder)), Path(truth or folder) / "truth.json"
+        rows.append(
+            {"film": run.root.name, "plant": run.root.name, "kind": "also", "half": "judged"} | judged(run, where)
+        )
+    report(wanted.folder, pd.DataFrame(rows), failed)
+
+
+def report(folder: Path, table: pd.DataFrame, failed: Sequence[str]) -> None:
+    """Print the tables and keep them."""
+    parts = []
+    for half, some in [*table.groupby("half"), *(table[table["half"] == "judged"].groupby("kind"))]:
+        parts.append(f"{half}, {len(some)} films\n\n{markdown(cover(some).round(2))}")
+    wrong = off(table)
+    if len(wrong):
+        parts.append(f"{len(wrong)} films are off, {wrong['said'].sum()} with a flag that says so\n\n{markdown(wrong)}")
+    plain = table[(table["kind"] == "plain") & table["film"].str.endswith(ORDINARY)]
+    good = plain[~plain["film"].isin(wrong["film"] if len(wrong) else [])]
+    flagged = good[[bool(says(row)) for _, row in good.iterrows()]]
+    title = f"{len(flagged)} of {len(good)} ordinary films of plain plants, right, have a flag"
+    parts.append(f"{title}\n\n{markdown(flagged[['film', 'flags']])}")
+    if len(plain):
+        title = "coefficient of variation, %, of the ordinary films of a plain plant"
+        parts.append(f"{title}\n\n{markdown(repeated(table).round(2))}")
+    parts.append(f"without a row: {', '.join(failed) or 'none'}")
+    text = "\n\n".join(parts)
+    write_text_atomically(folder / "coverage.csv", table.to_csv(index=False))
+    write_text_atomically(folder / "coverage.md", text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -94,7 +94,7 @@ def filmed_and_run(folder: Path, plant: str, film: str, preset: str) -> int:
     commands = [["run", str(root), "--preset", preset, "--no-report"]]
     if not (root / "video.mp4").is_file():
         shutil.rmtree(root, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        words = f"{PLANTS[plant]} {FILMS[film]} --mask-interval 40".split()
+        words = f"{PLANTS[plant]} {FILMS[film]} --frames 66 --mask-interval 40".split()
         commands.insert(0, ["simulate", str(root), *words])
     with (folder / f"{root.name}.log").open("a", encoding="utf-8") as log:
         for command in commands:
@@ -193,8 +193,9 @@ def main() -> None:
     parser.add_argument("--judge", action="store_true")
     wanted = parser.parse_args()
     wanted.folder.mkdir(parents=True, exist_ok=True)
-    # One film of every plant before the next, of all kinds in turn: what is there after an hour is a fair sample.
-    films = [(plant, film) for film in FILMS for plant in sorted(PLANTS, key=lambda name: name.rsplit("-", 1)[1])]
+    # A film of every plant before the next, of all kinds in turn: what is there after an hour is a fair sample.
+    plants, kinds = sorted(PLANTS, key=lambda name: name.rsplit("-", 1)[1]), list(FILMS)
+    films = [(plant, kinds[(i + k) % len(kinds)]) for k in range(len(kinds)) for i, plant in enumerate(plants)]
     if not wanted.judge:
         cores: SimpleQueue[list[int]] = SimpleQueue()
         for job in range(wanted.jobs):

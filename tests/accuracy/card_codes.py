@@ -10,13 +10,18 @@ that which the code would have seen from straight above: the tilt makes it small
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pandas as pd
 from markdown_tables import markdown
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from scenes.card_scene import card_photo, card_sheet
 
 from cotton3dg.identity.codes import read_codes

@@ -20,6 +20,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from scenes.card_scene import card_sheet, film_card
 
 from cotton3dg.commands.export import FORMATS

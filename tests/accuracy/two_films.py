@@ -10,10 +10,15 @@ its bolls picked; and each is laid on two other plants.
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from markdown_tables import markdown
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from scenes.filmed_scene import NO_MAP, filmed_again, leaning
 
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap

@@ -24,6 +24,16 @@ from cotton3dg.workspace import Workspace
 TOOLS = ROOT / "tests" / "accuracy"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "tool", [path for path in sorted(TOOLS.glob("*.py")) if "argparse" in path.read_text()], ids=lambda path: path.stem
+)
+def test_every_tool_starts_as_its_first_lines_say(tool, tmp_path):
+    """In a process of its own: pytest's own path has what a plain call lacks."""
+    done = subprocess.run([sys.executable, tool, "--help"], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0 and "usage: " in done.stdout, done.stderr
+
+
 @pytest.fixture
 def plant(first_run, filmed) -> TruePlant:
     return TruePlant(first_run[0], filmed)

@@ -204,15 +204,15 @@ def main() -> None:
             list(pool.map(lambda film: filmed_and_run(wanted.folder, *film, wanted.preset), films))
     rows, failed = [], []
     for plant, film in films:
-        run = Workspace(wanted.folder / f"{plant}_{film}")
-        kind, number = plant.rsplit("-", 1)
+        root, (kind, number) = wanted.folder / f"{plant}_{film}", plant.rsplit("-", 1)
+        if not (root / "truth.json").is_file():
+            continue
+        run = Workspace(root)
         if run.traits_csv.is_file():
             half = "judged" if int(number) % 2 else "fitted"
-            rows.append(
-                {"film": run.root.name, "plant": plant, "kind": kind, "half": half} | judged(run, run.truth_json)
-            )
-        elif run.truth_json.is_file():
-            failed.append(run.root.name)
+            rows.append({"film": root.name, "plant": plant, "kind": kind, "half": half} | judged(run, run.truth_json))
+        else:
+            failed.append(root.name)
     for also in wanted.also:
         folder, _, truth = also.partition(":")
         run, where = Workspace(Path(folder)), Path(truth or folder) / "truth.json"

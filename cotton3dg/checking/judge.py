@@ -184,7 +184,8 @@ def _scale(look: Look) -> _Part:
     scale, outcome = look.scale.info.scale, look.scale.outcome
     if scale is None:
         text, _, remedy = next(iter(outcome.warnings), "no scale was asked for").partition("; ")
-        return [Finding(YELLOW, "Scale", text, remedy)], {}
+        again = "`run` looks again with the plant's model, which hides what is behind it"
+        return [Finding(YELLOW, "Scale", f"{text} at a first look", f"{remedy}; {again}" if remedy else again)], {}
     error = scale.relative_error
     corners = corners_in_view(scale.corners, look.cameras)
     figures = {"scale": scale.source, "scale_error_pct": round(100 * error, 2)}

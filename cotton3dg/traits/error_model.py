@@ -1,9 +1,10 @@
 """What the traits of a plant and of its bolls may be off by: standard errors, from what usually goes wrong.
 
-Lengths err with the scale and by a pixel. Volumes err with the scale; with the edges of the masks, each view's own and
-what all views have in common; and where bolls touch, with where one ends and the next begins. A count errs with the
-views' agreement on each boll, and where bolls touch by bolls that are lost in another or counted twice. The constants
-marked "fitted" make the stated errors as large as the true ones (tests/accuracy/stated_errors.py).
+Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, each
+view's own and what all views have in common; with a boll's shape; and where bolls touch, with where one ends and the
+next begins. A count errs with the views' agreement on each boll, and where bolls touch by bolls that are lost in
+another or counted twice. The constants marked "fitted" make the stated errors as large as the true ones of half of the
+plants of tests/accuracy/coverage.py, which judges them by the other half.
 """
 
 from __future__ import annotations
@@ -17,11 +18,15 @@ from ..core.measurements import BollTraits, Scale
 
 COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
-EDGE_PX = 1.0
-"""Standard error of a boll's diameter in one view: half a pixel at either side."""
+SIZE_PX = 0.4
+"""Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
+SHAPE = 0.03
+"""Relative standard error of a boll's volume, however large it is in the images. Fitted."""
+EDGE_PX = 0.3
+"""Standard error of a boll's diameter in one view. Fitted."""
 ALIKE = 8
 """Views that err alike, for they see the same rim."""
-SHARED_EDGE_PX = 0.1
+SHARED_EDGE_PX = 0.06
 """Standard error of where all masks of a plant put their edges, at either side of a boll. Fitted."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
@@ -49,30 +54,42 @@ def find_touching(centres_cm: NDArray, diameters_cm: NDArray) -> NDArray[np.bool
         return (away < NEIGHBOUR * 0.5 * (diameters_cm[:, None] + diameters_cm)).any(axis=1)
 
 
+def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float) -> float:
+    """Standard error of the plant's height or canopy."""
+    return float(np.hypot(size_cm * scale.relative_error, SIZE_PX * pixel_cm)) if scale else np.nan
+
+
 def boll_volume_error(
     diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float, touching: bool = False
 ) -> float:
-    """Relative standard error of a boll's volume, without what all bolls share but the scale's.
+    """Relative standard error of a boll's volume; NaN without a scale or a diameter.
 
-    The diameter errs with the scale, and by `EDGE_PX` in each view that shows it, averaged over the views, of which
-    only one in `ALIKE` counts; the volume by three times as much.
+    By what all bolls of the plant share, scale and edges, and by what it has for itself: its shape, a neighbour, and
+    its diameter in each view that shows it, of which only one in `ALIKE` counts. A diameter's error is three times that
+    in the volume.
     """
     if scale is None or not diameter_su > 0:
         return np.nan
-    edge = EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
-    return float(np.hypot(3 * np.hypot(scale.relative_error, edge), TOUCHING_VOLUME if touching else 0.0))
+    edge = 3 * EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
+    own = SHAPE**2 + edge**2 + (TOUCHING_VOLUME if touching else 0.0) ** 2
+    return float(np.sqrt((3 * scale.relative_error) ** 2 + _shared_edge(diameter_su, pixel_su) ** 2 + own))
 
 
 def plant_volume_error_cm3(bolls: Sequence[BollTraits], scale: Scale | None, pixel_cm: float) -> float:
     """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares."""
-    known = [boll for boll in bolls if np.isfinite(boll.volume_cm3)]
     if scale is None:
         return np.nan
+    known = [boll for boll in bolls if np.isfinite(boll.volume_cm3)]
     volumes = np.array([boll.volume_cm3 for boll in known])
-    own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - (3 * scale.relative_error * volumes) ** 2
-    by_scale = 3 * scale.relative_error * volumes.sum()
-    by_edges = sum(6 * SHARED_EDGE_PX * pixel_cm / boll.diameter_cm * boll.volume_cm3 for boll in known)
-    return float(np.sqrt(by_scale**2 + by_edges**2 + np.maximum(own, 0.0).sum()))
+    by_scale = 3 * scale.relative_error * volumes
+    by_edges = volumes * [_shared_edge(boll.diameter_cm, pixel_cm) for boll in known]
+    own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2
+    return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum()))
+
+
+def _shared_edge(diameter: float, pixel: float) -> float:
+    """Relative error of a volume whose edges are `SHARED_EDGE_PX` too far out all around; both lengths in one unit."""
+    return 6 * SHARED_EDGE_PX * pixel / diameter
 
 
 def count_error(confidences: NDArray, n_touching: int, halves: tuple[int, int] | None = None) -> float:

@@ -24,6 +24,7 @@ from .error_model import (
     halves_disagree,
     interval,
     plant_volume_error_cm3,
+    size_error_cm,
 )
 from .isolate import Plant, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
@@ -275,7 +276,6 @@ def summarise_plant(
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
     size = silhouette or PlantSize()
     canopy_cm = (size.length_cm + size.width_cm) / 2
-    shared = scale.relative_error if scale else np.nan
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
     places = np.array([boll.centre_cm for boll in bolls]).reshape(-1, 3)
     touching = find_touching(places, np.array([boll.diameter_cm for boll in bolls]))
@@ -294,7 +294,7 @@ def summarise_plant(
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves)
     of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
-    of_height, of_canopy = (float(np.hypot(length * shared, pixel_cm)) for length in (size.height_cm, canopy_cm))
+    of_height, of_canopy = (size_error_cm(length, scale, pixel_cm) for length in (size.height_cm, canopy_cm))
     return PlantTraits(
         boll_count=len(bolls),
         boll_volume_cm3=volume_cm3,

@@ -16,6 +16,7 @@ from cotton3dg.traits.error_model import (
     halves_disagree,
     interval,
     plant_volume_error_cm3,
+    size_error_cm,
 )
 
 
@@ -36,23 +37,32 @@ def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
     assert find_touching(np.zeros((0, 3)), np.zeros(0)).tolist() == []
 
 
-def test_a_boll_errs_with_scale_edges_and_a_neighbour() -> None:
-    # A diameter of 25 px, seen by 32 views of which four count: 1 / 25 / 2 of the diameter, three times that of volume.
-    assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(3 / 25 / 2)
-    assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(3 * np.hypot(0.01, 1 / 50))
+def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
+    assert size_error_cm(80.0, scale(0.01), 0.0) == pytest.approx(0.8)
+    assert size_error_cm(80.0, scale(0.01), 0.3) == pytest.approx(np.hypot(0.8, 0.3 * error_model.SIZE_PX))
+    assert np.isnan(size_error_cm(80.0, None, 0.3))
+
+
+def test_a_boll_errs_with_scale_edges_shape_and_a_neighbour(monkeypatch) -> None:
+    """A diameter of 25 px, seen by 32 views of which four count; a tenth of a pixel at either side, for all bolls."""
+    for name, value in {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}.items():
+        monkeypatch.setattr(error_model, name, value)
+    parts = [0.03, 3 * 0.5 / 25 / 2, 3 * 0.2 / 25]
+    assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(np.linalg.norm(parts))
+    assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(np.linalg.norm([*parts, 0.03]))
     with_neighbour = boll_volume_error(25.0, 32, scale(0.0), 1.0, touching=True)
-    assert with_neighbour == pytest.approx(np.hypot(3 / 50, error_model.TOUCHING_VOLUME))
+    assert with_neighbour == pytest.approx(np.linalg.norm([*parts, 0.12]))
     assert np.isnan(boll_volume_error(25.0, 32, None, 1.0))
 
 
 def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
-    shared = 0.01
-    bolls = [boll(40.0, np.hypot(3 * shared * 40.0, 2.0)) for _ in range(4)]
-    edges = 4 * 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
-    expected = np.sqrt((3 * shared * 160) ** 2 + edges**2 + 4 * 2.0**2)
+    shared, edge = 0.01, 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
+    bolls = [boll(40.0, np.linalg.norm([3 * shared * 40.0, edge, 2.0])) for _ in range(4)]
+    expected = np.sqrt((3 * shared * 160) ** 2 + (4 * edge) ** 2 + 4 * 2.0**2)
     assert plant_volume_error_cm3(bolls, scale(shared), 0.2) == pytest.approx(expected)
     unknown = replace(bolls[0], volume_cm3=np.nan, volume_error_cm3=np.nan)
     assert plant_volume_error_cm3([*bolls, unknown], scale(shared), 0.2) == pytest.approx(expected)
+    assert plant_volume_error_cm3([], scale(shared), 0.2) == 0.0
     assert np.isnan(plant_volume_error_cm3(bolls, None, 0.2))
 
 

@@ -142,7 +142,11 @@ def test_a_film_without_faults_is_green(cameras: list[Camera]) -> None:
     ("change", "verdict", "said"),
     [
         ({"names": tuple(f"{i}.jpg" for i in range(40))}, YELLOW, "24 of 40 frames placed; walk more slowly"),
-        ({"scale": no_scale("none", "no scale was found; film the table")}, YELLOW, "no scale was found at a first look; film the"),
+        (
+            {"scale": no_scale("none", "no scale was found; film the table")},
+            YELLOW,
+            "no scale was found at a first look; film the",
+        ),
         ({"bolls": []}, YELLOW, "no boll was found"),
     ],
 )

@@ -119,7 +119,7 @@ def main() -> None:
         print(f"{Path(row['file']).name} ({truth[Path(row['file']).name][0] or 'no card'}): {row['reason']}")
     true_counts = [Truth.load(walk / "truth.json").boll_count for walk in walks]
     counts = pd.DataFrame(
-        {"true": true_counts[walk], "counted": rows[plant_id]["boll_count"], "status": rows[plant_id]["status"]}
+        {"true": true_counts[walk], "counted": rows[plant_id]["boll_count"], "state": rows[plant_id]["state"]}
         for plant_id, (_, walk) in shown.items()
     )
     print(counts.value_counts(dropna=False).sort_index().to_string())

@@ -87,7 +87,7 @@ class BollTraits:
         "", "quality flags of the boll, separated by semicolons", name="qc_flags", blank_when="no flag", default=()
     )
     volume_error_cm3: float = column(
-        "cm3", "standard error of volume_cm3, of scale, views and touching bolls", 2, blank_when=NO_BODY, later=True
+        "cm3", "standard error of volume_cm3, of scale, edges, shape and neighbours", 2, blank_when=NO_BODY, later=True
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
@@ -192,16 +192,16 @@ class PlantTraits:
     )
     boll_volume_error_cm3: float = column(
         "cm3",
-        "standard error of boll_volume_cm3, of scale, views, edges and touching bolls",
+        "standard error of boll_volume_cm3, of scale, edges, shape and neighbours",
         2,
         blank_when=NO_VOLUME,
         later=True,
     )
     plant_height_error_cm: float = column(
-        "cm", "standard error of plant_height_cm, of the scale and a pixel", 2, blank_when=NO_SIZE, later=True
+        "cm", "standard error of plant_height_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, later=True
     )
     canopy_size_error_cm: float = column(
-        "cm", "standard error of canopy_size_cm, of the scale and a pixel", 2, blank_when=NO_SIZE, later=True
+        "cm", "standard error of canopy_size_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, later=True
     )
     boll_volume_published_cm3: float = column(
         "cm3", "sum of volume_published_cm3 over the measured bolls", 2, blank_when=NO_VOLUME, later=True

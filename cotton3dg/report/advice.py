@@ -178,6 +178,12 @@ FLAGS = {
         " white thing. It is counted, but height and canopy leave it out.",
         "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
     ),
+    "lost_tips": Meaning(
+        "A twig may be cut short",
+        "Solid specks hang in the air beside the plant, as where the model lacks a thin twig. Height and canopy leave"
+        " them out; their intervals allow for them.",
+        "Compare photo and 3D view at the tips; film closer or in better light, or raise train.max_side.",
+    ),
     "halves_disagree": Meaning(
         "Half of the images count otherwise",
         "Every second image alone gives another number of bolls than the others, so the count is less sure.",

@@ -26,7 +26,7 @@ EDGE_PX = 0.3
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE = 8
 """Views that err alike, for they see the same rim."""
-SHARED_EDGE_PX = 0.06
+SHARED_EDGE_PX = 0.05
 """Standard error of where all masks of a plant put their edges, at either side of a boll. Fitted."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
@@ -54,9 +54,16 @@ def find_touching(centres_cm: NDArray, diameters_cm: NDArray) -> NDArray[np.bool
         return (away < NEIGHBOUR * 0.5 * (diameters_cm[:, None] + diameters_cm)).any(axis=1)
 
 
-def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float) -> float:
-    """Standard error of the plant's height or canopy."""
-    return float(np.hypot(size_cm * scale.relative_error, SIZE_PX * pixel_cm)) if scale else np.nan
+def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float, other_cm: float | None = None) -> float:
+    """Standard error of the plant's height or canopy.
+
+    Args:
+        other_cm: what it may be as well.
+    """
+    if scale is None:
+        return np.nan
+    apart_cm = 0.0 if other_cm is None else other_cm - size_cm
+    return float(np.linalg.norm([size_cm * scale.relative_error, SIZE_PX * pixel_cm, apart_cm]))
 
 
 def boll_volume_error(

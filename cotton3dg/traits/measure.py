@@ -26,7 +26,7 @@ from .error_model import (
     plant_volume_error_cm3,
     size_error_cm,
 )
-from .isolate import Plant, isolate_plant
+from .isolate import Plant, find_lost_tips, isolate_plant
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
 from .silhouette_hull import opaque_hull
 from .surface import SAMPLES, as_drawn, sample_surface_of_volume, sample_visible_surface, surface_rows
@@ -44,6 +44,8 @@ LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
 UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
+LOST_SHARE = 0.01
+"""Of height or canopy, by which specks beside the plant would make it larger, from which on the plant has a flag."""
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -104,12 +106,20 @@ def measure_plant(
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
-    silhouette = measure_silhouette(drawn, plant, scale) if plant and scale and not lost else None
+    silhouette, perhaps = None, None
+    if plant and scale and not lost:
+        silhouette = measure_silhouette(drawn, plant, scale)
+        perhaps = _with_lost_tips(drawn, plant, scale, clamp_cm, silhouette)
+    if perhaps:
+        concerns["lost_tips"] = (
+            f"specks in the air beside the plant may be the rest of a twig that the model lacks; with them it would be"
+            f" {perhaps.height_cm:.1f} cm high, its canopy {perhaps.canopy_cm:.1f} cm; film closer, in better light"
+        )
     if halves and halves_disagree(halves):
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves)
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -217,6 +227,10 @@ class PlantSize:
     hull_volume_cm3: float = nan
     published: PublishedSize = NO_PUBLISHED_SIZE
 
+    @property
+    def canopy_cm(self) -> float:
+        return (self.length_cm + self.width_cm) / 2
+
 
 def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSize | None:
     """Height above the table and the least rectangle around the plant as seen from above.
@@ -240,6 +254,20 @@ def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale) -> PlantSiz
     )
 
 
+def _with_lost_tips(
+    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, silhouette: PlantSize | None
+) -> PlantSize | None:
+    """The size if specks beside the plant were of it, where that makes a difference."""
+    tips = find_lost_tips(drawn, plant, scale, clamp_cm)
+    if silhouette is None or not tips.any():
+        return None
+    size = measure_silhouette(drawn, replace(plant, rows=plant.rows | tips), scale)
+    if size is None:
+        return None
+    larger = max(size.height_cm / silhouette.height_cm, size.canopy_cm / silhouette.canopy_cm)
+    return size if larger > 1 + LOST_SHARE else None
+
+
 def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:
     """Size of a plant whose surface is given in the plant frame.
 
@@ -261,8 +289,13 @@ def summarise_plant(
     scale: Scale | None,
     pixel_su: float = 0.0,
     halves: tuple[int, int] | None = None,
+    perhaps: PlantSize | None = None,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
+
+    Args:
+        pixel_su, halves: as for `measure_plant`.
+        perhaps: another size that the plant may have; its difference is an error.
 
     What its traits may be off by is in error_model.py.
     """
@@ -275,7 +308,7 @@ def summarise_plant(
         flags.append("doubtful_bolls")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
     size = silhouette or PlantSize()
-    canopy_cm = (size.length_cm + size.width_cm) / 2
+    other = perhaps or size
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
     places = np.array([boll.centre_cm for boll in bolls]).reshape(-1, 3)
     touching = find_touching(places, np.array([boll.diameter_cm for boll in bolls]))
@@ -294,14 +327,15 @@ def summarise_plant(
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves)
     of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
-    of_height, of_canopy = (size_error_cm(length, scale, pixel_cm) for length in (size.height_cm, canopy_cm))
+    of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
+    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
     return PlantTraits(
         boll_count=len(bolls),
         boll_volume_cm3=volume_cm3,
         boll_volume_mean_cm3=float(known.mean()) if len(known) else np.nan,
         plant_height_cm=size.height_cm,
         plant_height_obb_cm=size.height_obb_cm,
-        canopy_size_cm=canopy_cm,
+        canopy_size_cm=size.canopy_cm,
         canopy_length_cm=size.length_cm,
         canopy_width_cm=size.width_cm,
         flags=tuple(flags),
@@ -323,5 +357,5 @@ def summarise_plant(
         boll_count_interval=count_interval(len(bolls), of_count),
         boll_volume_interval_cm3=interval(volume_cm3, of_volume),
         plant_height_interval_cm=interval(size.height_cm, of_height),
-        canopy_size_interval_cm=interval(canopy_cm, of_canopy),
+        canopy_size_interval_cm=interval(size.canopy_cm, of_canopy),
     )

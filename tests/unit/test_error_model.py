@@ -40,6 +40,7 @@ def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
 def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
     assert size_error_cm(80.0, scale(0.01), 0.0) == pytest.approx(0.8)
     assert size_error_cm(80.0, scale(0.01), 0.3) == pytest.approx(np.hypot(0.8, 0.3 * error_model.SIZE_PX))
+    assert size_error_cm(80.0, scale(0.01), 0.0, 82.0) == pytest.approx(np.hypot(0.8, 2.0))
     assert np.isnan(size_error_cm(80.0, None, 0.3))
 
 

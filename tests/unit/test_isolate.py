@@ -20,7 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
-from cotton3dg.traits.error_model import SHARED_EDGE_PX
+from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_plant, measure_silhouette, summarise_plant
 
@@ -88,6 +88,28 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
         assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
     assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
     assert both.traits.boll_count_interval[0] <= 4
+
+
+def test_specks_beyond_a_lost_twig_are_flagged_and_widen_the_interval():
+    """Three specks in a row outwards from a boll; many that stand close are a thing of their own, or a noisy model."""
+    places, labels = plant_points_cm(np.random.default_rng(0))
+    gaussians = gaussians_at(places, 0.2)
+    top = places[labels > 0][places[labels > 0][:, 0].argmax()]
+    bolls = bolls_of(gaussians, labels)
+    alone = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0)
+    specks = joined(gaussians, gaussians_at(top + [[5, 0, 1], [8, 0, 1.5], [11, 0, 2.0]], 0.1))
+    flagged = measure_plant(specks, bolls, SCALE, 0.0, 4.0)
+    assert "lost_tips" in flagged.flags and "lost_tips" not in alone.flags
+    assert any("canopy" in warning for warning in flagged.warnings)
+    assert flagged.traits.canopy_size_cm == alone.traits.canopy_size_cm
+    assert flagged.traits.canopy_size_interval_cm[1] > alone.traits.canopy_size_cm + 4
+    assert flagged.traits.plant_height_error_cm == pytest.approx(alone.traits.plant_height_error_cm)
+    post = top + [8.0, 0, 0] + np.linspace([0, 0, -4.0], [0, 0, 4.0], 40)
+    noise = top + np.random.default_rng(0).uniform([3, -9, -9], [11, 9, 9], (40, 3))
+    for others in (post, noise):
+        assert (
+            "lost_tips" not in measure_plant(joined(gaussians, gaussians_at(others, 0.1)), bolls, SCALE, 0.0, 4.0).flags
+        )
 
 
 def test_a_boll_on_a_twig_that_was_not_reconstructed_hangs_on_the_plant():
@@ -230,16 +252,19 @@ def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
 def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     gaussians, labels = plant_scene()
     bolls = bolls_of(gaussians, labels)[:2]
+    own = SHAPE * np.array([boll.volume_cm3 for boll in measured])
+    shared = 3 * SCALE.relative_error * sum(boll.volume_cm3 for boll in measured)
     by_scale = summarise_plant(measured, None, SCALE)
-    assert by_scale.boll_volume_error_cm3 == pytest.approx(3 * SCALE.relative_error * by_scale.boll_volume_cm3)
+    assert by_scale.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), shared))
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su
     traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)
-    own = [3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits]
-    assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(own)
+    pixels = np.array([3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits])
+    own = np.hypot(EDGE_PX * pixels, [SHAPE * boll.volume_cm3 for boll in traits])
+    edges = 2 * SHARED_EDGE_PX * pixels
+    assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(np.hypot(own, edges))
     by_pixels = summarise_plant(traits, None, exact, pixel_su)
-    shared = 2 * SHARED_EDGE_PX * sum(own)
-    assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), shared))
+    assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), edges.sum()))
 
 
 def test_extra_gaussians_far_away_change_nothing():

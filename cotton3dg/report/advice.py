@@ -178,6 +178,12 @@ FLAGS = {
         " white thing. It is counted, but height and canopy leave it out.",
         "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
     ),
+    "masks_by_colour": Meaning(
+        "Masks by colour alone",
+        "The back end `lint` knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."
+        " The intervals of count and volume allow for it.",
+        "Use the default, the bolls' network: masks --backend bolls.",
+    ),
     "lost_tips": Meaning(
         "A twig may be cut short",
         "Solid specks hang in the air beside the plant, as where the model lacks a thin twig. Height and canopy leave"

@@ -83,14 +83,16 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     masks = MasksInfo.load_if_there(workspace.masks_json)
-    halves = masks.halves if masks else None
+    halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
     cameras = _cameras(workspace)
-    measured = measure_plant(gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras)
+    measured = measure_plant(
+        gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras, by_colour
+    )
     corrected = _corrected(workspace, gaussians, bolls, found, measured)
     if corrected or scale_info.found:
         corrected = corrected or Corrected(bolls)
         again = measure_plant(
-            gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm, cameras=cameras
+            gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm, None, cameras, by_colour
         )
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)

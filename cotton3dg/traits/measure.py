@@ -72,6 +72,7 @@ def measure_plant(
     clamp_cm: float,
     halves: tuple[int, int] | None = None,
     cameras: Sequence[Camera] = (),
+    by_colour: bool = False,
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
@@ -80,6 +81,7 @@ def measure_plant(
         clamp_cm: height of the clamp that holds the plant.
         halves: bolls that either half of the images counts, where that is known.
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
+        by_colour: whether the masks are by colour alone, without a network.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -119,7 +121,11 @@ def measure_plant(
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps)
+    if by_colour and bolls:
+        concerns["masks_by_colour"] = (
+            "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
+        )
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps, by_colour)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -290,11 +296,12 @@ def summarise_plant(
     pixel_su: float = 0.0,
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
+    by_colour: bool = False,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
     Args:
-        pixel_su, halves: as for `measure_plant`.
+        pixel_su, halves, by_colour: as for `measure_plant`.
         perhaps: another size that the plant may have; its difference is an error.
 
     What its traits may be off by is in error_model.py.
@@ -325,8 +332,8 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves)
-    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm) if measured else np.nan
+    of_count = count_error(confidences, int(touching.sum()), halves, by_colour)
+    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm, by_colour) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
     return PlantTraits(

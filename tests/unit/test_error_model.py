@@ -67,6 +67,15 @@ def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
     assert np.isnan(plant_volume_error_cm3(bolls, None, 0.2))
 
 
+def test_masks_by_colour_err_all_alike() -> None:
+    bolls = [boll(40.0, 2.0) for _ in range(4)]
+    networks, colours = (plant_volume_error_cm3(bolls, scale(0.0), 0.0, by_colour) for by_colour in (False, True))
+    assert colours == pytest.approx(np.hypot(networks, 160 * error_model.BY_COLOUR_VOLUME))
+    assert count_error(np.ones(20), 9, by_colour=True) == pytest.approx(
+        np.hypot(count_error(np.ones(20), 9), 9 * error_model.BY_COLOUR_MISCOUNTED)
+    )
+
+
 def test_the_count_errs_as_draws_of_its_parts_do() -> None:
     confidences, n_touching = np.array([1.0, 0.9, 0.9, 0.6, 1.0]), 3
     rng = np.random.default_rng(0)

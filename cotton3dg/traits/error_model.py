@@ -18,7 +18,7 @@ from ..core.measurements import BollTraits, Scale
 
 COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
-SIZE_PX = 0.4
+SIZE_PX = 0.5
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
 SHAPE = 0.03
 """Relative standard error of a boll's volume, however large it is in the images. Fitted."""

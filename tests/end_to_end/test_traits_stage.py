@@ -73,7 +73,7 @@ def test_the_plant_has_its_row(workspace):
     assert (row["scale_source"], row["scale_error_pct"]) == ("table", "0.200")
     assert (row["n_frames"], row["registered_pct"], row["psnr_db"]) == ("100", "93.0", "31.42")
     assert row["seconds"] == "300.8"
-    assert row["qc_flags"] == "few_frames_registered;low_psnr;lost_tips;doubtful_bolls"
+    assert row["qc_flags"] == "few_frames_registered;low_psnr;doubtful_bolls"
     assert row["version"]
     heights = BOLLS_CM[:, 2]
     assert float(row["boll_height_mean_cm"]) == pytest.approx(heights.mean(), abs=0.3)

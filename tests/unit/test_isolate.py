@@ -104,6 +104,8 @@ def test_specks_beyond_a_lost_twig_are_flagged_and_widen_the_interval():
     assert flagged.traits.canopy_size_cm == alone.traits.canopy_size_cm
     assert flagged.traits.canopy_size_interval_cm[1] > alone.traits.canopy_size_cm + 4
     assert flagged.traits.plant_height_error_cm == pytest.approx(alone.traits.plant_height_error_cm)
+    thick = joined(gaussians, gaussians_at(top + [[5, 0, 1], [8, 0, 1.5], [11, 0, 2.0]], 0.4))
+    assert "lost_tips" not in measure_plant(thick, bolls, SCALE, 0.0, 4.0).flags
     post = top + [8.0, 0, 0] + np.linspace([0, 0, -4.0], [0, 0, 4.0], 40)
     noise = top + np.random.default_rng(0).uniform([3, -9, -9], [11, 9, 9], (40, 3))
     for others in (post, noise):

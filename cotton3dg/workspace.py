@@ -128,6 +128,8 @@ class Workspace:
 
     def __init__(self, root: Path | str):
         self.root = Path(root)
+        if not self.root.exists():
+            raise MissingInput(f"{self.root} does not exist; look at its spelling and at the folder that you are in")
         if not self.root.is_dir():
             raise MissingInput(f"{self.root} is not a folder; give the folder that holds the plant's video")
 
@@ -156,8 +158,13 @@ class Workspace:
             return self.images_input
         raise MissingInput(
             f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here, or photos of it"
-            " into a folder named images in here"
+            f" into a folder named images in here{self._plants_below()}"
         )
+
+    def _plants_below(self) -> str:
+        """Advice for those who are one folder too high."""
+        below = [path.parent.name for path in self.root.glob("*/*") if path.suffix.lower() in VIDEO_SUFFIXES]
+        return f"; or give the folder {min(below)}, which has one" if below else ""
 
     def folder(self, stage: str) -> Path:
         return self.root / stage

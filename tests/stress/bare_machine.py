@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -40,7 +41,8 @@ def commands(by: str) -> str:
     if by == "checkout":
         lines = [*block_of("Developers"), "make demo"]
     else:
-        lines = [f"cp /source/dist/cotton3dg-*.{'whl' if by == 'wheel' else 'tar.gz'} .", *block_of("In one line")]
+        file = f"cotton3dg-*_{platform.machine()}.whl" if by == "wheel" else "cotton3dg-*.tar.gz"
+        lines = [f"cp /source/dist/{file} .", *block_of("In one line")]
         if by == "sdist":
             lines = [line.replace("-*.whl", "-*.tar.gz") for line in lines]
         lines += ["du -sm cotton3dg | sed 's/$/ MB installed/'"]

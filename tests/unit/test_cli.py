@@ -60,7 +60,7 @@ def test_empty_folder(plant):
 
 
 def test_missing_folder(plant):
-    assert_one_line(cotton3dg("run", plant / "nowhere"), 4, "nowhere: ", "not a folder")
+    assert_one_line(cotton3dg("run", plant / "nowhere"), 4, "nowhere: ", "does not exist")
 
 
 def test_bad_options(plant):

@@ -30,7 +30,7 @@ from cotton3dg.stages import cluster, segment, traits
 from cotton3dg.workspace import Workspace
 
 FILE_ENDINGS = ("json", "csv", "npy", "npz", "ply", "png", "jpg", "py", "bin")
-OTHER_PROGRAMS = {"--build-arg", "--no-build-isolation", "--no-normalize-world-space", "--user"}
+OTHER_PROGRAMS = {"--build-arg", "--fakeroot", "--no-build-isolation", "--no-normalize-world-space", "--user"}
 TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
 
 

@@ -40,7 +40,7 @@ ELSEWHERE = {
     "python3 -m venv": "make bare-test BY=wheel",
     "cotton3dg/bin/cotton3dg demo": "make bare-test BY=wheel",
     "docker": "by hand; make bare-test BY=wheel does the same without a container",
-    "apptainer": "nothing: not in Debian",
+    "apptainer": "by hand: it is in no stable Debian",
     "export PIP": "make bare-test",
     "source .venv": "make bare-test",
     "make setup": "make bare-test",

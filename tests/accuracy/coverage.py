@@ -16,22 +16,16 @@ are only judged. Writes FOLDER/coverage.csv, a row for each film, and prints, al
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from markdown_tables import markdown
 from numpy.typing import NDArray
+from simulated_runs import film_and_run, side_by_side
 
-from cotton3dg.core.machine import usable_cores
 from cotton3dg.documents.truth import Truth
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
@@ -86,22 +80,6 @@ TRAITS = {
 OFF_PCT, OFF_BOLLS = 5.0, 1
 SAYS_NOTHING = frozenset(("no_map", "no_stem", "touching_bolls"))
 """Flags that do not say that a trait may be off: of the map, and of every plant whose bolls touch."""
-
-
-def filmed_and_run(folder: Path, plant: str, film: str, preset: str) -> int:
-    """Exit code of the first command that failed, or 0; what they print goes to the film's log."""
-    root, tool = folder / f"{plant}_{film}", Path(sys.executable).with_name("cotton3dg")
-    commands = [["run", str(root), "--preset", preset, "--no-report"]]
-    if not (root / "video.mp4").is_file():
-        shutil.rmtree(root, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        words = f"{PLANTS[plant]} {FILMS[film]} --frames 66 --mask-interval 40".split()
-        commands.insert(0, ["simulate", str(root), *words])
-    with (folder / f"{root.name}.log").open("a", encoding="utf-8") as log:
-        for command in commands:
-            code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
-            if code:
-                return code
-    return 0
 
 
 def judged(run: Workspace, truth_json: Path) -> dict[str, Any]:
@@ -196,12 +174,14 @@ def main() -> None:
     # A film of every plant before the next, of all kinds in turn: what is there after an hour is a fair sample.
     plants, kinds = sorted(PLANTS, key=lambda name: name.rsplit("-", 1)[1]), list(FILMS)
     films = [(plant, kinds[(i + k) % len(kinds)]) for k in range(len(kinds)) for i, plant in enumerate(plants)]
+
+    def film_one(of: tuple[str, str]) -> int:
+        plant, film = of
+        words = f"{PLANTS[plant]} {FILMS[film]} --frames 66 --mask-interval 40"
+        return film_and_run(wanted.folder / f"{plant}_{film}", words, wanted.preset)
+
     if not wanted.judge:
-        cores: SimpleQueue[list[int]] = SimpleQueue()
-        for job in range(wanted.jobs):
-            cores.put(usable_cores()[job :: wanted.jobs] or usable_cores())
-        with ThreadPoolExecutor(wanted.jobs, initializer=lambda: os.sched_setaffinity(0, cores.get())) as pool:
-            list(pool.map(lambda film: filmed_and_run(wanted.folder, *film, wanted.preset), films))
+        side_by_side(wanted.jobs, film_one, films)
     rows, failed = [], []
     for plant, film in films:
         root, (kind, number) = wanted.folder / f"{plant}_{film}", plant.rsplit("-", 1)

@@ -16,20 +16,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
-import shutil
-import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 
 import numpy as np
 import pandas as pd
 from markdown_tables import markdown
+from simulated_runs import film_and_run, side_by_side
 from true_scene import TruePlant, true_plant, true_scale
 
-from cotton3dg.core.machine import usable_cores
 from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.evaluation.plant_map import MapScores, evaluate_map
@@ -76,25 +71,6 @@ NAMES = {
     "plant_height_cm": "height",
     "canopy_size_cm": "canopy",
 }
-
-
-def made_and_run(folder: Path, name: str, preset: str) -> int:
-    """Exit code of the first command that failed, or 0; what they print goes to NAME.log."""
-    plant = folder / name
-    tool = Path(sys.executable).with_name("cotton3dg")
-    folder.mkdir(parents=True, exist_ok=True)
-    commands = [["run", str(plant), "--preset", preset, "--no-report"]]
-    if not (plant / "video.mp4").is_file():
-        shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        commands.insert(
-            0, ["simulate", str(plant), "--mask-interval", "1", *(PLANTS | TOUCHING | NATURAL)[name].split()]
-        )
-    with (folder / f"{name}.log").open("a", encoding="utf-8") as log:
-        for command in commands:
-            code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
-            if code:
-                return code
-    return 0
 
 
 def judged(plant: TruePlant) -> dict[str, float | str | tuple[float, ...]]:
@@ -164,11 +140,12 @@ def main() -> None:
     parser.add_argument("--also", nargs="*", type=true_plant, default=[], metavar="RUN:TRUTH")
     wanted = parser.parse_args()
     names = wanted.only or list(TOUCHING if wanted.touching else NATURAL if wanted.natural else PLANTS)
-    cores: SimpleQueue[list[int]] = SimpleQueue()
-    for job in range(wanted.jobs):
-        cores.put(usable_cores()[job :: wanted.jobs] or usable_cores())
-    with ThreadPoolExecutor(wanted.jobs, initializer=lambda: os.sched_setaffinity(0, cores.get())) as pool:
-        codes = list(pool.map(lambda name: made_and_run(wanted.folder, name, wanted.preset), names))
+
+    def film_one(name: str) -> int:
+        film = (PLANTS | TOUCHING | NATURAL)[name]
+        return film_and_run(wanted.folder / name, f"{film} --mask-interval 1", wanted.preset)
+
+    codes = side_by_side(wanted.jobs, film_one, names)
     failed = {name: code for name, code in zip(names, codes, strict=True) if code}
     done = [name for name in names if name not in failed]
     rows = [{"kind": name.rsplit("-", 1)[0], **judged(true_plant(str(wanted.folder / name)))} for name in done]

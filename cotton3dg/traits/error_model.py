@@ -3,8 +3,8 @@
 Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, each
 view's own and what all views have in common; with a boll's shape; and where bolls touch, with where one ends and the
 next begins. A count errs with the views' agreement on each boll, and where bolls touch by bolls that are lost in
-another or counted twice. The constants marked "fitted" make the stated errors as large as the true ones of half of the
-plants of tests/accuracy/coverage.py, which judges them by the other half.
+another or counted twice. The constants marked "fitted" were chosen so that intervals hold the truth of films of
+tests/accuracy/coverage.py and of path-traced plants (docs/notes/stated_errors.md has which, and how well).
 """
 
 from __future__ import annotations

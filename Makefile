@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs test-lowest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -47,7 +47,7 @@ test: setup ## the quick tests, in parallel: units, native core, hard cases, 100
 test-lowest: ## the quick tests with the oldest releases that pyproject.toml allows, in an environment of its own
 	test -x $(VENV)-lowest/bin/python || $(PYTHON) -m venv $(VENV)-lowest
 	$(VENV)-lowest/bin/pip install -q -c constraints.txt uv scikit-build-core pybind11 cmake ninja
-	PATH="$(CURDIR)/$(VENV)-lowest/bin:$$PATH" $(VENV)-lowest/bin/uv pip install -q --python $(VENV)-lowest/bin/python --resolution lowest-direct --no-build-isolation -e '.[dev]'
+	PATH="$(CURDIR)/$(VENV)-lowest/bin:$$PATH" $(VENV)-lowest/bin/uv pip install -q --python $(VENV)-lowest/bin/python --resolution lowest-direct --no-build-isolation-package cotton3dg -e '.[dev]'
 	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-slow: setup ## the tests that make test leaves out
@@ -79,6 +79,13 @@ arm-test: setup ## the core of the ARM wheel in dist/, in an emulator (Debian, a
 docs: setup ## the documentation as a site in build/site; a warning is an error
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site
+
+gallery: build/gallery/a_natural_plant/report.html build/gallery/bolls_that_touch/report.html ## two simulated plants whose reports the site shows; minutes
+
+build/gallery/a_natural_plant/report.html: FILM = --architecture natural --barren 0.2
+build/gallery/bolls_that_touch/report.html: FILM = --clustered 0.85 --contact 0.72
+build/gallery/%/report.html: | setup
+	rm -rf $(@D) && $(BIN)/cotton3dg simulate $(@D) $(FILM) && $(BIN)/cotton3dg run $(@D) --preset $(PRESET)
 
 batch-test: setup ## fifty small plants, five of them broken, in a batch that is killed five times; 25 CPU-minutes
 	rm -rf results/fifty && mkdir -p results

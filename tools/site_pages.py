@@ -1,4 +1,5 @@
-"""What the site has besides docs/ (mkdocs calls these hooks): README and its like, and references made from the code.
+"""What the site has besides docs/ (mkdocs calls these hooks): README and its like, references made from the code, the
+notebook as a page, and the reports that `make gallery` made.
 
 The pages of docs/ link to files beside them in the repository, so that they can be read there, too. Such a link leads
 to the page that the site has of that file, or to a copy of it (tests, examples).
@@ -6,6 +7,7 @@ to the page that the site has of that file, or to a copy of it (tests, examples)
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
 import sys
@@ -21,6 +23,10 @@ from cotton3dg.cli import app
 ROOT = Path(__file__).parents[1]
 PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md"}
 """Page of the repository -> of the site."""
+NOTEBOOK = "examples/tutorial.ipynb"
+OTHERS = {NOTEBOOK: "tutorial.md", "examples": "examples/one_plant.sh"}
+"""What a page of the repository may link to -> what the site has of it."""
+REPORTS = ROOT / "build" / "gallery"
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
 
@@ -37,10 +43,13 @@ def on_config(config: Any) -> Any:
 def on_files(files: Files, config: Any) -> Files:
     texts = {site: (ROOT / name).read_text("utf-8") for name, site in PAGES.items()}
     texts |= {"commands.md": command_reference(), "python_reference.md": python_reference()}
+    texts |= {"tutorial.md": notebook_page(), "gallery.md": gallery_page()}
     for name, text in texts.items():
         files.append(File.generated(config, name, content=text))
     for path in sorted(linked_files()):
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
+    for name, report in gallery().items():
+        files.append(File.generated(config, f"reports/{name}.html", abs_src_path=str(report)))
     return files
 
 
@@ -53,9 +62,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         if "://" in target:
             return link[0]
         path = posixpath.normpath(posixpath.join(posixpath.dirname(source), target))
-        path = path.removeprefix("docs/") if path.startswith("docs/") else PAGES.get(path, path)
-        if path == "examples":
-            path = "examples/one_plant.sh"
+        path = path.removeprefix("docs/") if path.startswith("docs/") else (PAGES | OTHERS).get(path, path)
         return f"]({posixpath.relpath(path, posixpath.dirname(page.file.src_uri) or '.')}{anchor})"
 
     return LINK.sub(of_site, markdown)
@@ -72,6 +79,26 @@ def linked_files() -> set[str]:
                 if not name.startswith("docs/") and name not in PAGES:
                     found.add(name)
     return found
+
+
+def notebook_page() -> str:
+    """The tutorial as a page: its texts, and its code to copy."""
+    notebook = json.loads((ROOT / NOTEBOOK).read_text("utf-8"))
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in notebook["cells"]]
+    return "\n\n".join(text if kind == "markdown" else f"```python\n{text}\n```" for kind, text in cells)
+
+
+def gallery() -> dict[str, Path]:
+    """Name -> report of each plant that `make gallery` has made."""
+    return {path.parent.name: path for path in sorted(REPORTS.glob("*/report.html"))}
+
+
+def gallery_page() -> str:
+    """A link to each."""
+    links = [f"- [{name.replace('_', ' ').capitalize()}](reports/{name}.html)" for name in gallery()]
+    made = links or ["`make gallery` makes them; then `make docs` again."]
+    title = "# Reports to look at\n\nSimulated plants, each in one page as `cotton3dg run` writes it.\n\n"
+    return title + "\n".join(made)
 
 
 def command_reference() -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +62,8 @@ class WayMeter:
 
     def _follow(self, small: NDArray[np.uint8]) -> float:
         """How far the corners are from where they were chosen; NaN when most are lost."""
+        import cv2
+
         if len(self._now) < LEAST_CORNERS:
             return math.nan
         before: Any = self._before
@@ -75,6 +76,8 @@ class WayMeter:
         return float(np.percentile(ways, PERCENTILE)) / max(small.shape)
 
     def _choose(self, small: NDArray[np.uint8]) -> None:
+        import cv2
+
         corners = cv2.goodFeaturesToTrack(small, maxCorners=CORNERS, qualityLevel=0.01, minDistance=6)
         self._chosen = self._now = np.zeros((0, 1, 2), np.float32) if corners is None else corners
         self._base = self.way

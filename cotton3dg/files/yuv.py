@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +69,8 @@ class YuvFrame:
 
     def grey(self, max_side: int) -> NDArray[np.uint8]:
         """(h, w) brightness 0..255, its longer side at most `max_side` px; the caller's own."""
+        import cv2
+
         coding = self.coding
         size = fit_size(coding.width, coding.height, max_side)
         small = self.luma if size == (coding.width, coding.height) else _shrink(self.luma, size)
@@ -82,6 +83,8 @@ class YuvFrame:
 
     def rgb(self) -> NDArray[np.uint8]:
         """(H, W, 3) sRGB; HDR is tone-mapped."""
+        import cv2
+
         coding = self.coding
         n, side = coding.width * coding.height, (coding.chroma_height, coding.chroma_width)
         chroma = self.numbers[n:].reshape(2, *side)
@@ -94,6 +97,8 @@ class YuvFrame:
 def _enlarge(chroma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     """At full size. A sample stands amid its four pixels, as converters have it; some cameras have it a quarter of its
     width to the left, which nobody sees."""
+    import cv2
+
     inverse = np.array([[0.5, 0.0, -0.25], [0.0, 0.5, -0.25]])
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return cv2.warpAffine(chroma, inverse, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
@@ -101,6 +106,8 @@ def _enlarge(chroma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
 
 def _shrink(luma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     """Smaller by the mean of pixels; of very large frames only every second one is looked at."""
+    import cv2
+
     step = 2 if luma.shape[1] >= 4 * size[0] else 1
     return cv2.resize(luma[::step, ::step], size, interpolation=cv2.INTER_AREA)
 

@@ -6,7 +6,9 @@ import runpy
 import shutil
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 from scenes.tiny_plant import ROOT, in_shell
 
 from cotton3dg.files.images import read_image
@@ -99,6 +101,21 @@ def test_the_functions_of_python_give_what_a_run_gives(tiny_plant, tmp_path):
     assert last[0] == row["boll_count"]
     assert float(last[3]) == pytest.approx(float(row["boll_volume_cm3"]), abs=0.51)
     assert float(last[5]) == pytest.approx(float(row["plant_height_cm"]), abs=0.06)
+
+
+def test_tutorial(tiny_plant, tmp_path):
+    notebook = nbformat.read(EXAMPLES / "tutorial.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells)
+    (first, *_) = (cell for cell in notebook.cells if cell.cell_type == "code")
+    assert 'Workspace("demo")' in first.source
+    first.source = first.source.replace("demo", str(tiny_plant.root))
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    shown = [output.data for cell in notebook.cells for output in cell.get("outputs", []) if "data" in output]
+    assert sum("image/png" in data for data in shown) == 3
+    (row,) = rows(tiny_plant.traits_csv)
+    tables = "".join(data["text/plain"] for data in shown)
+    for trait in ("plant_height_cm", "plant_height_low_cm", "boll_volume_cm3"):
+        assert f"{float(row[trait]):.2f}" in tables
 
 
 def test_picture(tiny_plant, tmp_path):

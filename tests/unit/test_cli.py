@@ -50,6 +50,17 @@ def test_help_imports_nothing_heavy():
     assert result.stdout.strip() == "[]"
 
 
+def test_status_imports_no_library_that_computes(plant):
+    (plant / "video.mp4").write_text("x")
+    script = (
+        "import sys, cotton3dg.cli; from typer.testing import CliRunner;"
+        "assert CliRunner().invoke(cotton3dg.cli.app, ['status', sys.argv[1]]).exit_code == 0;"
+        "print([m for m in ('torch', 'open3d', 'pycolmap', 'cv2', 'pandas', 'scipy') if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", script, plant], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
 def test_unknown_command_and_option(plant):
     assert cotton3dg("harvest").returncode == 2
     assert cotton3dg("run", plant, "--fast").returncode == 2

@@ -76,6 +76,7 @@ def run(
     defaults: Annotated[Path | None, typer.Option(help="cotton3dg.toml of many plants; a plant's own wins")] = None,
     time_budget: TimeBudget = None,
     no_report: NoReport = False,
+    repeat: Annotated[int, typer.Option(min=0, help="more runs, of other frames, to see how far they agree")] = 0,
     set_: Set = None,
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
@@ -85,6 +86,8 @@ def run(
     with report_errors(plant_dir):
         workspace = Workspace(plant_dir)
         overrides, stages = parse_overrides(set_), pipeline.selected(from_, until)
+        if repeat and stages != pipeline.STAGES:
+            raise BadUsage("--repeat is for whole runs; leave out --from and --until")
         budget = None
         if time_budget:
             if preset != "standard" or stages != pipeline.STAGES:
@@ -102,6 +105,13 @@ def run(
                 pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
         if "traits" in stages:
             display.print_traits(workspace.traits_csv)
+        if repeat:
+            from .commands.repeat_runs import repeat_runs
+            from .evaluation.repeats import repeats_text
+
+            with display.ProgressDisplay() as watcher:
+                repeats = repeat_runs(workspace, options, repeat, partial(typer.echo, err=True), watcher)
+            typer.echo(f"{repeats_text(repeats)}\nsaved in {workspace.repeats}")
 
 
 def _budget(workspace: Workspace, time: str, overrides: dict[str, dict[str, Any]], defaults: Path | None) -> Budget:

@@ -100,6 +100,7 @@ class Workspace:
     """The same as points and edges, for Blender and CloudCompare."""
     plant_map_svg = _Below("traits/plant_map.svg")
     """The same as a drawing to print."""
+    repeats = _Below("repeats")
     corrected_bolls_json = _Below("traits/bolls.json")
     corrected_labels_npy = _Below("traits/labels.npy")
     """The bolls that were measured, where they were corrected: as those of `cluster`."""
@@ -211,11 +212,18 @@ class Workspace:
 
     def study_setting(self, sweep: str, value: str) -> Workspace:
         """A folder like this one's for another setting; made if needed."""
-        self._check_ours(self.root / "study")
-        folder = self.root / "study" / sweep / value
+        return self._like_this(self.root / "study", sweep, value)
+
+    def repeat_run(self, number: int) -> Workspace:
+        """A folder like this one's for another run of the same capture; made if needed."""
+        return self._like_this(self.repeats, str(number))
+
+    def _like_this(self, ours: Path, *names: str) -> Workspace:
+        self._check_ours(ours)
+        folder = ours.joinpath(*names)
         with explain_disk_errors(self.root):
             folder.mkdir(parents=True, exist_ok=True)
-            (self.root / "study" / OWNER_MARK).touch()
+            (ours / OWNER_MARK).touch()
         return Workspace(folder)
 
     def share_inputs(self, other: Workspace) -> None:

@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest arm-test batch-test slurm-test kill-test hard-cases study-set bolls-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -44,11 +44,16 @@ demo: setup ## simulate a plant, run it, print its row beside the truth
 test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
 	$(PYTEST) -m "not slow"
 
+test-lowest: RESOLUTION = lowest-direct
+test-newest: RESOLUTION = highest
+test-lowest test-newest: OTHER = $(VENV)$(@:test%=%)
 test-lowest: ## the quick tests with the oldest releases that pyproject.toml allows, in an environment of its own
-	test -x $(VENV)-lowest/bin/python || $(PYTHON) -m venv $(VENV)-lowest
-	$(VENV)-lowest/bin/pip install -q -c constraints.txt uv scikit-build-core pybind11 cmake ninja
-	PATH="$(CURDIR)/$(VENV)-lowest/bin:$$PATH" $(VENV)-lowest/bin/uv pip install -q --python $(VENV)-lowest/bin/python --resolution lowest-direct --no-build-isolation-package cotton3dg -e '.[dev]'
-	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not slow"
+test-newest: ## the same with the newest there are
+test-lowest test-newest:
+	test -x $(OTHER)/bin/python || $(PYTHON) -m venv $(OTHER)
+	$(OTHER)/bin/pip install -q -c constraints.txt uv scikit-build-core pybind11 cmake ninja
+	PATH="$(CURDIR)/$(OTHER)/bin:$$PATH" $(OTHER)/bin/uv pip install -q --python $(OTHER)/bin/python --resolution $(RESOLUTION) --upgrade --no-build-isolation-package cotton3dg -e '.[dev]'
+	OMP_NUM_THREADS=1 $(OTHER)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-slow: setup ## the tests that make test leaves out
 	$(PYTEST) -m slow
@@ -138,4 +143,4 @@ bench-compare: setup ## speed of the core against that of the commit BASE (defau
 	$(BIN)/python tests/benchmarks/bench_compare.py $(BASE)
 
 clean: ## remove the environment, builds and the demo
-	rm -rf $(VENV) $(VENV)-yolo $(VENV)-lowest build dist $(DEMO) results
+	rm -rf $(VENV) $(VENV)-yolo $(VENV)-lowest $(VENV)-newest build dist $(DEMO) results

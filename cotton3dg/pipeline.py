@@ -264,6 +264,7 @@ def _logged(workspace: Workspace) -> Iterator[None]:
     except OSError:
         handler = logging.NullHandler()  # the first stage will explain why nothing can be written
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    before = log.level, log.propagate
     log.addHandler(handler)
     log.setLevel(logging.INFO)
     log.propagate = False
@@ -271,6 +272,8 @@ def _logged(workspace: Workspace) -> Iterator[None]:
         yield
     finally:
         log.removeHandler(handler)
+        log.setLevel(before[0])
+        log.propagate = before[1]
         handler.close()
 
 

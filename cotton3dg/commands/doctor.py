@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import shlex
@@ -92,7 +91,8 @@ def _commands_of(remedy: str) -> list[list[str]]:
     """What a remedy is for this user to run; empty where it is no command, or not for them."""
     words = shlex.split(remedy)
     if words[:2] == ["pip", "install"]:
-        if importlib.util.find_spec("pip"):
+        # Not by looking for its module: for pip, setuptools' finder then brings back the distutils of old.
+        if any(metadata.distributions(name="pip")):
             return [[sys.executable, "-m", *words]]
         return [["uv", "pip", "install", "--python", sys.executable, *words[2:]]] if shutil.which("uv") else []
     by_apt = words[:3] == ["sudo", "apt-get", "install"] and shutil.which("apt-get")

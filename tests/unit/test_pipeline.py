@@ -1,6 +1,7 @@
 """What runs, what is up to date and why: with small stages that stand in for the real ones."""
 
 import json
+import logging
 import sys
 from dataclasses import replace
 
@@ -64,6 +65,19 @@ def run(workspace, stages=pipeline.STAGES, overrides=None, **keywords):
     watcher = Recorder()
     pipeline.run(workspace, pipeline.stage_options(workspace, overrides=overrides), stages, watcher=watcher, **keywords)
     return watcher
+
+
+def test_a_notebook_hears_its_own_logging_again_after_a_run(workspace, stages):
+    log = logging.getLogger("cotton3dg")
+    before = log.level, log.propagate, list(log.handlers)
+    log.setLevel(logging.WARNING)
+    log.propagate = True
+    try:
+        run(workspace)
+        assert (log.level, log.propagate, list(log.handlers)) == (logging.WARNING, True, before[2])
+    finally:
+        log.setLevel(before[0])
+        log.propagate = before[1]
 
 
 def test_the_second_run_does_nothing(workspace, stages):

@@ -125,7 +125,7 @@ class PlantTraits:
     )
     plant_height_cm: float = column(
         "cm",
-        "height above the table top that the plant's third-highest Gaussian reaches with an opacity of 0.25",
+        "height above the table top that the plant's second-highest Gaussian reaches with an opacity of 0.2",
         2,
         ontology="CO_358:0001138",
         blank_when=NO_SIZE,

@@ -186,8 +186,8 @@ FLAGS = {
     ),
     "lost_tips": Meaning(
         "A twig may be cut short",
-        "Solid specks hang in the air beside the plant, as where the model lacks a thin twig. Height and canopy leave"
-        " them out; their intervals allow for them.",
+        "Solid specks hang in the air beside the plant, or its ends are very faint, as where the model lacks a thin"
+        " twig. Height and canopy leave them out; their intervals allow for them.",
         "Compare photo and 3D view at the tips; film closer or in better light, or raise train.max_side.",
     ),
     "halves_disagree": Meaning(

@@ -30,6 +30,7 @@ from .files.saving import (
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK = ".cotton3dg"
 """Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
+PACKAGE = Path(__file__).resolve().parent
 
 
 class _Below:
@@ -325,7 +326,8 @@ class Workspace:
             document.save(self.record_file(name))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
-        """SHA-256 of files, and of all files below folders, by path: from the plant's folder, or absolute if outside.
+        """SHA-256 of files, and of all files below folders, by path: from the plant's folder, from cotton3dg for what
+        comes with the program, wherever that is installed, or else absolute.
 
         What `clean` dropped counts as if it were still there.
         """
@@ -340,7 +342,10 @@ class Workspace:
         return found | {name: dropped[name] for name in dropped if self._is_below(name, paths)}
 
     def _name(self, path: Path) -> str:
-        return (path.relative_to(self.root) if path.is_relative_to(self.root) else path.resolve()).as_posix()
+        if path.is_relative_to(self.root):
+            return path.relative_to(self.root).as_posix()
+        path = path.resolve()
+        return (path.relative_to(PACKAGE.parent) if path.is_relative_to(PACKAGE) else path).as_posix()
 
     def dropped(self, *paths: Path) -> dict[str, str]:
         """Hashes of the files, below `paths` if given, that `clean` dropped and nothing has made again since."""

@@ -243,9 +243,7 @@ class PlantSize:
         return (self.length_cm + self.width_cm) / 2
 
 
-def measure_silhouette(
-    drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY
-) -> PlantSize | None:
+def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY) -> PlantSize | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
     The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands

@@ -11,7 +11,8 @@ import pytest
 
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
-from cotton3dg.files.saving import explain_disk_errors, json_text
+from cotton3dg.files.saving import explain_disk_errors, file_sha256, json_text
+from cotton3dg.masks.bolls import SHIPPED_FILE
 from cotton3dg.workspace import Workspace
 
 
@@ -88,6 +89,16 @@ def test_foreign_output_is_never_replaced(workspace, make):
     with pytest.raises(BadInput, match="not made by it"):
         write(workspace, "one")
     assert path.is_symlink() or path.is_file() or (path / "thesis.txt").read_text() == "mine"
+
+
+def test_what_comes_with_the_program_has_the_same_name_wherever_it_is_installed(workspace, tmp_path, monkeypatch):
+    (name,) = workspace.hashes(SHIPPED_FILE)
+    assert name == "cotton3dg/masks/bolls.onnx"
+    moved = tmp_path / "elsewhere" / "cotton3dg"
+    (moved / "masks").mkdir(parents=True)
+    shutil.copyfile(SHIPPED_FILE, moved / "masks" / "bolls.onnx")
+    monkeypatch.setattr("cotton3dg.workspace.PACKAGE", moved.resolve())
+    assert workspace.hashes(moved / "masks" / "bolls.onnx") == {name: file_sha256(SHIPPED_FILE)}
 
 
 def test_hashes_follow_content_only(workspace):

@@ -164,8 +164,9 @@ FLAGS = {
     ),
     "touching_bolls": Meaning(
         "Many bolls touch each other",
-        "About one touching boll in thirty is lost in its neighbour or counted twice, and where one ends is a guess.",
-        "Look at the numbered bolls below; the count's error allows for it.",
+        "About one touching boll in thirty is lost in its neighbour or counted twice, and where one ends is a guess,"
+        " so volumes are less sure, too.",
+        "Look at the numbered bolls below; the errors of count and volume allow for it.",
     ),
     "corrections_not_applied": Meaning(
         "Some corrections do not apply",

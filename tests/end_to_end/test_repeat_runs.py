@@ -1,16 +1,11 @@
 """`run --repeat`: other frames, another seed, and what the runs say of each other."""
 
-import csv
 import json
 
 from scenes.tiny_plant import in_shell
 
 from cotton3dg.documents.frames import FramesInfo
-
-
-def rows(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+from cotton3dg.files.tables import read_rows
 
 
 def test_other_runs_of_a_film_are_laid_beside_it(tiny_plant, tmp_path):
@@ -24,8 +19,8 @@ def test_other_runs_of_a_film_are_laid_beside_it(tiny_plant, tmp_path):
     assert {image.source_index for image in others} != {image.source_index for image in taken}
     seeds = [json.loads(run.record_file("train").read_text())["options"]["seed"] for run in (tiny_plant, again)]
     assert seeds[1] == seeds[0] + 1
-    by_trait = {row["trait"]: row for row in rows(tiny_plant.repeats / "repeat_traits.csv")}
-    heights = [float(rows(run.traits_csv)[0]["plant_height_cm"]) for run in (tiny_plant, again)]
+    by_trait = {row["trait"]: row for row in read_rows(tiny_plant.repeats / "repeat_traits.csv")}
+    heights = [float(read_rows(run.traits_csv)[0]["plant_height_cm"]) for run in (tiny_plant, again)]
     assert abs(float(by_trait["plant_height_cm"]["mean"]) - sum(heights) / 2) < 0.01
     assert "saved in" in done.stdout
 

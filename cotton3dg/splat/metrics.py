@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,24 +26,28 @@ class ViewQuality:
     psnr_db: float
     ssim: float
     plant_psnr_db: float
-    """Over `plant_region`; NaN where the view shows none of it."""
+    """Over the plant's pixels; NaN where the view shows none of it."""
     plant_ssim: float
     plant_share: float
-    """Plant region's share of the pixels."""
+    """The plant's share of the pixels."""
     rendered: NDArray[np.uint8]
     """(H, W, 3) RGB."""
 
 
-def view_quality(gaussians: Gaussians, view: View, orbit: Orbit, gains: NDArray | float = 1.0) -> ViewQuality:
+def view_quality(
+    gaussians: Gaussians, view: View, plant: Orbit | NDArray[np.bool_], gains: NDArray | float = 1.0
+) -> ViewQuality:
     """Render `gaussians` through the camera of `view` and compare.
 
     Args:
-        orbit: of all cameras; the plant region is a ball around its centre.
+        plant: (H, W) the plant's pixels, the same for all models that are to be compared. Or the orbit of all cameras:
+            the plant is then what this model itself shows in a ball around the orbit's centre.
         gains: (3,) how much brighter the photo is than the images trained on (see exposure.py).
     """
     rendering = render(gaussians, view.camera)
     rendered = to_uint8(rendering.image * gains)
-    plant = plant_region(view.camera, rendering.depth, orbit.centre, PLANT_REGION * orbit.distance)
+    if isinstance(plant, Orbit):
+        plant = plant_region(view.camera, rendering.depth, plant.centre, PLANT_REGION * plant.distance)
     similarity = ssim_map(rendered, view.image)
     return ViewQuality(
         view.camera.name,
@@ -53,6 +58,12 @@ def view_quality(gaussians: Gaussians, view: View, orbit: Orbit, gains: NDArray 
         float(plant.mean()),
         rendered,
     )
+
+
+def mean_known(values: Iterable[float]) -> float:
+    """Mean of those that are finite; NaN without any."""
+    finite = [value for value in values if math.isfinite(value)]
+    return float(np.mean(finite)) if finite else math.nan
 
 
 def to_uint8(image: NDArray) -> NDArray[np.uint8]:

@@ -17,18 +17,19 @@ from ..core.state import State
 from ..documents.document import Document
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
+from ..files.colmap import read_points
 from ..files.ply import read_gaussians
 from ..files.saving import file_sha256
 from ..files.tables import parse_number, read_rows
-from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
-from ..splat.metrics import view_quality
+from ..splat.metrics import ViewQuality, mean_known, view_quality
 from ..splat.rasterizer import render
 from ..splat.views import View, hold_out
 from ..stages.stage import STAGES
 from ..stages.train import load_views
 from ..workspace import Workspace
 from .lpips import measure_lpips
+from .plant_region import PlantRegions, resized
 from .tables import COLUMNS, ERRORS, PUBLISHED
 
 RECORD = "study"
@@ -48,7 +49,11 @@ class RenderingInfo(Document):
     """`Gaussians.sha256()` of it."""
     render_s: float
     """On the clock, with all cores."""
+    plant_psnr_db: float
+    """Over the plant's pixels of the held-out images, which are the same for all models, at the training's size; ..."""
+    plant_ssim: float
     full_psnr_db: float
+    """... and at `FULL_SIDE`."""
     lpips: float = math.nan
     """Of the held-out images at the training's size; NaN without a network."""
     lpips_weights: str = ""
@@ -61,7 +66,12 @@ def empty_row(sweep: str, setting: str, state: State, reason: str = "") -> dict[
 
 
 def finished_row(
-    workspace: Workspace, sweep: str, setting: str, options: TrainOptions, lpips: Path | None = None
+    workspace: Workspace,
+    sweep: str,
+    setting: str,
+    options: TrainOptions,
+    regions: PlantRegions,
+    lpips: Path | None = None,
 ) -> dict[str, Any]:
     """What the study says of a finished folder; seconds are those of all stages, whichever setting ran them."""
     records = [record for record in map(workspace.read_record, STAGES) if record]
@@ -69,26 +79,22 @@ def finished_row(
     metrics = TrainMetrics.load(workspace.metrics_json)
     cpu_s = sum(record.cpu_seconds for record in records)
     row = empty_row(sweep, setting, State.DONE)
-    row |= {key: getattr(metrics, key) for key in ("psnr_db", "ssim", "plant_psnr_db", "plant_ssim")}
+    row |= {key: getattr(metrics, key) for key in ("psnr_db", "ssim", "n_gaussians")}
     row |= {trait: parse_number(traits[trait]) for trait in (*ERRORS, *PUBLISHED)}
     row |= {
-        "n_gaussians": metrics.n_gaussians,
         "n_frames": int(traits["n_frames"]),
         "seconds": sum(record.seconds for record in records),
         "cpu_seconds": cpu_s,
         "idle_seconds": cpu_s / len(usable_cores()),
         "peak_memory_mib": max(record.peak_memory_mib for record in records),
     }
-    rendering = _rendering(workspace, options, lpips)
-    return row | {
-        "fps": 1 / rendering.render_s,
-        "full_psnr_db": rendering.full_psnr_db,
-        "lpips": rendering.lpips,
-    }
+    rendering = _rendering(workspace, options, regions, lpips)
+    row |= {key: getattr(rendering, key) for key in ("plant_psnr_db", "plant_ssim", "full_psnr_db", "lpips")}
+    return row | {"fps": 1 / rendering.render_s}
 
 
-def _rendering(workspace: Workspace, options: TrainOptions, lpips: Path | None) -> RenderingInfo:
-    """Time of a render at the training's size, PSNR of the plant at full size, and LPIPS; measured once a model."""
+def _rendering(workspace: Workspace, options: TrainOptions, regions: PlantRegions, lpips: Path | None) -> RenderingInfo:
+    """Time of a render at the training's size, likeness of the plant there and at full size, LPIPS; once a model."""
     gaussians = read_gaussians(workspace.gaussians_ply)
     weights = file_sha256(lpips) if lpips else ""
     with suppress(BadInput):
@@ -96,21 +102,29 @@ def _rendering(workspace: Workspace, options: TrainOptions, lpips: Path | None) 
         if (known.model, known.lpips_weights) == (gaussians.sha256(), weights):
             return known
     views = load_views(workspace, FULL_SIDE)
-    orbit = fit_orbit([view.camera for view in views])
     exposure = Effects.load(workspace.effects_json).exposure
     gains = (exposure.gains or {}) if exposure.on else {}
+    points, _, _, _ = read_points(workspace.undistorted / "sparse")
+    plants = regions.of_held_out(views, options.holdout, points)
     _, held_out = hold_out(views, options.holdout)
-    qualities = [
-        view_quality(gaussians, view, orbit, np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0)))).plant_psnr_db
-        for view in held_out
-    ]
-    finite = [quality for quality in qualities if math.isfinite(quality)]
+    small = [view.limited(options.max_side) for view in held_out]
+
+    def judged(some: list[View]) -> list[ViewQuality]:
+        return [
+            view_quality(gaussians, view, resized(plant, view), np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0))))
+            for view, plant in zip(some, plants, strict=True)
+        ]
+
+    full = judged(held_out)
+    trained = full if options.max_side >= FULL_SIDE else judged(small)
     sample = [views[round(i)] for i in np.linspace(0, len(views) - 1, TIMED_CAMERAS)]
     found = RenderingInfo(
         gaussians.sha256(),
         render_s=float(np.median([_render_s(gaussians, view.limited(options.max_side)) for view in sample])),
-        full_psnr_db=float(np.mean(finite)) if finite else math.nan,
-        lpips=measure_lpips(lpips, gaussians, [view.limited(options.max_side) for view in held_out], gains),
+        plant_psnr_db=mean_known([quality.plant_psnr_db for quality in trained]),
+        plant_ssim=mean_known([quality.plant_ssim for quality in trained]),
+        full_psnr_db=mean_known([quality.plant_psnr_db for quality in full]),
+        lpips=measure_lpips(lpips, gaussians, small, gains),
         lpips_weights=weights,
     )
     workspace.keep(found, RECORD)

@@ -30,6 +30,7 @@ from ..stages.stage import STAGES, stage_of
 from ..stages.staleness import stale_reason
 from ..workspace import Workspace
 from .passing_models import save_passing_models
+from .plant_region import PlantRegions
 from .plot import write_plot
 from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
@@ -57,6 +58,7 @@ class Study:
         self.plant, self.preset, self.overrides = plant, preset, overrides or {}
         self.watcher, self.tell = watcher or Watcher(), tell
         self.lpips, self.local = lpips, local
+        self.regions = PlantRegions()
         self.source = examine_footage(plant)
         options = pipeline.stage_options(plant, preset, {stage: dict(own) for stage, own in self.overrides.items()})
         self.base = Setting("base", preset, options)
@@ -226,7 +228,7 @@ class Study:
             record = workspace.read_record(stage)
             if record and not (setting.passing and stage == "train"):
                 self.timed[stage].append((record.seconds, modelled[stage].seconds(len(usable_cores()))))
-        row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"], self.lpips)
+        row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"], self.regions, self.lpips)
         self.rows[setting.sweep, setting.value] = row
 
     def _told_rows(self) -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..documents.train import Effects, HeldOut, RejectedStep, TrainedSteps, TrainMetrics
 from ..geometry.camera_orbit import fit_orbit
-from ..splat.metrics import PLANT_REGION, ViewQuality, view_quality
+from ..splat.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..splat.trainer import Fit
 from .photos import Capture
 
@@ -50,17 +49,12 @@ def metrics_of(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Tr
     Args:
         pixel_su: size of a training image's pixel at what the cameras look at.
     """
-
-    def mean(values: list[float]) -> float:
-        finite = [value for value in values if math.isfinite(value)]
-        return float(np.mean(finite)) if finite else math.nan
-
     last = result.history[-1]
     return TrainMetrics(
-        psnr_db=mean([quality.psnr_db for quality in qualities]),
-        ssim=mean([quality.ssim for quality in qualities]),
-        plant_psnr_db=mean([quality.plant_psnr_db for quality in qualities]),
-        plant_ssim=mean([quality.plant_ssim for quality in qualities]),
+        psnr_db=mean_known(quality.psnr_db for quality in qualities),
+        ssim=mean_known(quality.ssim for quality in qualities),
+        plant_psnr_db=mean_known(quality.plant_psnr_db for quality in qualities),
+        plant_ssim=mean_known(quality.plant_ssim for quality in qualities),
         plant_region=f"rendered surfaces within {PLANT_REGION} of the cameras' distance from their centre",
         n_gaussians=len(result.gaussians),
         steps=last["step"],

@@ -21,12 +21,12 @@ from unittest.mock import patch
 import numpy as np
 
 from cotton3dg.files.colmap import read_points
-from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import densify, initialise, trainer
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.views import View
 from cotton3dg.stages.train import load_capture, load_windows
+from cotton3dg.study.plant_region import PlantRegions
 from cotton3dg.training.photos import Capture
 from cotton3dg.workspace import Workspace
 
@@ -77,14 +77,14 @@ OPTIONS: dict[str, dict[str, Any]] = {
 def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, float]:
     training = capture.training
     points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
+    regions = PlantRegions().of_held_out(capture.views, options.holdout, points)
     began = time.process_time()
     start = initialise.start_gaussians(points, colours, training, options)
     result = trainer.fit(start, training, options, windows=load_windows(Workspace(plant), options, training))
     cpu_s = time.process_time() - began
-    orbit = fit_orbit([view.camera for view in capture.views])
     qualities = [
-        view_quality(result.gaussians, view, orbit, gains)
-        for view, gains in zip(capture.held_out, capture.held_out_gains, strict=True)
+        view_quality(result.gaussians, view, region, gains)
+        for view, region, gains in zip(capture.held_out, regions, capture.held_out_gains, strict=True)
     ]
     return {
         "psnr_db": float(np.mean([quality.psnr_db for quality in qualities])),

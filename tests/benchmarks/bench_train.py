@@ -18,13 +18,13 @@ import numpy as np
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.files.colmap import read_points
-from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.option_rules import as_dict
 from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
 from cotton3dg.splat.initialise import start_gaussians
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.trainer import fit
 from cotton3dg.stages.train import load_capture, load_windows
+from cotton3dg.study.plant_region import PlantRegions
 from cotton3dg.workspace import Workspace
 
 
@@ -46,7 +46,7 @@ def main() -> None:
     loaded, cpu_loaded = time.perf_counter(), time.process_time()
     start = start_gaussians(points, colours, training, options)
     started, cpu_started = time.perf_counter(), time.process_time()
-    orbit = fit_orbit([view.camera for view in capture.views])
+    regions = PlantRegions().of_held_out(capture.views, options.holdout, points)
     curve: list[dict[str, float]] = []
     judging = cpu_judging = 0.0
 
@@ -58,8 +58,8 @@ def main() -> None:
         nonlocal judging, cpu_judging
         now, cpu_now = time.perf_counter(), time.process_time()
         qualities = [
-            view_quality(gaussians, view, orbit, gains)
-            for view, gains in zip(held_out, capture.held_out_gains, strict=True)
+            view_quality(gaussians, view, region, gains)
+            for view, region, gains in zip(held_out, regions, capture.held_out_gains, strict=True)
         ]
         curve.append(
             {

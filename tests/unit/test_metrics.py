@@ -7,7 +7,7 @@ import pytest
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.geometry.camera_orbit import Orbit
-from cotton3dg.splat.metrics import plant_region, psnr_db, ssim_map, to_uint8, view_quality
+from cotton3dg.splat.metrics import mean_known, plant_region, psnr_db, ssim_map, to_uint8, view_quality
 from cotton3dg.splat.views import View
 
 
@@ -93,3 +93,19 @@ def test_view_quality_of_a_black_render() -> None:
     assert quality.psnr_db == pytest.approx(0.0)
     assert math.isnan(quality.plant_psnr_db)
     assert quality.plant_share == 0.0
+
+
+def test_a_model_that_lacks_the_plant_is_judged_where_the_plant_is() -> None:
+    nothing = Gaussians(*(np.zeros(s, np.float32) for s in ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))))
+    camera = camera_at(np.array([0.0, -5.0, 0.0]), np.zeros(3))
+    photo, plant = np.zeros((48, 64, 3), np.uint8), np.zeros((48, 64), bool)
+    photo[10:20, 10:20], plant[10:20, 10:20] = 51, True
+    quality = view_quality(nothing, View(camera, photo), plant)
+    assert quality.plant_psnr_db == pytest.approx(20 * math.log10(5))
+    assert quality.plant_share == pytest.approx(100 / (48 * 64))
+    assert quality.psnr_db > quality.plant_psnr_db
+
+
+def test_the_mean_of_what_is_known() -> None:
+    assert mean_known(iter([1.0, math.nan, 3.0])) == 2.0
+    assert math.isnan(mean_known([math.nan]))

@@ -80,7 +80,7 @@ def stages(monkeypatch):
     monkeypatch.setattr(
         work,
         "finished_row",
-        lambda folder, sweep, setting, options, lpips: empty_row(sweep, setting, "done") | figures(setting),
+        lambda folder, sweep, setting, options, regions, lpips: empty_row(sweep, setting, "done") | figures(setting),
     )
     return stages
 

@@ -1,0 +1,68 @@
+"""Which pixels of a photo show the plant, whatever model is judged by them: the same for all settings of a study."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..masks.bolls import open_bolls
+from ..splat.plant_windows import find_plant_windows
+from ..splat.rasterizer import Window
+from ..splat.views import View, hold_out
+
+PLANT = 0.25
+"""Probability of lint, bur, wood or leaf from which a pixel is the plant's: of thin twigs the network is never sure."""
+
+EDGE_SHARE = 0.003
+"""By how much a region is wider at each side than what the network sees, relative to the image's longer side: models
+differ most at the plant's edge."""
+
+
+class PlantRegions:
+    """Regions of photos, each looked for once."""
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, NDArray[np.bool_]] = {}
+
+    def of_held_out(self, views: Sequence[View], every: int, points: NDArray) -> list[NDArray[np.bool_]]:
+        """(H, W) each, of the photos that `hold_out` holds out.
+
+        Args:
+            points: (N, 3) su, of structure from motion; those above the table tell what the plant's window is.
+        """
+        windows = find_plant_windows(points, [view.camera for view in views])
+        _, held_out = hold_out(list(zip(views, windows, strict=True)), every)
+        return [self._of(*each) for each in held_out]
+
+    def _of(self, view: View, window: Window | None) -> NDArray[np.bool_]:
+        key = hashlib.sha256(view.image.tobytes()).digest() + repr(window).encode()
+        if key not in self._known:
+            self._known[key] = find_plant_region(view.image, window)
+        return self._known[key]
+
+
+def find_plant_region(image: NDArray[np.uint8], window: Window | None) -> NDArray[np.bool_]:
+    """(H, W) what the bolls' network takes for parts of a plant, within the window.
+
+    Args:
+        image: (H, W, 3) sRGB.
+        window: left, top, width, height, px; None = the whole image.
+    """
+    height, width = image.shape[:2]
+    left, top, across, down = window or (0, 0, width, height)
+    shown = slice(top, top + down), slice(left, left + across)
+    other = cv2.resize(open_bolls().maps(image).probabilities[0], (width, height))
+    region = np.zeros((height, width), np.uint8)
+    region[shown] = other[shown] < 1 - PLANT
+    side_px = 2 * max(1, round(EDGE_SHARE * max(height, width))) + 1
+    return cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side_px, side_px))) > 0
+
+
+def resized(region: NDArray[np.bool_], like: View) -> NDArray[np.bool_]:
+    """The region at the size of a view: pixels of which it covers half."""
+    size = like.camera.width, like.camera.height
+    return cv2.resize(region.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5

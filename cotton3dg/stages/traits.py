@@ -25,7 +25,7 @@ from ..documents.patches import PatchesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import SfmInfo
 from ..documents.skeleton import describe_map
-from ..documents.train import TrainMetrics
+from ..documents.train import Effects, TrainMetrics
 from ..documents.weights import WeightModel
 from ..errors import BadInput
 from ..files.colmap import read_cameras
@@ -57,6 +57,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.labels_npy,
         workspace.scale_json,
         workspace.metrics_json,
+        workspace.effects_json,
         workspace.sfm_json,
         workspace.corrections_json,
         workspace.masks_json,
@@ -85,14 +86,23 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     masks = MasksInfo.load_if_there(workspace.masks_json)
     halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
     cameras = _cameras(workspace)
+    blur_px = _blur_px(workspace)
     measured = measure_plant(
-        gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras, by_colour
+        gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras, by_colour, blur_px
     )
     corrected = _corrected(workspace, gaussians, bolls, found, measured)
     if corrected or scale_info.found:
         corrected = corrected or Corrected(bolls)
         again = measure_plant(
-            gaussians, corrected.bolls, scale, metrics.pixel_su, options.tube_height_cm, None, cameras, by_colour
+            gaussians,
+            corrected.bolls,
+            scale,
+            metrics.pixel_su,
+            options.tube_height_cm,
+            None,
+            cameras,
+            by_colour,
+            blur_px,
         )
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
@@ -202,6 +212,13 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
     )
 
 
+def _blur_px(workspace: Workspace) -> float:
+    """Motion blur of the training images; 0 where the trainer found none, or of a model that came without images."""
+    effects = Effects.load_if_there(workspace.effects_json)
+    found = effects.motion_blur if effects else None
+    return found.median_px if found and found.found else 0.0
+
+
 def _cameras(workspace: Workspace) -> list[Camera]:
     """Those of the plant's images; none of a model that came without."""
     sparse = workspace.undistorted / "sparse"
@@ -231,4 +248,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=12, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=13, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -18,16 +18,23 @@ from ..core.measurements import BollTraits, Scale
 
 COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
-SIZE_PX = 0.5
+SIZE_PX = 0.4
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
-SHAPE = 0.03
+SHAPE = 0.05
 """Relative standard error of a boll's volume, however large it is in the images. Fitted."""
-EDGE_PX = 0.3
+EDGE_PX = 0.2
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE = 8
 """Views that err alike, for they see the same rim."""
-SHARED_EDGE_PX = 0.05
-"""Standard error of where all masks of a plant put their edges, at either side of a boll. Fitted."""
+SHARED_EDGE_PX = 0.03
+"""Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
+SHARED_BLUR = 0.004
+"""... by how much of the motion blur the edges lie farther out, ..."""
+SHARED_SHAPE = 0.01
+"""... and relative standard error that all volumes of a plant have in common, however large it is in the images. All
+fitted."""
+BLURRED_SHARE = 0.25
+"""Motion blur, of a boll's width, from which the plant has a flag."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
 TOUCHING_VOLUME = 0.12
@@ -72,43 +79,64 @@ def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float, other_cm
 
 
 def boll_volume_error(
-    diameter_su: float, n_views: int, scale: Scale | None, pixel_su: float, touching: bool = False
+    diameter_su: float,
+    n_views: int,
+    scale: Scale | None,
+    pixel_su: float,
+    touching: bool = False,
+    blur_px: float = 0.0,
 ) -> float:
     """Relative standard error of a boll's volume; NaN without a scale or a diameter.
 
     By what all bolls of the plant share, scale and edges, and by what it has for itself: its shape, a neighbour, and
     its diameter in each view that shows it, of which only one in `ALIKE` counts. A diameter's error is three times that
     in the volume.
+
+    Args:
+        blur_px: motion blur of the images.
     """
     if scale is None or not diameter_su > 0:
         return np.nan
     edge = 3 * EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
     own = SHAPE**2 + edge**2 + (TOUCHING_VOLUME if touching else 0.0) ** 2
-    return float(np.sqrt((3 * scale.relative_error) ** 2 + _shared_edge(diameter_su, pixel_su) ** 2 + own))
+    return float(np.sqrt((3 * scale.relative_error) ** 2 + _shared(diameter_su, pixel_su, blur_px) ** 2 + own))
 
 
 def plant_volume_error_cm3(
-    bolls: Sequence[BollTraits], scale: Scale | None, pixel_cm: float, by_colour: bool = False
+    bolls: Sequence[BollTraits], scale: Scale | None, pixel_cm: float, by_colour: bool = False, blur_px: float = 0.0
 ) -> float:
     """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares.
 
     Args:
         by_colour: whether the masks are by colour alone.
+        blur_px: motion blur of the images.
     """
     if scale is None:
         return np.nan
     known = [boll for boll in bolls if np.isfinite(boll.volume_cm3)]
     volumes = np.array([boll.volume_cm3 for boll in known])
     by_scale = 3 * scale.relative_error * volumes
-    by_edges = volumes * [_shared_edge(boll.diameter_cm, pixel_cm) for boll in known]
+    by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, blur_px) for boll in known]
     own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2
     by_masks = BY_COLOUR_VOLUME * volumes.sum() if by_colour else 0.0
     return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum() + by_masks**2))
 
 
-def _shared_edge(diameter: float, pixel: float) -> float:
-    """Relative error of a volume whose edges are `SHARED_EDGE_PX` too far out all around; both lengths in one unit."""
-    return 6 * SHARED_EDGE_PX * pixel / diameter
+def _shared(diameter: float, pixel: float, blur_px: float) -> float:
+    """Relative error that a volume has in common with the plant's others: of its shape, and of edges that lie too far
+    out all around. Both lengths in one unit."""
+    edge_px = np.hypot(SHARED_EDGE_PX, SHARED_BLUR * blur_px)
+    return float(np.hypot(SHARED_SHAPE, 6 * edge_px * pixel / diameter))
+
+
+def blurs_bolls(blur_px: float, pixel: float, diameters: NDArray) -> bool:
+    """Whether the images are so blurred, for the width of the bolls in them, that the plant has a flag.
+
+    Args:
+        pixel, diameters: in one unit; NaN where a boll has none.
+    """
+    known = diameters[np.isfinite(diameters)]
+    return len(known) > 0 and bool(blur_px * pixel > BLURRED_SHARE * np.median(known))
 
 
 def count_error(

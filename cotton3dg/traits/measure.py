@@ -17,6 +17,7 @@ from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_v
 from .corrections import Corrected
 from .error_model import (
     CROWDED_SHARE,
+    blurs_bolls,
     boll_volume_error,
     count_error,
     count_interval,
@@ -78,6 +79,7 @@ def measure_plant(
     halves: tuple[int, int] | None = None,
     cameras: Sequence[Camera] = (),
     by_colour: bool = False,
+    blur_px: float = 0.0,
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
@@ -87,6 +89,7 @@ def measure_plant(
         halves: bolls that either half of the images counts, where that is known.
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
         by_colour: whether the masks are by colour alone, without a network.
+        blur_px: how far the picture moved while a photo was taken, px of the training images.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -112,7 +115,7 @@ def measure_plant(
             f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem; look"
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart)
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, blur_px)
     silhouette, perhaps = None, None
     if plant and scale and not lost:
         silhouette = measure_silhouette(drawn, plant, scale)
@@ -130,7 +133,13 @@ def measure_plant(
         concerns["masks_by_colour"] = (
             "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
         )
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps, by_colour)
+    diameters_cm = np.array([boll.diameter_cm for boll in boll_traits])
+    if scale and blurs_bolls(blur_px, pixel_su * scale.cm_per_su, diameters_cm):
+        concerns["blurred"] = (
+            f"motion blurs the images by {blur_px:.0f} px, much of a boll's width, so that bolls swell and merge; walk"
+            " more slowly, or film with more light"
+        )
+    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps, by_colour, blur_px)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -174,6 +183,7 @@ def measure_bolls(
     pixel_su: float = 0.0,
     clamp_cm: float = 0.0,
     apart: Collection[int] = (),
+    blur_px: float = 0.0,
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
 
@@ -182,6 +192,7 @@ def measure_bolls(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         apart: ids of bolls that do not hang on the plant.
+        blur_px: motion blur of the training images.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are blown up until their hull is that large.
@@ -219,7 +230,7 @@ def measure_bolls(
                 flags=tuple(doubt for doubt in doubts if doubt),
                 volume_error_cm3=volume.value
                 * cm**3
-                * boll_volume_error(diameter.value, len(boll.views), scale, pixel_su, bool(touches)),
+                * boll_volume_error(diameter.value, len(boll.views), scale, pixel_su, bool(touches), blur_px),
                 projected_area_cm2=projected_area(body).value * cm**2,
                 volume_published_cm3=hull_of_means(drawn[boll.indices]).value * cm**3,
             )
@@ -302,11 +313,12 @@ def summarise_plant(
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
     by_colour: bool = False,
+    blur_px: float = 0.0,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
     Args:
-        pixel_su, halves, by_colour: as for `measure_plant`.
+        pixel_su, halves, by_colour, blur_px: as for `measure_plant`.
         perhaps: another size that the plant may have; its difference is an error.
 
     What its traits may be off by is in error_model.py.
@@ -338,7 +350,7 @@ def summarise_plant(
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves, by_colour)
-    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm, by_colour) if measured else np.nan
+    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
     return PlantTraits(

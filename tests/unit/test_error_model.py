@@ -9,6 +9,7 @@ from scenes.table_scene import POSE
 from cotton3dg.core.measurements import BollTraits, Scale
 from cotton3dg.traits import error_model
 from cotton3dg.traits.error_model import (
+    blurs_bolls,
     boll_volume_error,
     count_error,
     count_interval,
@@ -46,18 +47,32 @@ def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
 
 def test_a_boll_errs_with_scale_edges_shape_and_a_neighbour(monkeypatch) -> None:
     """A diameter of 25 px, seen by 32 views of which four count; a tenth of a pixel at either side, for all bolls."""
-    for name, value in {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}.items():
+    constants = {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_SHAPE": 0.02, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}
+    for name, value in constants.items():
         monkeypatch.setattr(error_model, name, value)
-    parts = [0.03, 3 * 0.5 / 25 / 2, 3 * 0.2 / 25]
+    parts = [0.03, 3 * 0.5 / 25 / 2, 0.02, 3 * 0.2 / 25]
     assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(np.linalg.norm(parts))
     assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(np.linalg.norm([*parts, 0.03]))
     with_neighbour = boll_volume_error(25.0, 32, scale(0.0), 1.0, touching=True)
     assert with_neighbour == pytest.approx(np.linalg.norm([*parts, 0.12]))
     assert np.isnan(boll_volume_error(25.0, 32, None, 1.0))
+    # A blur of 10 px moves edges as far out as unsure masks do.
+    monkeypatch.setattr(error_model, "SHARED_BLUR", 0.01)
+    blurred = boll_volume_error(25.0, 32, scale(0.0), 1.0, blur_px=10.0)
+    assert blurred == pytest.approx(np.linalg.norm([*parts, 3 * 0.2 / 25]))
+
+
+def test_a_plant_is_blurred_where_bolls_are_few_times_as_wide_as_the_blur() -> None:
+    widths_cm = np.array([4.0, np.nan, 4.2, 3.8])
+    assert not blurs_bolls(0.0, 0.3, widths_cm)
+    assert not blurs_bolls(3.0, 0.3, widths_cm) and blurs_bolls(4.0, 0.3, widths_cm)
+    assert not blurs_bolls(4.0, 0.1, widths_cm)
+    assert not blurs_bolls(9.0, 0.3, np.full(2, np.nan)) and not blurs_bolls(9.0, 0.3, np.zeros(0))
 
 
 def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
-    shared, edge = 0.01, 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
+    shared = 0.01
+    edge = 40.0 * np.hypot(error_model.SHARED_SHAPE, 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0)
     bolls = [boll(40.0, np.linalg.norm([3 * shared * 40.0, edge, 2.0])) for _ in range(4)]
     expected = np.sqrt((3 * shared * 160) ** 2 + (4 * edge) ** 2 + 4 * 2.0**2)
     assert plant_volume_error_cm3(bolls, scale(shared), 0.2) == pytest.approx(expected)

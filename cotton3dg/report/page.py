@@ -10,7 +10,7 @@ import base64
 import hashlib
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,7 @@ from .pointing import describe_photos
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION = 3
+VERSION = 4
 RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
@@ -160,22 +160,47 @@ def fill_template(template: str, scripts: list[str], content: dict[str, Any]) ->
     )
 
 
+USUAL_PCT = {"boll_count": 10.0, "boll_volume": 10.0, "plant_height": 1.0, "canopy_size": 2.0}
+"""Trait -> half-width of its 95 % interval, up to which it is as sure as usual: all but one in a hundred of clear films
+are (tests/accuracy/coverage.py)."""
+
+
+def find_unsure(traits: Mapping[str, str]) -> list[str]:
+    """Traits, in words, whose intervals are wider than usual; a count that is sure to one boll is not among them."""
+    found = []
+    for trait, usual_pct in USUAL_PCT.items():
+        unit = {"boll_count": "", "boll_volume": "_cm3"}.get(trait, "_cm")
+        value, low, high = (
+            parse_number(traits.get(column, ""))
+            for column in (trait + unit, f"{trait}_low{unit}", f"{trait}_high{unit}")
+        )
+        half = (high - low) / 2
+        if value > 0 and half > usual_pct / 100 * value and not (trait == "boll_count" and half <= 1):
+            found.append(f"{trait.replace('_', ' ')} ± {100 * half / value:.0f} %")
+    return found
+
+
 def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
         return {"kind": "failed", "text": "No result"}
-    doubtful = [row for row in facts.bolls if boll_doubts(row)]
+    doubt = _doubt(facts)
+    return {"kind": "doubt", "text": doubt} if doubt else {"kind": "good", "text": "All checks passed"}
+
+
+def _doubt(facts: Facts) -> str:
+    """Why the row is not to be trusted without a look; empty when it is."""
+    doubtful = sum(bool(boll_doubts(row)) for row in facts.bolls)
     if {"no_masks", "no_bolls"} & set(facts.flags):
-        return {"kind": "doubt", "text": "No bolls were found"}
+        return "No bolls were found"
     if "no_scale" in facts.flags:
-        return {"kind": "doubt", "text": "Counted only: no scale, so no centimetres"}
-    if facts.flags:
-        n = len(facts.flags)
-        return {"kind": "doubt", "text": f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"}
+        return "Counted only: no scale, so no centimetres"
+    if n := len(facts.flags):
+        return f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"
     if doubtful:
-        n = len(doubtful)
-        return {"kind": "doubt", "text": f"Good, but look at {n} doubtful {'boll' if n == 1 else 'bolls'}"}
-    return {"kind": "good", "text": "All checks passed"}
+        return f"Good, but look at {doubtful} doubtful {'boll' if doubtful == 1 else 'bolls'}"
+    unsure = find_unsure(facts.traits)
+    return f"Less sure than usual: {', '.join(unsure)}" if unsure else ""
 
 
 def write_headline(facts: Facts) -> str:
@@ -218,6 +243,8 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
     count_range = f"{low} to {high}" if low != high else ""
     count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
+    if row.get("boll_count_odd"):
+        count_note += f"; halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}"
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
         metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),

@@ -212,7 +212,7 @@ def report(folder: Path, table: pd.DataFrame, failed: Sequence[str]) -> None:
         parts.append(f"{len(wrong)} films are off, {wrong['said'].sum()} with a flag that says so\n\n{markdown(wrong)}")
     plain = table[(table["kind"] == "plain") & table["film"].str.endswith(ORDINARY)]
     good = plain[~plain["film"].isin(wrong["film"] if len(wrong) else [])]
-    flagged = good[[bool(says(row)) for _, row in good.iterrows()]]
+    flagged = good[np.array([bool(says(row)) for _, row in good.iterrows()], bool)]
     title = f"{len(flagged)} of {len(good)} ordinary films of plain plants, right, have a flag"
     parts.append(f"{title}\n\n{markdown(flagged[['film', 'flags']])}")
     if len(plain):

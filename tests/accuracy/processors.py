@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -103,6 +104,8 @@ def main() -> None:
         run = Workspace(wanted.folder / name)
         if not run.traits_csv.is_file():
             plant.share_inputs(run)
+            if plant.options_file.is_file():
+                shutil.copyfile(plant.options_file, run.options_file)
             for stage in STAGES[: STAGES.index(wanted.first)]:
                 plant.share_result(stage, run)
             measured(run, wanted.preset, environment, *options)

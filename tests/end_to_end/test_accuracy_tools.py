@@ -102,6 +102,31 @@ def test_the_study_set_runs_and_judges_its_plants(tmp_path):
     assert abs(float(row["height"])) < 5
 
 
+def test_stated_errors_are_judged_and_the_table_says_how(plant, tmp_path):
+    shutil.copytree(plant.run.root, tmp_path / "plain-1_clean")
+    done = subprocess.run(
+        [sys.executable, TOOLS / "coverage.py", tmp_path, "--judge"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "judged, 1 films" in done.stdout and "without a row: none" in done.stdout
+    with (tmp_path / "coverage.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["film"], row["kind"], row["half"]) == ("plain-1_clean", "plain", "judged")
+    for trait in ("count", "volume", "height", "canopy"):
+        assert float(row[f"{trait}_low"]) <= float(row[trait]) <= float(row[f"{trait}_high"])
+    assert 0 < int(row["bolls_held"]) <= int(row["bolls_matched"])
+
+
+def test_a_row_of_another_processor_stands_beside_this_ones(plant, tmp_path):
+    command = [TOOLS / "processors.py", plant.run.root, tmp_path, "--from", "masks", "--only", "nobody", "torch"]
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = [line for line in done.stdout.splitlines() if line.startswith(("| nobody", "| torch"))]
+    assert len(rows) == 2
+    # The same machine gives the same bits; nothing of torch is in a default run.
+    assert all(re.search(r"\| none \| .* \| -?0(\.00)? \|", row) for row in rows), rows
+
+
 def test_effect_decisions_are_counted(filmed, tmp_path):
     shutil.copytree(filmed, tmp_path / "none-1")
     command = [sys.executable, TOOLS / "effect_decisions.py", tmp_path, "--only", "none-1"]

@@ -1,0 +1,52 @@
+"""What a report says at a glance: only a row that is as sure as usual has passed all checks."""
+
+import pytest
+
+from cotton3dg.report.facts import Facts
+from cotton3dg.report.page import find_unsure, give_verdict, trait_cards
+
+SURE = {
+    "boll_count": "14", "boll_count_low": "13", "boll_count_high": "15",
+    "boll_volume_cm3": "700", "boll_volume_low_cm3": "665", "boll_volume_high_cm3": "735",
+    "plant_height_cm": "80", "plant_height_low_cm": "79.6", "plant_height_high_cm": "80.4",
+    "canopy_size_cm": "30", "canopy_size_low_cm": "29.7", "canopy_size_high_cm": "30.3",
+}  # fmt: skip
+
+
+def facts(**cells: str) -> Facts:
+    return Facts("plant_017", (), "", {**SURE, **cells}, [], {}, None, None, None, None, None, None, None)
+
+
+def verdict(**cells: str) -> dict[str, str]:
+    return give_verdict(facts(**cells), "")
+
+
+def test_narrow_intervals_and_no_flag_pass() -> None:
+    assert verdict() == {"kind": "good", "text": "All checks passed"}
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        ({"boll_volume_low_cm3": "595", "boll_volume_high_cm3": "805"}, "boll volume ± 15 %"),
+        ({"canopy_size_high_cm": "31.5"}, "canopy size ± 3 %"),
+        ({"plant_height_low_cm": "77.2"}, "plant height ± 2 %"),
+        ({"boll_count_low": "10", "boll_count_high": "18"}, "boll count ± 29 %"),
+    ],
+)
+def test_a_wide_interval_is_told(cells: dict[str, str], words: str) -> None:
+    assert verdict(**cells) == {"kind": "doubt", "text": f"Less sure than usual: {words}"}
+
+
+def test_what_is_blank_or_sure_to_one_boll_is_not_unsure() -> None:
+    few = {"boll_count": "5", "boll_count_low": "4", "boll_count_high": "6"}
+    assert find_unsure(few) == find_unsure({}) == find_unsure({**SURE, "boll_volume_low_cm3": ""}) == []
+
+
+def test_the_card_tells_what_halves_of_the_images_count() -> None:
+    with_halves, without = (
+        trait_cards(facts(**cells))[0] for cells in ({"boll_count_odd": "14", "boll_count_even": "15"}, {})
+    )
+    assert "halves of the images count 14 and 15" in with_halves["note"]
+    assert "halves" not in without["note"]
+    assert with_halves["range"] == "13 to 15"

@@ -160,24 +160,27 @@ def fill_template(template: str, scripts: list[str], content: dict[str, Any]) ->
     )
 
 
-USUAL_PCT = {"boll_count": 10.0, "boll_volume": 10.0, "plant_height": 1.0, "canopy_size": 2.0}
-"""Trait -> half-width of its 95 % interval, up to which it is as sure as usual: all but one in a hundred of clear films
-are (tests/accuracy/coverage.py)."""
+USUAL_PCT = {"boll_count": 10.0, "boll_volume_cm3": 10.0, "plant_height_cm": 1.0, "canopy_size_cm": 2.0}
+"""Column -> half-width of its 95 % interval, up to which it is as sure as usual; films in good light are surer
+(docs/notes/stated_errors.md)."""
 
 
 def find_unsure(traits: Mapping[str, str]) -> list[str]:
     """Traits, in words, whose intervals are wider than usual; a count that is sure to one boll is not among them."""
     found = []
-    for trait, usual_pct in USUAL_PCT.items():
-        unit = {"boll_count": "", "boll_volume": "_cm3"}.get(trait, "_cm")
-        value, low, high = (
-            parse_number(traits.get(column, ""))
-            for column in (trait + unit, f"{trait}_low{unit}", f"{trait}_high{unit}")
-        )
+    for column, usual_pct in USUAL_PCT.items():
+        value, low, high = _interval(traits, column)
         half = (high - low) / 2
-        if value > 0 and half > usual_pct / 100 * value and not (trait == "boll_count" and half <= 1):
-            found.append(f"{trait.replace('_', ' ')} ± {100 * half / value:.0f} %")
+        if value > 0 and half > usual_pct / 100 * value and not (column == "boll_count" and half <= 1):
+            found.append(f"{column.partition('_cm')[0].replace('_', ' ')} ± {100 * half / value:.0f} %")
     return found
+
+
+def _interval(traits: Mapping[str, str], column: str) -> tuple[float, float, float]:
+    """A trait and the ends of its interval; NaN what is blank."""
+    name, unit, power = column.partition("_cm")
+    low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
+    return parse_number(traits.get(column)), low, high
 
 
 def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
@@ -224,12 +227,10 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     doubtful = sum(bool(boll_doubts(boll)) for boll in facts.bolls)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
-        value = parse_number(row.get(column))
+        value, low, high = _interval(row, column)
         if not math.isfinite(value):
             why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
             return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
-        trait, _, _ = column.rpartition("_")
-        low, high = (parse_number(row.get(column.replace(trait, f"{trait}_{end}"))) for end in ("low", "high"))
         told = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
 
@@ -242,9 +243,10 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
     low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
     count_range = f"{low} to {high}" if low != high else ""
-    count_note = f"{doubtful} of them doubtful" if doubtful else "none doubtful" if facts.bolls else ""
+    count_notes = [f"{doubtful} of them doubtful" if doubtful else "none doubtful"] if facts.bolls else []
     if row.get("boll_count_odd"):
-        count_note += f"; halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}"
+        count_notes.append(f"halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}")
+    count_note = "; ".join(count_notes)
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
         metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),

@@ -87,23 +87,16 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
     cameras = _cameras(workspace)
     blur_px = _blur_px(workspace)
-    measured = measure_plant(
-        gaussians, bolls, found, metrics.pixel_su, options.tube_height_cm, halves, cameras, by_colour, blur_px
-    )
+
+    def measure(some: list[BollInstance], by: Scale | None, counts: tuple[int, int] | None) -> Measured:
+        pixel_su, clamp_cm = metrics.pixel_su, options.tube_height_cm
+        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, blur_px)
+
+    measured = measure(bolls, found, halves)
     corrected = _corrected(workspace, gaussians, bolls, found, measured)
     if corrected or scale_info.found:
         corrected = corrected or Corrected(bolls)
-        again = measure_plant(
-            gaussians,
-            corrected.bolls,
-            scale,
-            metrics.pixel_su,
-            options.tube_height_cm,
-            None,
-            cameras,
-            by_colour,
-            blur_px,
-        )
+        again = measure(corrected.bolls, scale, None)
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes

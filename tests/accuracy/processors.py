@@ -64,7 +64,7 @@ def bits(run: Workspace) -> dict[str, Any]:
         "sfm": (cameras.tobytes(), np.asarray(read_points(sparse)[0]).tobytes()),
         "train": read_gaussians(run.gaussians_ply).sha256(),
         "masks": [file_sha256(file) for file in sorted(run.folder("masks").rglob("*.png"))],
-        "segment": file_sha256(run.labels_npy) if run.labels_npy.is_file() else "",
+        "cluster": file_sha256(run.labels_npy),
     }
 
 

@@ -36,7 +36,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     """Traits of a cloud whose z points up.
 
     Where the cloud has a table, the fullest level layer of its lower half, the plant is what hangs together with the
-    stem above the clamp; else all of it is the plant.
+    stem above the clamp; else all of it is the plant, which stands on its lowest points.
 
     Args:
         points_cm: (N, 3). labels: (N,) boll of each point, 0 = none.
@@ -57,9 +57,12 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
             seeds = beside & (above[:, 2] < floor_cm + STEM_LAYERS)
             of_plant = of_plant[find_connected(above[:, None], seeds)]
             places = places - np.append(base[:2], 0.0)
+    lint = np.zeros(len(points), bool) if labels is None else labels > 0
+    if level is None and (wood := ~lint).any():
+        low = wood & (places[:, 2] < places[wood, 2].min() + LAYER_CM)
+        places = places - np.append(np.median(places[low, :2], axis=0), 0.0)
     plant = places[of_plant]
     volumes, bolls = [], []
-    lint = np.zeros(len(points), bool) if labels is None else labels > 0
     if labels is not None:
         for boll in np.unique(labels[lint]):
             own = places[labels == boll]

@@ -60,8 +60,21 @@ def angle_deg(a: NDArray, b: NDArray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def nearest_on(points: NDArray, places: NDArray) -> tuple[Float64, Float64]:
-    """Distance (M,) of each of (M, 3) places to a polyline (N, 3), and the path length (M,) of the nearest point."""
+def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tuple[Float64, Float64]:
+    """Distance (M,) of each of (M, 3) places to a polyline (N, 3), and the path length (M,) of the nearest point.
+
+    Args:
+        within: places that are farther away may be at infinity; this is quicker where most are.
+    """
+    if np.isfinite(within) and len(places) > len(points):
+        from scipy.spatial import cKDTree
+
+        longest = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1).max(initial=0.0))
+        reach = within + 0.5 * longest + 1e-6
+        near = np.flatnonzero(cKDTree(points).query(places, distance_upper_bound=reach)[0] < np.inf)
+        best, station = np.full(len(places), np.inf), np.zeros(len(places))
+        best[near], station[near] = nearest_on(points, places[near])
+        return best, station
     start = np.asarray(points, np.float64)[:-1]
     steps = np.diff(points, axis=0)
     squares = np.maximum((steps**2).sum(axis=1), 1e-18)

@@ -13,7 +13,7 @@ from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
 from .order import draw_map
 from .radii import radii_of
-from .skeleton import extract_axes, stem_radius
+from .skeleton import SURFACE_CM, extract_axes, stem_radius
 from .wood import classify, thinned, wood_places
 
 CLOUD_SPACING_CM = 0.25
@@ -60,11 +60,11 @@ def map_places(places: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
 
 def _surface_radii(curve: Float64, points: Float64) -> Float64:
     """(N,) median distance of the points beside each centimetre of a curve."""
-    away, station = nearest_on(curve, points)
+    away, station = nearest_on(curve, points, SURFACE_CM)
     lengths = path_lengths(curve)
     middles = np.arange(0.5, max(lengths[-1], 0.6), 1.0)
     radii = np.array([
-        np.median(near) if len(near := away[(away < 1.5) & (np.abs(station - middle) < 0.7)]) >= 5 else np.nan
+        np.median(near) if len(near := away[(away < SURFACE_CM) & (np.abs(station - middle) < 0.7)]) >= 5 else np.nan
         for middle in middles
     ])  # fmt: skip
     known = np.isfinite(radii)

@@ -42,7 +42,7 @@ def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Floa
     lengths = path_lengths(curve)
     if len(curve) < 3 or lengths[-1] < EVERY_CM:
         return np.full(len(curve), np.nan)
-    away, station = nearest_on(curve, means)
+    away, station = nearest_on(curve, means, REACH_CM)
     beside = np.flatnonzero(away < REACH_CM)
     places = np.arange(0.5 * EVERY_CM, lengths[-1], EVERY_CM)
     radii = np.full(len(places), np.nan)

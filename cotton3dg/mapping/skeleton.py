@@ -43,6 +43,8 @@ CENTRINGS = 4
 STEM_SMOOTHING = 4.0
 STEM_REACH_CM = 1.3
 """The same two of the stem, which is thicker and bends less."""
+SURFACE_CM = 1.5
+"""How far from the middle of a stem or branch its surface may be."""
 MIN_STEM_CM = 12.0
 FEWEST_PLACES = 20
 BLADE_CM = 3.0
@@ -78,7 +80,8 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
     stem = centred(places[_stem_rows(alike, cloud)], wood, STEM_REACH_CM, STEM_SMOOTHING)
     if length_of(stem) < MIN_STEM_CM:
         return []
-    beside = nearest_on(stem, places)[0] < stem_radius(stem, wood) + 0.5 * COVER_CM
+    reach = stem_radius(stem, wood) + 0.5 * COVER_CM
+    beside = nearest_on(stem, places, reach)[0] < reach
     leaf = cloud.leaf & ~beside
     feet = np.array([body.foot if np.isfinite(body.foot).all() else body.centre for body in cloud.bolls])
     tree = shortest_paths(graph, leaf | ((cloud.bur > 0) & ~beside), root, feet.reshape(-1, 3))
@@ -150,8 +153,8 @@ def _sharpest_bend_deg(line: Float64) -> float:
 
 def stem_radius(stem: Float64, places: Float64) -> float:
     """Median distance, cm, of the wood beside the lower half of the stem."""
-    away, station = nearest_on(stem, places)
-    beside = (away < 1.5) & (station < 0.5 * length_of(stem))
+    away, station = nearest_on(stem, places, SURFACE_CM)
+    beside = (away < SURFACE_CM) & (station < 0.5 * length_of(stem))
     return float(np.median(away[beside])) if beside.any() else 0.5
 
 
@@ -168,7 +171,7 @@ def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, on:
     Args:
         on: the axis itself and, as some of what lies beside its foot hangs there instead, its parent.
     """
-    passed = (owner < 0) & (nearest_on(curve, tree.places)[0] < reach) & (tree.before >= 0)
+    passed = (owner < 0) & (nearest_on(curve, tree.places, reach)[0] < reach) & (tree.before >= 0)
     ends = _followed(np.where(passed, tree.before, np.arange(len(owner))))
     own = passed & np.isin(owner[ends], on)
     own[n:] = False
@@ -188,7 +191,7 @@ def _bare_cm(curve: Float64, free: Float64) -> float:
     Args:
         free: (N, 3) places that belong to no other axis.
     """
-    away, station = nearest_on(curve, free)
+    away, station = nearest_on(curve, free, BLADE_CM)
     near, beside = away < BLADE_CM, away > BESIDE_CM
     tip = near & (station > length_of(curve) - BLADE_CM)
     if tip.sum() < BLADE_PLACES or np.mean(beside[tip]) < BLADE_SHARE:
@@ -215,7 +218,7 @@ def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOO
     for _ in range(CENTRINGS):
         if len(line) <= len(kernel):
             return line
-        away, station = nearest_on(line, places)
+        away, station = nearest_on(line, places, reach)
         near = away < reach
         lengths = path_lengths(line)
         bins = np.clip(np.searchsorted(lengths, station[near] - 0.5 * SPACING_CM), 0, len(line) - 1)

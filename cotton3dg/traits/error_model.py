@@ -18,7 +18,7 @@ from ..core.measurements import BollTraits, Scale
 
 COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
-SIZE_PX = 0.4
+SIZE_PX = 0.25
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
 SHAPE = 0.05
 """Relative standard error of a boll's volume, however large it is in the images. Fitted."""
@@ -26,11 +26,11 @@ EDGE_PX = 0.2
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE = 8
 """Views that err alike, for they see the same rim."""
-SHARED_EDGE_PX = 0.03
+SHARED_EDGE_PX = 0.02
 """Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
 SHARED_BLUR = 0.004
 """... by how much of the motion blur the edges lie farther out, ..."""
-SHARED_SHAPE = 0.01
+SHARED_SHAPE = 0.005
 """... and relative standard error that all volumes of a plant have in common, however large it is in the images. All
 fitted."""
 BLURRED_SHARE = 0.25

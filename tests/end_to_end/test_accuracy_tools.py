@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from card_scale import card_scale
 from error_budget import put_true_cameras, share
+from scenes.branch_scene import branch_scene
 from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
@@ -18,6 +19,7 @@ from cotton3dg.commands.simulate import simulate
 from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.files.colmap import read_cameras
+from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
@@ -146,6 +148,31 @@ def test_real_clips_are_decoded_and_real_sets_that_are_not_there_left_out(filmed
     assert row["refused"] == ""
     assert row["ascending"] == "True"
     assert not (tmp_path / "real_captures.csv").exists()
+
+
+def test_a_scan_that_others_cut_into_branches_is_mapped_and_compared(tmp_path):
+    scene = branch_scene()
+    rng = np.random.default_rng(1)
+    (tmp_path / "treeqsm" / "a").mkdir(parents=True)
+    (tmp_path / "restore" / "a").mkdir(parents=True)
+    axes = [scene.stem, *scene.branches]
+    owner = np.argmin([nearest_on(curve, scene.places)[0] for curve in axes], axis=0)
+    np.savetxt(tmp_path / "treeqsm" / "a" / "trunk.txt", 0.01 * scene.places[owner == 0], delimiter=", ")
+    lint_of = {1: scene.bolls[0], 3: scene.bolls[2]}
+    for number in range(1, len(axes)):
+        wood = 0.01 * scene.places[owner == number]
+        rows = [np.column_stack([wood, np.tile((0.35, 0.05, 0.35), (len(wood), 1))])]
+        if number in lint_of:
+            _, centre, diameter = lint_of[number]
+            ways = rng.normal(size=(4000, 3))
+            lint = 0.01 * (centre + 0.5 * diameter * ways / np.linalg.norm(ways, axis=1, keepdims=True))
+            rows.append(np.column_stack([lint, np.tile((0.65, 0.95, 0.05), (len(lint), 1))]))
+        np.savetxt(tmp_path / "restore" / "a" / f"{number - 1}_restore.txt", np.vstack(rows))
+    command = [sys.executable, TOOLS / "real_clouds.py", tmp_path]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert "5 of 5 branches at the stem one to one, of 5 found" in done.stdout
+    assert "2 of 2 bolls on the right one" in done.stdout
+    assert (tmp_path / "map_a.png").stat().st_size > 10_000
 
 
 def test_a_card_alone_gives_the_scale_of_a_film(tmp_path):

@@ -63,6 +63,7 @@ ELSEWHERE = {
     "evaluate-weights": "test_weights.py",
     "--weight-model": "test_weights.py",
     "real_captures.py": "test_accuracy_tools.py",
+    "real_clouds.py": "test_accuracy_tools.py",
     "--architecture natural": "test_architecture.py",
     "splat.ply": "test_foreign_models.py",
     "cotton3dg cards": "test_cards.py",

@@ -3,12 +3,14 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from scenes.branch_scene import branch_scene
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_cm
 
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.cloud import find_table_height, measure_cloud
 from cotton3dg.evaluation.plant import evaluate_cloud
 from cotton3dg.files.cloud import read_cloud
+from cotton3dg.mapping.summary import summarise_map
 from cotton3dg.workspace import Workspace
 
 BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3
@@ -44,6 +46,16 @@ def test_a_cropped_scan_counts_heights_from_its_lowest_point():
     assert not found.on_table
     assert found.silhouette.height_cm == pytest.approx(70.0 - 4.5, abs=0.2)
     assert len(found.boll_volumes_cm3) == 0
+
+
+def test_without_a_table_the_stem_stands_where_it_is():
+    """Its foot was taken to be the scanner's origin: a plant one metre from it had a stem one metre too long."""
+    scene = branch_scene()
+    stems = [measure_cloud(scene.places + away).plant_map for away in ((0.0, 0.0, 0.0), (100.0, -50.0, 20.0))]
+    here, there = (summarise_map(plant_map, 0.0, 0.0, 0.0) for plant_map in stems)
+    assert here.stem_length_cm == pytest.approx(55, abs=1.5)
+    assert there.stem_length_cm == pytest.approx(here.stem_length_cm, abs=0.3)
+    assert there.stem_lean_deg < 2
 
 
 def test_the_cloud_of_a_room_has_no_plant_map():

@@ -18,7 +18,8 @@ from ..geometry.polylines import (
     resampled,
 )
 from .positions import Sited, infer_positions
-from .skeleton import SPACING_CM, RawAxis, bend_deg
+from .skeleton import SPACING_CM, RawAxis
+from .untangle import untangled
 from .wood import BollBody, WoodCloud
 
 STALK_CM = 5.0
@@ -35,8 +36,6 @@ CARPEL_CM = 4.5
 """A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
 CARPEL_REACH = 1.3
 """Such a way ends within so many diameters of the boll's middle."""
-TOUCH_CM = 1.2
-"""Branches whose ways come as near to each other may have been mistaken for each other there."""
 BASE_CM = 2.0
 """The straight piece of a branch next to its parent, which is continued into the parent's centre line."""
 BESIDE_CM = 0.4
@@ -71,7 +70,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     """
     if not raw:
         return PlantMap((), (), "no_stem")
-    ways = _without_carpels(_mended(raw), cloud.bolls)
+    ways = _without_carpels(untangled(raw, cloud.places[cloud.bur == 0]), cloud.bolls)
     stem = ways[0].curve
     branches, on_stem = _sorted_out(ways, cloud)
     for branch in branches:
@@ -112,36 +111,6 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
         for rank, ((boll, _, stalk), site) in enumerate(zip(own, sited, strict=True), start=1):
             bolls.append(_boll_on_map(cloud.bolls[boll - 1], axis.rank, rank, site, stalk, others))
     return PlantMap(tuple(axes), tuple(sorted(bolls, key=lambda boll: boll.boll_id)))
-
-
-def _mended(raw: list[RawAxis]) -> list[RawAxis]:
-    """Ways that took over the outer part of another where the two touch give it back.
-
-    A way leaves a branch; close by another branch ends. If the way goes on straight from that end, and turns off from
-    the branch that it leaves, it belongs to the other one.
-    """
-    ways = [RawAxis(way.curve, way.parent, way.boll, way.bare_cm) for way in raw]
-    gone: set[int] = set()
-    for number, way in enumerate(ways):
-        if number == 0 or way.parent <= 0 or way.parent in gone or length_of(way.curve) < SUB_BRANCH_CM:
-            continue
-        parent = ways[way.parent]
-        node = nearest_on(parent.curve, way.curve[:1])[1][0]
-        own_bend = angle_deg(direction(parent.curve, max(node - 3.0, 0.0), node), direction(way.curve, 0.6, 3.0))
-        for other, candidate in enumerate(ways):
-            if other in (0, number, way.parent) or other in gone or candidate.boll or candidate.parent != 0:
-                continue
-            gap = np.linalg.norm(candidate.curve[-1] - way.curve[0])
-            if gap < 2 * TOUCH_CM and bend_deg(candidate.curve, way.curve, 3.0) < min(own_bend, 40.0) - 5.0:
-                candidate.curve = resampled(np.vstack([candidate.curve[:-2], way.curve[2:]]), SPACING_CM)
-                candidate.boll, candidate.bare_cm = way.boll, way.bare_cm
-                for child in ways:
-                    child.parent = other if child.parent == number else child.parent
-                gone.add(number)
-                break
-    kept = [number for number in range(len(ways)) if number not in gone]
-    new = {old: number for number, old in enumerate(kept)} | {-1: -1}
-    return [RawAxis(ways[old].curve, new[ways[old].parent], ways[old].boll, ways[old].bare_cm) for old in kept]
 
 
 def _without_carpels(ways: list[RawAxis], bolls: tuple[BollBody, ...]) -> list[RawAxis]:

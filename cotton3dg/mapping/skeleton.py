@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
-from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled, smoothed
+from ..geometry.polylines import length_of, nearest_on, path_lengths, resampled, smoothed
 from .graph import WoodTree, joined, path_to, shortest_paths
 from .wood import WoodCloud
 
@@ -101,10 +101,13 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
         rows = path_to(tree, tip, owner >= 0)
         parent = int(owner[rows[0]])
         curve = centred(tree.places[rows], tree.places[:n][cloud.bur == 0], CENTRE_REACH_CM)
-        free = places[(owner[:n] < 0) & (cloud.bur == 0)]
-        bare_cm = _bare_cm(curve, free) if tip < n else np.inf
+        free = (owner[:n] < 0) & (cloud.bur == 0)
+        owner[rows[1:]] = len(axes)
+        # Wood of others that passes by, free as yet, is no blade: that hangs on the way.
+        ends_on = owner[_followed(np.where((owner < 0) & (tree.before >= 0), tree.before, np.arange(len(owner))))]
+        hanging = free & (ends_on[:n] == len(axes))
+        bare_cm = _bare_cm(curve, places[hanging]) if tip < n else np.inf
         axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, bare_cm))
-        owner[rows[1:]] = len(axes) - 1
         if np.isinf(bare_cm):
             _cover(tree, owner, n, curve, (len(axes) - 1, parent), COVER_CM)
         else:
@@ -189,7 +192,7 @@ def _bare_cm(curve: Float64, free: Float64) -> float:
     """Length of an axis before it enters a blade: much of what is near lies beside it, from there to its tip.
 
     Args:
-        free: (N, 3) places that belong to no other axis.
+        free: (N, 3) places that hang on the axis and on no other.
     """
     away, station = nearest_on(curve, free, BLADE_CM)
     near, beside = away < BLADE_CM, away > BESIDE_CM
@@ -232,9 +235,3 @@ def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOO
         line = line + np.column_stack(sums) / np.maximum(weights, 0.5)[:, None]
         line = smoothed(resampled(line, SPACING_CM), 0.5 * smoothing)
     return line
-
-
-def bend_deg(first: Float64, second: Float64, window_cm: float = BEND_WINDOW_CM) -> float:
-    """Angle between the end of one curve and the start of another."""
-    end = direction(first, length_of(first) - window_cm, length_of(first))
-    return angle_deg(end, direction(second, 0.3, min(window_cm, length_of(second))))

@@ -1,0 +1,82 @@
+"""Ways that shortest paths led astray: what goes on straight belongs together."""
+
+import numpy as np
+import pytest
+from scenes.branch_scene import line, tube_places
+
+from cotton3dg.geometry.polylines import length_of, nearest_on
+from cotton3dg.mapping.skeleton import RawAxis
+from cotton3dg.mapping.untangle import untangled
+
+STEM = line((0, 0, 0), (0, 0, 60), spacing=0.25)
+ONE = line((0, 0, 20), (16, 0, 28), spacing=0.25)
+"""Two branches that touch at 10 of 16 cm from the stem, one below the other there."""
+OTHER = line((0, 8, 30), (10, 0.3, 25.3), (16, -4.3, 22.5), spacing=0.25)
+MEETS = int(np.argmin(nearest_on(OTHER, ONE)[0]))
+MEETS_OTHER = int(np.argmin(nearest_on(ONE, OTHER)[0]))
+WOOD = np.vstack([tube_places(curve, 0.25, np.random.default_rng(0)) for curve in (STEM, ONE, OTHER)])
+
+
+def assert_straight(ways):
+    """Some way is the one branch, some the other, each for itself."""
+    for true in (ONE, OTHER):
+        (own,) = [way for way in ways[1:] if np.linalg.norm(way.curve[0] - true[0]) < 0.5]
+        assert nearest_on(true, own.curve)[0].max() < 0.6
+        assert length_of(own.curve) == pytest.approx(length_of(true), abs=0.5)
+
+
+@pytest.mark.parametrize("other_half", ["is a way of its own", "leaves the touch as a child"])
+def test_what_touches_is_paired_anew(other_half):
+    astray = np.vstack([ONE[:MEETS], OTHER[MEETS_OTHER:]])
+    ways = [RawAxis(STEM, -1), RawAxis(astray, 0, boll=3), RawAxis(OTHER[:MEETS_OTHER], 0)]
+    if other_half == "leaves the touch as a child":
+        ways.append(RawAxis(ONE[MEETS:], 1, boll=4))
+        # A twig beyond the touch goes with the branch that bears it.
+        ways.append(RawAxis(line(OTHER[-12], OTHER[-12] + (0, 0, 3), spacing=0.25), 1))
+        found = untangled(ways, WOOD)
+        assert_straight(found)
+        owner = next(way for way in found if np.linalg.norm(way.curve[0] - OTHER[0]) < 0.5)
+        twig = next(way for way in found if length_of(way.curve) < 3.5)
+        assert found[twig.parent] is owner
+        assert owner.boll == 3
+        assert [way.boll for way in found if np.linalg.norm(way.curve[0] - ONE[0]) < 0.5] == [4]
+    else:
+        found = untangled(ways, WOOD)
+        (own,) = [way for way in found[1:] if np.linalg.norm(way.curve[0] - OTHER[0]) < 0.5]
+        assert nearest_on(OTHER, own.curve)[0].max() < 0.6
+        assert own.boll == 3
+
+
+def test_a_way_that_ends_before_the_touch_follows_the_wood_to_it():
+    """Places between were reached sooner through the other branch, and were too few for a way of their own."""
+    astray = np.vstack([ONE[:MEETS], OTHER[MEETS_OTHER:]])
+    short = OTHER[: MEETS_OTHER - 20]
+    ways = [RawAxis(STEM, -1), RawAxis(astray, 0), RawAxis(short, 0), RawAxis(ONE[MEETS:], 1)]
+    assert_straight(untangled(ways, WOOD))
+    # And one whose last boll hangs there.
+    stalk = line(short[-1], short[-1] + (0, 0.5, 2.0), spacing=0.25)
+    ways[2] = RawAxis(np.vstack([short, stalk[1:]]), 0, boll=5)
+    found = untangled(ways, WOOD)
+    assert_straight([way for way in found if way.boll != 5])
+    (hanging,) = [way for way in found if way.boll == 5]
+    assert np.linalg.norm(found[hanging.parent].curve[0] - OTHER[0]) < 0.5
+
+
+def test_at_a_fork_the_straight_part_goes_on():
+    """The longest way takes the side branch first: the branch itself left it as a child."""
+    side = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
+    ways = [RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], side]), 0, boll=1), RawAxis(ONE[30:], 1, boll=2)]
+    found = untangled(ways, WOOD)
+    assert len(found) == 3
+    assert nearest_on(ONE, found[1].curve)[0].max() < 0.6
+    assert [way.boll for way in found] == [0, 2, 1]
+    assert [way.parent for way in found] == [-1, 0, 1]
+
+
+def test_branches_that_are_right_stay_to_the_bit():
+    side = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
+    scar = line(ONE[20], ONE[20] + (0, 0, 2), spacing=0.25)
+    ways = [RawAxis(STEM, -1), RawAxis(ONE, 0, boll=1), RawAxis(side, 1, boll=2), RawAxis(scar, 1), RawAxis(OTHER, 0)]
+    for way, own in zip(untangled(ways, WOOD), ways, strict=True):
+        assert way.curve.tobytes() == own.curve.tobytes()
+        assert (way.parent, way.boll) == (own.parent, own.boll)

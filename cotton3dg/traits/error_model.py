@@ -29,16 +29,16 @@ ALIKE = 8
 SHARED_EDGE_PX = 0.02
 """Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
 SHARED_BLUR = 0.004
-"""... by how much of the motion blur the edges lie farther out, ..."""
-SHARED_SHAPE = 0.005
-"""... and relative standard error that all volumes of a plant have in common, however large it is in the images. All
-fitted."""
+"""... and by how much of the motion blur the edges lie farther out. Both fitted."""
 BLURRED_SHARE = 0.25
 """Motion blur, of a boll's width, from which the plant has a flag."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
 TOUCHING_VOLUME = 0.12
 """Relative standard error of a touching boll's volume, from where it was parted from its neighbour. Fitted."""
+PARTED_IN_SUM = 0.5
+"""So much of that counts in the plant's volume: what one of two loses its neighbour gains, and a lost boll's volume is
+not all lost. Fitted."""
 MISCOUNTED = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
 BY_COLOUR_VOLUME = 0.09
@@ -103,30 +103,36 @@ def boll_volume_error(
 
 
 def plant_volume_error_cm3(
-    bolls: Sequence[BollTraits], scale: Scale | None, pixel_cm: float, by_colour: bool = False, blur_px: float = 0.0
+    bolls: Sequence[BollTraits],
+    touching: NDArray[np.bool_],
+    scale: Scale | None,
+    pixel_cm: float,
+    by_colour: bool = False,
+    blur_px: float = 0.0,
 ) -> float:
     """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares.
 
     Args:
-        by_colour: whether the masks are by colour alone.
+        touching: (B,) as `find_touching` says. by_colour: whether the masks are by colour alone.
         blur_px: motion blur of the images.
     """
     if scale is None:
         return np.nan
-    known = [boll for boll in bolls if np.isfinite(boll.volume_cm3)]
+    measured = [row for row, boll in enumerate(bolls) if np.isfinite(boll.volume_cm3)]
+    known = [bolls[row] for row in measured]
     volumes = np.array([boll.volume_cm3 for boll in known])
     by_scale = 3 * scale.relative_error * volumes
     by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, blur_px) for boll in known]
-    own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2
+    parted = TOUCHING_VOLUME**2 * (1 - PARTED_IN_SUM**2) * np.asarray(touching)[measured] * volumes**2
+    own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2 - parted
     by_masks = BY_COLOUR_VOLUME * volumes.sum() if by_colour else 0.0
     return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum() + by_masks**2))
 
 
 def _shared(diameter: float, pixel: float, blur_px: float) -> float:
-    """Relative error that a volume has in common with the plant's others: of its shape, and of edges that lie too far
-    out all around. Both lengths in one unit."""
-    edge_px = np.hypot(SHARED_EDGE_PX, SHARED_BLUR * blur_px)
-    return float(np.hypot(SHARED_SHAPE, 6 * edge_px * pixel / diameter))
+    """Relative error that a volume has in common with the plant's others, of edges that lie too far out all around.
+    Both lengths in one unit."""
+    return float(6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * blur_px) * pixel / diameter)
 
 
 def blurs_bolls(blur_px: float, pixel: float, diameters: NDArray) -> bool:

@@ -350,7 +350,7 @@ def summarise_plant(
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves, by_colour)
-    of_volume = plant_volume_error_cm3(bolls, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
+    of_volume = plant_volume_error_cm3(bolls, touching, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
     return PlantTraits(

@@ -47,10 +47,10 @@ def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
 
 def test_a_boll_errs_with_scale_edges_shape_and_a_neighbour(monkeypatch) -> None:
     """A diameter of 25 px, seen by 32 views of which four count; a tenth of a pixel at either side, for all bolls."""
-    constants = {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_SHAPE": 0.02, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}
+    constants = {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}
     for name, value in constants.items():
         monkeypatch.setattr(error_model, name, value)
-    parts = [0.03, 3 * 0.5 / 25 / 2, 0.02, 3 * 0.2 / 25]
+    parts = [0.03, 3 * 0.5 / 25 / 2, 3 * 0.2 / 25]
     assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(np.linalg.norm(parts))
     assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(np.linalg.norm([*parts, 0.03]))
     with_neighbour = boll_volume_error(25.0, 32, scale(0.0), 1.0, touching=True)
@@ -72,19 +72,33 @@ def test_a_plant_is_blurred_where_bolls_are_few_times_as_wide_as_the_blur() -> N
 
 def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
     shared = 0.01
-    edge = 40.0 * np.hypot(error_model.SHARED_SHAPE, 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0)
+    edge = 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
+    apart = np.zeros(4, bool)
     bolls = [boll(40.0, np.linalg.norm([3 * shared * 40.0, edge, 2.0])) for _ in range(4)]
     expected = np.sqrt((3 * shared * 160) ** 2 + (4 * edge) ** 2 + 4 * 2.0**2)
-    assert plant_volume_error_cm3(bolls, scale(shared), 0.2) == pytest.approx(expected)
+    assert plant_volume_error_cm3(bolls, apart, scale(shared), 0.2) == pytest.approx(expected)
     unknown = replace(bolls[0], volume_cm3=np.nan, volume_error_cm3=np.nan)
-    assert plant_volume_error_cm3([*bolls, unknown], scale(shared), 0.2) == pytest.approx(expected)
-    assert plant_volume_error_cm3([], scale(shared), 0.2) == 0.0
-    assert np.isnan(plant_volume_error_cm3(bolls, None, 0.2))
+    with_unknown = plant_volume_error_cm3([*bolls, unknown], np.append(apart, True), scale(shared), 0.2)
+    assert with_unknown == pytest.approx(expected)
+    assert plant_volume_error_cm3([], apart[:0], scale(shared), 0.2) == 0.0
+    assert np.isnan(plant_volume_error_cm3(bolls, apart, None, 0.2))
+
+
+def test_what_one_of_two_bolls_loses_to_the_other_counts_in_part(monkeypatch) -> None:
+    monkeypatch.setattr(error_model, "TOUCHING_VOLUME", 0.2)
+    monkeypatch.setattr(error_model, "PARTED_IN_SUM", 0.25)
+    bolls = [boll(40.0, np.hypot(2.0, 8.0)), boll(30.0, np.hypot(2.0, 6.0)), boll(20.0, 2.0)]
+    touching = np.array([True, True, False])
+    expected = np.linalg.norm([2.0, 2.0, 2.0, 0.25 * 8.0, 0.25 * 6.0])
+    assert plant_volume_error_cm3(bolls, touching, scale(0.0), 0.0) == pytest.approx(expected)
 
 
 def test_masks_by_colour_err_all_alike() -> None:
     bolls = [boll(40.0, 2.0) for _ in range(4)]
-    networks, colours = (plant_volume_error_cm3(bolls, scale(0.0), 0.0, by_colour) for by_colour in (False, True))
+    apart = np.zeros(4, bool)
+    networks, colours = (
+        plant_volume_error_cm3(bolls, apart, scale(0.0), 0.0, by_colour) for by_colour in (False, True)
+    )
     assert colours == pytest.approx(np.hypot(networks, 160 * error_model.BY_COLOUR_VOLUME))
     assert count_error(np.ones(20), 9, by_colour=True) == pytest.approx(
         np.hypot(count_error(np.ones(20), 9), 9 * error_model.BY_COLOUR_MISCOUNTED)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 Float64 = NDArray[np.float64]
+TOGETHER = 100_000
+"""Pairs of a place and a piece of a polyline that are looked at in one go."""
 
 
 def path_lengths(points: NDArray) -> Float64:
@@ -80,9 +82,13 @@ def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tupl
     squares = np.maximum((steps**2).sum(axis=1), 1e-18)
     lengths = path_lengths(points)
     best, station = np.full(len(places), np.inf), np.zeros(len(places))
-    for a, step, square, length in zip(start, steps, squares, lengths, strict=False):
-        share = np.clip((places - a) @ step / square, 0, 1)
-        away = np.linalg.norm(places - a - share[:, None] * step, axis=1)
-        nearer = away < best
-        best[nearer], station[nearer] = away[nearer], length + share[nearer] * np.sqrt(square)
+    rows = max(1, TOGETHER // max(len(steps), 1))
+    for low in range(0, len(places) if len(steps) else 0, rows):
+        from_start = np.asarray(places[low : low + rows], np.float64)[:, None] - start
+        share = np.clip((from_start * steps).sum(axis=2) / squares, 0, 1)
+        away = np.linalg.norm(from_start - share[:, :, None] * steps, axis=2)
+        nearest = away.argmin(axis=1)
+        own = np.arange(len(nearest))
+        best[low : low + rows] = away[own, nearest]
+        station[low : low + rows] = lengths[nearest] + share[own, nearest] * np.sqrt(squares[nearest])
     return best, station

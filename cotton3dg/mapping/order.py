@@ -18,7 +18,7 @@ from ..geometry.polylines import (
     resampled,
 )
 from .positions import Sited, infer_positions
-from .skeleton import SPACING_CM, RawAxis
+from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 from .untangle import untangled
 from .wood import BollBody, WoodCloud
 
@@ -30,8 +30,6 @@ SUB_BRANCH_CM = 3.5
 """Shorter ways that leave a branch are scars and dry tips."""
 TIP_CM = 3.0
 """A boll so near to the stem's tip sits on the stem."""
-PETIOLE_CM = 9.0
-"""A way whose bare piece before a blade is no longer is a leaf's stalk."""
 CARPEL_CM = 4.5
 """A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
 CARPEL_REACH = 1.3

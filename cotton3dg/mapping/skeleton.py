@@ -49,6 +49,8 @@ MIN_STEM_CM = 12.0
 FEWEST_PLACES = 20
 BLADE_CM = 3.0
 BESIDE_CM = 0.45
+PETIOLE_CM = 9.0
+"""A way whose bare piece before a blade is no longer is a leaf's stalk."""
 BLADE_PLACES, BLADE_SHARE, BLADE_ONWARDS = 12, 0.35, 0.6
 """A way is in a blade where, of the places so near, this share lies so far beside it, and so on for most of the rest;
 at its tip there are so many."""

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from ..core.scene import Float64
 from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
-from .skeleton import SPACING_CM, RawAxis
+from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 
 TOUCH_CM = 2.0
 """Centre lines that come as near may belong to branches that touch."""
@@ -148,14 +148,15 @@ def _pairings(ways: list[RawAxis]) -> Iterator[_Pairing]:
             if other == number or _descends(ways, other, number) or _descends(ways, number, other):
                 continue
             touch = _touch(way, ways[other])
-            if touch is not None:
+            if touch is not None and min(way.bare_cm - touch[0], ways[other].bare_cm) > PETIOLE_CM:
                 near = [(child, station) for child, station in forks if abs(station - touch[0]) < BESIDE_CM]
                 yield from _at_touch(ways, number, other, touch, near)
 
 
 def _is_long(way: RawAxis, station: float = 0.0) -> bool:
-    """Whether what lies beyond a path length is no mere stalk, scar or tip."""
-    return length_of(way.curve) - station > (LAST_BOLL_CM if way.boll else OUTER_CM)
+    """Whether what lies beyond a path length is no mere stalk, of a boll or a leaf, scar or tip."""
+    is_leaf = way.bare_cm - station < PETIOLE_CM
+    return not is_leaf and length_of(way.curve) - station > (LAST_BOLL_CM if way.boll else OUTER_CM)
 
 
 def _at_fork(ways: list[RawAxis], number: int, child: int, station: float) -> _Pairing:
@@ -176,7 +177,10 @@ def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
     tail &= path_lengths(other.curve) > INNER_CM
     if not tail.any():
         return None
-    away, stations = nearest_on(way.curve, other.curve[tail], TOUCH_CM)
+    low, high = way.curve.min(axis=0) - TOUCH_CM, way.curve.max(axis=0) + TOUCH_CM
+    if not ((other.curve[tail] > low) & (other.curve[tail] < high)).all(axis=1).any():
+        return None
+    away, stations = nearest_on(way.curve, other.curve[tail])
     nearest = int(np.argmin(away))
     station = float(stations[nearest])
     if away[nearest] > TOUCH_CM or not INNER_CM < station < length_of(way.curve) - ENDS_CM:

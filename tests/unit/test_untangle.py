@@ -73,6 +73,15 @@ def test_at_a_fork_the_straight_part_goes_on():
     assert [way.parent for way in found] == [-1, 0, 1]
 
 
+def test_a_leaf_and_its_stalk_take_nothing_over():
+    """The stalk goes on straighter than the branch, which bends at its node."""
+    bent = np.vstack([ONE[:30], line(ONE[30], ONE[30] + (5, 6, 2), spacing=0.25)])
+    ways = [RawAxis(STEM, -1), RawAxis(bent, 0, boll=1), RawAxis(ONE[30:], 1, bare_cm=4.0)]
+    found = untangled(ways, WOOD)
+    assert found[1].curve.tobytes() == bent.tobytes()
+    assert found[2].curve.tobytes() == ONE[30:].tobytes()
+
+
 def test_branches_that_are_right_stay_to_the_bit():
     side = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
     scar = line(ONE[20], ONE[20] + (0, 0, 2), spacing=0.25)

@@ -30,10 +30,18 @@ from cotton3dg.core.plant_map import PlantMap
 from cotton3dg.documents.truth import TrueAxis, Truth
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, evaluate_map, true_map
 from cotton3dg.files.ply import read_gaussians
-from cotton3dg.geometry.polylines import length_of, nearest_on
+from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.mapping.map_plant import BollPlace, map_places
 from cotton3dg.mapping.order import draw_map
-from cotton3dg.mapping.skeleton import CENTRE_REACH_CM, STEM_REACH_CM, STEM_SMOOTHING, RawAxis, centred, stem_radius
+from cotton3dg.mapping.skeleton import (
+    CENTRE_REACH_CM,
+    SMOOTHING,
+    STEM_REACH_CM,
+    STEM_SMOOTHING,
+    RawAxis,
+    centred,
+    stem_radius,
+)
 from cotton3dg.mapping.wood import classify, wood_places
 
 BESIDE_CM = 0.3
@@ -81,22 +89,19 @@ def near_wood(places: NDArray, axes: list[TrueAxis], base_m: NDArray) -> NDArray
     return near
 
 
-def map_of_true_ways(places: NDArray, bolls: list[BollPlace], axes: list[TrueAxis], base_m: NDArray) -> PlantMap:
-    """The map that the order makes of the true ways: stem, branches, and a stalk for each boll."""
+def map_of_true_ways(places: NDArray, bolls: list[BollPlace], true: PlantMap) -> PlantMap:
+    """The map that the order makes of the true ways: stem, branches to their last boll, stalks of the others."""
     cloud = classify(places, bolls)
     wood = places[cloud.bur == 0]
-    ordered = sorted(axes, key=lambda axis: (axis.kind == "peduncle", axis.kind != "stem"))
-    number = {axis.id: index for index, axis in enumerate(ordered)}
-    rows = {boll_id: row for row, (boll_id, _, _) in enumerate(bolls, start=1)}
+    ends = {axis.rank: axis.curve[-1] for axis in true.branches}
+    last = {boll.branch: boll.boll_id for boll in true.bolls if np.array_equal(boll.stalk[-1], ends.get(boll.branch))}
     raw = []
-    for axis in ordered:
-        curve = curve_cm(axis, base_m)
-        if axis.kind == "stem":
-            curve = centred(curve, wood, STEM_REACH_CM, STEM_SMOOTHING)
-        elif axis.kind != "peduncle" and length_of(curve) > 1.0:
-            curve = centred(curve, wood, CENTRE_REACH_CM)
-        parent = -1 if axis.parent is None else number[axis.parent]
-        raw.append(RawAxis(curve, parent, rows.get(axis.boll_id or 0, 0)))
+    for axis in true.axes:
+        reach, smoothing = (STEM_REACH_CM, STEM_SMOOTHING) if axis.kind == "stem" else (CENTRE_REACH_CM, SMOOTHING)
+        raw.append(RawAxis(centred(axis.curve, wood, reach, smoothing), axis.parent, last.get(axis.rank, 0)))
+    raw += [
+        RawAxis(boll.stalk, boll.branch, boll.boll_id) for boll in true.bolls if last.get(boll.branch) != boll.boll_id
+    ]
     return draw_map(cloud, raw, stem_radius(raw[0].curve, places))
 
 
@@ -126,7 +131,7 @@ def budget(plant: TruePlant) -> Iterator[tuple[str, MapScores]]:
     yield "measured", measured
     yield "true bolls", scored(map_places(places, bolls))
     yield "true wood", scored(map_places(wood, bolls))
-    yield "true ways", scored(map_of_true_ways(wood, bolls, axes, base_m))
+    yield "true ways", scored(map_of_true_ways(wood, bolls, true))
     yield "surface", scored(map_places(surface_places(axes, base_m), bolls))
 
 

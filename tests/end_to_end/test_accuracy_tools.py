@@ -175,6 +175,22 @@ def test_a_scan_that_others_cut_into_branches_is_mapped_and_compared(tmp_path):
     assert (tmp_path / "map_a.png").stat().st_size > 10_000
 
 
+def test_the_map_is_right_with_the_true_ways(plant):
+    done = subprocess.run(
+        [sys.executable, TOOLS / "map_budget.py", f"{plant.run.root}:{plant.truth}"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in done.stdout.splitlines() if "| true " in line]
+    steps = {row[1]: row[2:] for row in rows if len(row) > 10}
+    assert set(steps) >= {"true bolls", "true wood", "true ways"}
+    true, found, right, angle_deg, length_pct, on_branch_pct = map(float, steps["true ways"][:6])
+    assert true == found == right > 0
+    assert angle_deg < 10 and length_pct < 15 and on_branch_pct == 100
+
+
 def test_a_card_alone_gives_the_scale_of_a_film(tmp_path):
     """Through structure from motion; the film is as large as its markers need."""
     row = card_scale(tmp_path / "film", {"seed": 5, "bolls": 6})

@@ -20,7 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
-from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, SHARED_SHAPE
+from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_plant, measure_silhouette, summarise_plant
 
@@ -274,16 +274,16 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     gaussians, labels = plant_scene()
     bolls = bolls_of(gaussians, labels)[:2]
     volumes = np.array([boll.volume_cm3 for boll in measured])
-    own, shape = SHAPE * volumes, SHARED_SHAPE * volumes.sum()
+    own = SHAPE * volumes
     shared = 3 * SCALE.relative_error * volumes.sum()
     by_scale = summarise_plant(measured, None, SCALE)
-    assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shape, shared]))
+    assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shared]))
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su
     traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)
     pixels = np.array([3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits])
     own = np.hypot(EDGE_PX * pixels, [SHAPE * boll.volume_cm3 for boll in traits])
-    edges = np.hypot(2 * SHARED_EDGE_PX * pixels, [SHARED_SHAPE * boll.volume_cm3 for boll in traits])
+    edges = 2 * SHARED_EDGE_PX * pixels
     assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(np.hypot(own, edges))
     by_pixels = summarise_plant(traits, None, exact, pixel_su)
     assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), edges.sum()))

@@ -63,9 +63,11 @@ def untangled(raw: list[RawAxis], wood: Float64) -> list[RawAxis]:
         wood: (N, 3) places of wood.
     """
     ways = _extended([replace(way) for way in raw], wood)
+    touches = _Touches()
     for _ in range(MOST):
-        best = max(_pairings(ways), key=lambda pairing: pairing.gain_deg, default=None)
-        if best is None or best.gain_deg < GAIN_DEG:
+        better = (pairing for pairing in _pairings(ways, touches) if pairing.gain_deg >= GAIN_DEG)
+        best = max(better, key=lambda pairing: pairing.gain_deg, default=None)
+        if best is None:
             break
         best.apply()
         ways = _without_rests(ways)
@@ -75,13 +77,14 @@ def untangled(raw: list[RawAxis], wood: Float64) -> list[RawAxis]:
 def _extended(ways: list[RawAxis], wood: Float64) -> list[RawAxis]:
     """Ways that end where the wood goes on, for what follows was reached sooner through another branch, go on to it."""
     tree = cKDTree(wood)
+    curves = _Curves(ways)
     for number in range(1, len(ways)):
         way = ways[number]
         others = [other for other in range(1, len(ways)) if _apart(ways, number, other)]
         bare = way.curve if not way.boll else _cut(way.curve, length_of(way.curve) - STALK_CM)[0]
         if np.isfinite(way.bare_cm) or not others or length_of(bare) < INNER_CM:
             continue
-        onward = _followed_wood(bare, wood, tree, [ways[other].curve for other in others])
+        onward = _followed_wood(bare, wood, tree, curves, set(others))
         if onward is None:
             continue
         if way.boll:
@@ -107,13 +110,33 @@ def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
     )
 
 
-def _followed_wood(curve: Float64, wood: Float64, tree: cKDTree, others: list[Float64]) -> Float64 | None:
+class _Curves:
+    """Points of all ways, to tell which of them are near a place."""
+
+    def __init__(self, ways: list[RawAxis]) -> None:
+        self._tree = cKDTree(np.vstack([way.curve for way in ways]))
+        self._owners = np.repeat(np.arange(len(ways)), [len(way.curve) for way in ways])
+        self._beyond = np.concatenate([length_of(way.curve) - path_lengths(way.curve) for way in ways])
+
+    def near(self, place: Float64) -> list[tuple[int, float]]:
+        """Number of each way within `ALONG_CM`, and how much of it lies beyond its nearest point there, cm."""
+        rows = np.array(self._tree.query_ball_point(place, ALONG_CM), np.int64)
+        rows = rows[np.argsort(np.linalg.norm(self._tree.data[rows] - place, axis=1), kind="stable")]
+        owners, first = np.unique(self._owners[rows], return_index=True)
+        return [(int(owner), float(self._beyond[rows[row]])) for owner, row in zip(owners, first, strict=True)]
+
+
+def _followed_wood(curve: Float64, wood: Float64, tree: cKDTree, curves: _Curves, others: set[int]) -> Float64 | None:
     """(N, 3) where wood goes on from a curve's tip until it meets another curve; None where it meets none.
 
     One that it meets at its tip comes from the other side, and is passed.
+
+    Args:
+        others: numbers of the ways that may be met.
     """
     place, way = curve[-1], direction(curve, max(length_of(curve) - WINDOW_CM, 0.0), length_of(curve))
-    passed, head_on = [], set()
+    passed: list[Float64] = []
+    head_on: set[int] = set()
     for _ in range(round(FOLLOWED_CM / SPACING_CM)):
         near = wood[tree.query_ball_point(place, AHEAD_CM)] - place
         ahead = near[near @ way > 0.7 * np.linalg.norm(near, axis=1)]
@@ -125,16 +148,14 @@ def _followed_wood(curve: Float64, wood: Float64, tree: cKDTree, others: list[Fl
         way = way / np.linalg.norm(way)
         place = place + SPACING_CM * way
         passed.append(place)
-        for number, other in enumerate(others):
-            away, station = nearest_on(other, place[None])
-            if away[0] < ALONG_CM and number not in head_on:
-                if station[0] < length_of(other) - ALONG_CM:
-                    return np.array(passed)
-                head_on.add(number)
+        met = {number: beyond for number, beyond in curves.near(place) if number in others - head_on}
+        if any(beyond >= ALONG_CM for beyond in met.values()):
+            return np.array(passed)
+        head_on |= set(met)
     return None
 
 
-def _pairings(ways: list[RawAxis]) -> Iterator[_Pairing]:
+def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
     for number, way in enumerate(ways):
         if number == 0:
             continue
@@ -147,7 +168,7 @@ def _pairings(ways: list[RawAxis]) -> Iterator[_Pairing]:
         for other in range(1, len(ways)):
             if other == number or _descends(ways, other, number) or _descends(ways, number, other):
                 continue
-            touch = _touch(way, ways[other])
+            touch = touches.between(way, ways[other])
             if touch is not None and min(way.bare_cm - touch[0], ways[other].bare_cm) > PETIOLE_CM:
                 near = [(child, station) for child, station in forks if abs(station - touch[0]) < BESIDE_CM]
                 yield from _at_touch(ways, number, other, touch, near)
@@ -168,6 +189,20 @@ def _at_fork(ways: list[RawAxis], number: int, child: int, station: float) -> _P
         _exchange(ways, number, station, child)
 
     return _Pairing(gain, apply)
+
+
+class _Touches:
+    """Where ways touch, looked for once for each pair of curves: most stay as they are."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, int, bool], tuple[Float64, Float64, tuple[float, float] | None]] = {}
+
+    def between(self, way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
+        key = id(way.curve), id(other.curve), bool(other.boll)
+        if key not in self._known:
+            # The curves are kept, or another one might get the number of one that is gone.
+            self._known[key] = way.curve, other.curve, _touch(way, other)
+        return self._known[key][2]
 
 
 def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:

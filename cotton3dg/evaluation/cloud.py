@@ -58,9 +58,8 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
             of_plant = of_plant[find_connected(above[:, None], seeds)]
             places = places - np.append(base[:2], 0.0)
     lint = np.zeros(len(points), bool) if labels is None else labels > 0
-    if level is None and (wood := ~lint).any():
-        low = wood & (places[:, 2] < places[wood, 2].min() + LAYER_CM)
-        places = places - np.append(np.median(places[low, :2], axis=0), 0.0)
+    if level is None:
+        places = places - find_foot(places, lint)
     plant = places[of_plant]
     volumes, bolls = [], []
     if labels is not None:
@@ -75,6 +74,17 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     plant_map = map_cloud(plant[~lint[of_plant]], bolls)
     size = measure_places(plant, plant[:, 2], plant)
     return CloudTraits(size, np.array(volumes), level is not None, plant_map)
+
+
+def find_foot(points: NDArray, lint: NDArray[np.bool_]) -> Float64:
+    """(3,) where a plant without a table stands: below the middle of its lowest wood, at its lowest point.
+
+    Args:
+        points: (N, 3) cm. lint: (N,) whether a point is a boll's.
+    """
+    wood = points[~lint] if (~lint).any() else points
+    low = wood[wood[:, 2] < wood[:, 2].min() + LAYER_CM]
+    return np.append(np.median(low[:, :2], axis=0), points[:, 2].min())
 
 
 def find_table_height(heights: NDArray) -> float | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
 
 Float64 = NDArray[np.float64]
 TOGETHER = 100_000
@@ -69,8 +70,6 @@ def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tupl
         within: places that are farther away may be at infinity; this is quicker where most are.
     """
     if np.isfinite(within) and len(places) > len(points):
-        from scipy.spatial import cKDTree
-
         longest = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1).max(initial=0.0))
         reach = within + 0.5 * longest + 1e-6
         near = np.flatnonzero(cKDTree(points).query(places, distance_upper_bound=reach)[0] < np.inf)

@@ -106,8 +106,7 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
         free = (owner[:n] < 0) & (cloud.bur == 0)
         owner[rows[1:]] = len(axes)
         # Wood of others that passes by, free as yet, is no blade: that hangs on the way.
-        ends_on = owner[_followed(np.where((owner < 0) & (tree.before >= 0), tree.before, np.arange(len(owner))))]
-        hanging = free & (ends_on[:n] == len(axes))
+        hanging = free & (_hung_on(tree, owner, owner < 0)[:n] == len(axes))
         bare_cm = _bare_cm(curve, places[hanging]) if tip < n else np.inf
         axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, bare_cm))
         if np.isinf(bare_cm):
@@ -176,11 +175,15 @@ def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, on:
     Args:
         on: the axis itself and, as some of what lies beside its foot hangs there instead, its parent.
     """
-    passed = (owner < 0) & (nearest_on(curve, tree.places, reach)[0] < reach) & (tree.before >= 0)
-    ends = _followed(np.where(passed, tree.before, np.arange(len(owner))))
-    own = passed & np.isin(owner[ends], on)
+    passed = (owner < 0) & (nearest_on(curve, tree.places, reach)[0] < reach)
+    own = passed & np.isin(_hung_on(tree, owner, passed), on)
     own[n:] = False
     owner[own] = on[0]
+
+
+def _hung_on(tree: WoodTree, owner: NDArray[np.int64], through: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(N,) the axis that each place's way to the clamp meets first, over places of `through` alone; -1 = none."""
+    return owner[_followed(np.where(through & (tree.before >= 0), tree.before, np.arange(len(owner))))]
 
 
 def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:

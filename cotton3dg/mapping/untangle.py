@@ -103,6 +103,7 @@ def _extended(ways: list[RawAxis], wood: Float64) -> list[RawAxis]:
 
 
 def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
+    """Whether neither of two ways grows on the other."""
     return (
         one != other
         and ways[other].parent != _GONE
@@ -111,7 +112,7 @@ def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
 
 
 class _Curves:
-    """Points of all ways, to tell which of them are near a place."""
+    """Points of all ways as they are at first, to tell which of them are near a place."""
 
     def __init__(self, ways: list[RawAxis]) -> None:
         self._tree = cKDTree(np.vstack([way.curve for way in ways]))
@@ -166,7 +167,7 @@ def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
         ]
         yield from (_at_fork(ways, number, child, station) for child, station in forks)
         for other in range(1, len(ways)):
-            if other == number or _descends(ways, other, number) or _descends(ways, number, other):
+            if not _apart(ways, number, other):
                 continue
             touch = touches.between(way, ways[other])
             if touch is not None and min(way.bare_cm - touch[0], ways[other].bare_cm) > PETIOLE_CM:

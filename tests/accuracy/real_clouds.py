@@ -4,10 +4,10 @@
 
 FOLDER is Horizontal/TreeQSM/distribution of UGA-BSAIL/cotton_organ_mapping (research terms: measured, never committed):
 a field plant of 1.2 m, `treeqsm/PLANT/trunk.txt` and `restore/PLANT/K_restore.txt`, a file for each branch at the stem
-with x y z in m and a colour for wood or lint. Its authors found them by TreeQSM, the lint by PointNet++, and looked
-through both. Here the cloud is one again, its lint parted into bolls where 8 mm lie between, and all else is
-`measure_cloud`. A branch at the stem is right if most of its way, with all that grows on it, lies in one of theirs, and
-no other does; a boll, if it hangs on theirs. Prints a table, a row a branch, and writes FOLDER/map_PLANT.png.
+with x y z in m and a colour for wood or lint. Its authors found them by TreeQSM, the lint by PointNet++. Here the cloud
+is one again, its lint parted into bolls where 8 mm lie between, and all else is `measure_cloud`. A branch at the stem
+is right if most of its way, with all that grows on it, lies in one of theirs, and no other does; a boll, if it hangs on
+theirs. Prints a table, a row a branch, and writes FOLDER/map_PLANT.png.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from cotton3dg.core.libraries import import_open3d
 from cotton3dg.core.plant_map import PlantMap
-from cotton3dg.evaluation.cloud import measure_cloud
+from cotton3dg.evaluation.cloud import find_foot, measure_cloud
 from cotton3dg.geometry.polylines import length_of, resampled
 from cotton3dg.mapping.summary import summarise_map
 
@@ -78,9 +78,9 @@ def compare(
     Args:
         places_cm: (N, 3) in the frame of the map. owners, bolls: (N,) of each place.
     """
-    first = {axis.rank: axis.rank if axis.parent == 0 else -1 for axis in plant_map.branches}
     parents = {axis.rank: axis.parent for axis in plant_map.branches}
-    for rank in first:
+    first = {}
+    for rank in parents:
         base = rank
         while parents[base] != 0:
             base = parents[base]
@@ -147,8 +147,7 @@ def main() -> None:
         found = measure_cloud(places, bolls)
         seconds = time.process_time() - began
         # The map stands on the origin.
-        low = ~lint & (places[:, 2] < places[~lint, 2].min() + 0.5)
-        places = places - np.append(np.median(places[low, :2], axis=0), places[:, 2].min())
+        places = places - find_foot(places, lint)
         table, held = compare(found.plant_map, places, owners, bolls)
         right = (table["of its way, %"] > 50) & ~table["theirs"].duplicated(keep=False)
         theirs, ours = len(set(owners) - {TRUNK}), int(table["branch"].notna().sum())

@@ -106,6 +106,11 @@ class Repeats:
     def n_films(self) -> int:
         return len(self.plants[0].films)
 
+    @property
+    def told(self) -> list[TraitRepeat]:
+        """Traits with a stated error, and those of single bolls."""
+        return [row for row in self.traits if math.isfinite(row.error) or row.trait in BOLL_TRAITS]
+
 
 def repeat(folders: Sequence[Path], reach_cm: float = REACH_CM, turn_deg: float | None = None) -> Repeats:
     """Films of one plant, or of the plants of a field that were filmed several times, a field for each time.
@@ -258,8 +263,7 @@ def repeats_text(repeats: Repeats) -> str:
     lines += [
         f"{row.trait:<34}{row.n:>5}{row.mean:>10.2f}{row.sd:>9.3f}{row.cv_pct:>8.2f}"
         + (f"{row.error:>9.3f}" if math.isfinite(row.error) else "")
-        for row in repeats.traits
-        if math.isfinite(row.error) or row.trait in BOLL_TRAITS
+        for row in repeats.told
     ]
     lines += [
         f"{row.film}: {row.trait} {row.bias_pct:+.2f} % against the first film (n = {row.n}, p = {row.p:.3f})"

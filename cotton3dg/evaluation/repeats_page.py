@@ -1,24 +1,32 @@
-"""What repeated films say, saved: tables and a picture."""
+"""What repeated films say, saved: tables, a picture and a page."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import __version__
 from ..core.columns import cells_of, columns_of
+from ..errors import Cotton3dgError
 from ..files.saving import explain_disk_errors, write_text_atomically
 from ..files.tables import csv_text
-from .repeats import BOLL_TRAITS, Bias, BollRepeat, Repeats, TraitRepeat
+from ..report.facts import read_facts
+from ..report.page import fill_template, write_page
+from ..report.pictures import Pictures
+from ..workspace import Workspace
+from .filmed import Filmed
+from .repeats import Bias, BollRepeat, PlantFilms, Repeats, TraitRepeat
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 def write_repeats(folder: Path, repeats: Repeats) -> None:
-    """Save repeat_traits.csv, repeat_bolls.csv, repeat_bias.csv and repeat.png."""
+    """Save repeat_traits.csv, repeat_bolls.csv, repeat_bias.csv, repeat.png and repeat.html."""
     tables: dict[str, tuple[type, Sequence[Any]]] = {
         "repeat_traits.csv": (TraitRepeat, repeats.traits),
         "repeat_bolls.csv": (BollRepeat, repeats.bolls),
@@ -29,6 +37,55 @@ def write_repeats(folder: Path, repeats: Repeats) -> None:
         for name, (kind, rows) in tables.items():
             write_text_atomically(folder / name, csv_text(columns_of(kind), [cells_of(row) for row in rows]))
         write_repeats_plot(folder / "repeat.png", repeats)
+        write_page(folder / "repeat.html", repeats_page(repeats, folder / "repeat.png"))
+
+
+def repeats_page(repeats: Repeats, picture: Path) -> str:
+    """One file that opens without a network: the picture, the scatter, and each boll in every film.
+
+    Photos of the bolls are for films of a single plant; a field's page would grow too large with them.
+    """
+    several = len(repeats.plants) > 1
+    matched = [films for plant in repeats.plants for films in _boll_films(plant, with_photos=not several)]
+    content = {
+        "title": f"{len(repeats.plants)} plants" if several else repeats.plants[0].films[0].traits.get("plant_id", ""),
+        "films": [str(Path(film.name).parent) if several else film.name for film in repeats.plants[0].films],
+        "several": several,
+        "picture": "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode("ascii"),
+        "traits": repeats.told,
+        "bias": repeats.bias,
+        "refused": repeats.refused,
+        "bolls": [{"row": row, "films": films} for row, films in zip(repeats.bolls, matched, strict=True)],
+        "n_whole": sum(row.n_films == repeats.n_films for row in repeats.bolls),
+        "version": __version__,
+    }
+    return fill_template("repeat.html", [], content)
+
+
+def _boll_films(plant: PlantFilms, *, with_photos: bool) -> list[list[dict[str, Any]]]:
+    """For each boll what each film has of it."""
+    photos = [_photos(film) if with_photos else {} for film in plant.films]
+    volumes = plant.values("volumes_cm3")
+    found = []
+    for own_rows, own_volumes in zip(plant.rows, volumes, strict=True):
+        ids = [film.ids[row] if row >= 0 else None for film, row in zip(plant.films, own_rows, strict=True)]
+        found.append(
+            [
+                {"id": "–" if number is None else number, "volume_cm3": volume, "photo": own.get(number, "")}
+                for number, volume, own in zip(ids, own_volumes, photos, strict=True)
+            ]
+        )
+    return found
+
+
+def _photos(film: Filmed) -> dict[int | None, str]:
+    """Boll -> a photo of it; nothing where the film's images were cleaned away."""
+    workspace = Workspace(film.name)
+    try:
+        cut_outs = Pictures(workspace, read_facts(workspace)).cut_outs()
+    except Cotton3dgError:
+        return {}
+    return {boll: cuts[0]["src"] for boll, cuts in cut_outs.items()}
 
 
 def write_repeats_plot(path: Path, repeats: Repeats) -> None:
@@ -66,11 +123,7 @@ def _draw_agreement(axes: Axes, repeats: Repeats) -> None:
 
 def _draw_scatter(axes: Axes, repeats: Repeats) -> None:
     """Coefficient of variation of each trait beside its stated standard error."""
-    shown = [
-        row
-        for row in repeats.traits
-        if np.isfinite(row.cv_pct) and (np.isfinite(row.error) or row.trait in BOLL_TRAITS)
-    ]
+    shown = [row for row in repeats.told if np.isfinite(row.cv_pct)]
     places = np.arange(len(shown))
     axes.barh(places, [row.cv_pct for row in shown], color="#1f5fa8", label="found: CV within a plant")
     stated = [100 * row.error / abs(row.mean) for row in shown]

@@ -59,3 +59,6 @@ def test_repeat_finds_the_same_bolls(films, tmp_path):
     assert all(float(row["place_sd_cm"]) < 1.5 for row in both)
     (volume,) = (row for row in read_rows(tmp_path / "repeat" / "repeat_traits.csv") if row["trait"] == "boll volume")
     assert float(volume["cv_pct"]) < 20
+    # Both films show the bolls that both have.
+    page = (tmp_path / "repeat" / "repeat.html").read_text("utf-8")
+    assert page.count('alt="Boll') >= 2 * len(both)

@@ -1,6 +1,7 @@
 """Films of unchanged plants: which bolls all found, scatter and bias by hand, of a plant and of fields."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from cotton3dg.cli import app
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.evaluation.repeats import find_bias, repeat, repeats_text
+from cotton3dg.evaluation.repeats_page import write_repeats
 from cotton3dg.files.tables import read_rows
 
 VOLUMES = np.array([40.0, 45, 50, 55, 60, 65])
@@ -113,6 +115,23 @@ def test_command(three_films, tmp_path):
     assert {row["trait"] for row in read_rows(out / "repeat_traits.csv")} >= {"boll volume", "plant_height_cm"}
     assert len(read_rows(out / "repeat_bias.csv")) == 4
     assert (out / "repeat.png").stat().st_size > 10000
+    page = (out / "repeat.html").read_text("utf-8")
+    assert "5 of 7 bolls were found in all films" in page
+    rows = [re.findall(r"<span>(.*?)</span>", row) for row in page.split('<th scope="row"')[1:]]
+    assert rows[0] == ["1: 40.0", "1: 42.0", "1: 40.0"]
+    assert rows[2] == ["3: 50.0", "–", "3: 50.0"]
+    assert rows[6] == ["–", "–", "7: 20.0"]
+
+
+def test_page_of_a_field(tmp_path):
+    for name in ("monday", "tuesday"):
+        for plant in range(2):
+            save_film(tmp_path / name / f"p{plant}", grown(6, seed=20 + plant), VOLUMES)
+    write_repeats(tmp_path / "out", repeat([tmp_path / "monday", tmp_path / "tuesday"]))
+    page = (tmp_path / "out" / "repeat.html").read_text("utf-8")
+    assert f"<li>{tmp_path / 'tuesday'}</li>" in page
+    assert page.count('<th scope="row"') == 12
+    assert page.count("<td>p1</td>") == 6
 
 
 def test_what_cannot_be_repeated(three_films, tmp_path):

@@ -97,7 +97,7 @@ class MapTraits:
     )
     stem_diameter_error_mm: float = column(
         "mm",
-        "standard error of stem_diameter_mm, of the scale and half a pixel",
+        "standard error of stem_diameter_mm, of the scale and 0.3 of a pixel",
         2,
         blank_when=f"{NO_MAP}; hidden there",
         later=True,

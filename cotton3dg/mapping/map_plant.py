@@ -11,6 +11,7 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
+from .edges import HALF
 from .order import draw_map
 from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
@@ -25,17 +26,17 @@ BollPlace = tuple[int, Float64, float]
 
 
 def map_gaussians(
-    wood: Gaussians, drawn: Gaussians, scale: Scale, foot: Float64, bolls: Sequence[BollPlace]
+    wood: Gaussians, drawn: Gaussians, scale: Scale, foot: Float64, bolls: Sequence[BollPlace], opaque: float = HALF
 ) -> PlantMap:
     """The map of a trained plant.
 
     Args:
         wood: the plant's Gaussians without its bolls'. drawn: the same, as wide as they are drawn.
-        foot: (3,) su, where the stem meets the table.
+        foot: (3,) su, where the stem meets the table. opaque: opacity at which wood ends (`edges`).
     """
     plant_from_scene = scale.table_frame * scale.cm_per_su
     drawn_map = map_places(wood_places(wood, plant_from_scene, foot), bolls)
-    radii = radii_of([axis.curve for axis in drawn_map.axes], drawn, plant_from_scene, foot)
+    radii = radii_of([axis.curve for axis in drawn_map.axes], drawn, plant_from_scene, foot, opaque)
     axes = tuple(replace(axis, radii=own) for axis, own in zip(drawn_map.axes, radii, strict=True))
     return replace(drawn_map, axes=axes)
 

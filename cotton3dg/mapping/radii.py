@@ -1,6 +1,6 @@
 """How thick stem and branches are: the width of the silhouette that their Gaussians show from several sides.
 
-As for bolls (`traits.silhouette_hull`): training fits what is opaque, so wood ends where half of the light passes.
+Wood ends where the model's opacity is that of a pixel which wood half covers (`edges`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.polylines import nearest_on, path_lengths, place_at
+from .edges import HALF
 
-OPAQUE = 0.5
 SIDES = 8
 EVERY_CM = 1.0
 WINDOW_CM = 0.9
@@ -23,22 +23,25 @@ RAY_CM = 0.02
 LIKELY_RADIUS_CM = (0.04, 1.5)
 
 
-def radii_of(curves: Sequence[Float64], drawn: Gaussians, plant_from_scene: Float64, foot: Float64) -> list[Float64]:
+def radii_of(
+    curves: Sequence[Float64], drawn: Gaussians, plant_from_scene: Float64, foot: Float64, opaque: float = HALF
+) -> list[Float64]:
     """(N,) cm for each curve (N, 3): half the width across it, median over the sides; NaN where nothing is opaque.
 
     Args:
         drawn: the plant's Gaussians without its bolls, as wide as they are drawn.
         plant_from_scene: (3, 3) rotation times cm per su. foot: (3,) su, origin of the plant frame.
+        opaque: opacity at which wood ends.
     """
     drawn = drawn[drawn.finite_rows & (drawn.opacities > 0.02)]
     means = (drawn.means - foot) @ plant_from_scene.T
     axes = np.einsum("ij,njk->nik", plant_from_scene, rotations(drawn.quats))
     covariances = np.einsum("nij,nj,nkj->nik", axes, drawn.scales.astype(np.float64) ** 2, axes)
     opacities = np.minimum(drawn.opacities.astype(np.float64), 0.9999)
-    return [_along(curve, means, covariances, opacities) for curve in curves]
+    return [_along(curve, means, covariances, opacities, opaque) for curve in curves]
 
 
-def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Float64) -> Float64:
+def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Float64, opaque: float) -> Float64:
     lengths = path_lengths(curve)
     if len(curve) < 3 or lengths[-1] < EVERY_CM:
         return np.full(len(curve), np.nan)
@@ -52,7 +55,8 @@ def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Floa
             tangent = place_at(curve, place + 0.5) - place_at(curve, place - 0.5)
             tangent /= np.linalg.norm(tangent)
             middle = place_at(curve, place)
-            radii[number] = 0.5 * _width(means[near] - middle, covariances[near], opacities[near], tangent)
+            width = _width(means[near] - middle, covariances[near], opacities[near], tangent, opaque)
+            radii[number] = 0.5 * width
     known = np.isfinite(radii)
     if not known.any():
         return np.full(len(curve), np.nan)
@@ -61,7 +65,7 @@ def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Floa
     return np.interp(lengths, places[known], calm[known])
 
 
-def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Float64) -> float:
+def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Float64, opaque: float) -> float:
     """Median over the sides of the width, cm, of the opaque run nearest to the middle."""
     first = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
     first /= np.linalg.norm(first)
@@ -74,22 +78,22 @@ def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Fl
         a, b, d = spread[:, 0, 0] + 1e-8, spread[:, 0, 1], spread[:, 1, 1] + 1e-8
         x, y = rays[:, None] - flat[None, :, 0], -flat[None, :, 1]
         distances = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
-        opaque = 1 - np.exp(np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)) - OPAQUE
-        inside = np.flatnonzero(opaque >= 0)
+        beyond = 1 - np.exp(np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)) - opaque
+        inside = np.flatnonzero(beyond >= 0)
         if not len(inside):
             continue
         start = inside[np.argmin(np.abs(rays[inside]))]
         if abs(rays[start]) > 0.4:
             continue
         low, high = start, start
-        while low > 0 and opaque[low - 1] >= 0:
+        while low > 0 and beyond[low - 1] >= 0:
             low -= 1
-        while high < len(rays) - 1 and opaque[high + 1] >= 0:
+        while high < len(rays) - 1 and beyond[high + 1] >= 0:
             high += 1
         if low == 0 or high == len(rays) - 1:
             continue
-        share_low = opaque[low] / (opaque[low] - opaque[low - 1])
-        share_high = opaque[high] / (opaque[high] - opaque[high + 1])
+        share_low = beyond[low] / (beyond[low] - beyond[low - 1])
+        share_high = beyond[high] / (beyond[high] - beyond[high + 1])
         widths.append(rays[high] - rays[low] + RAY_CM * (share_low + share_high))
     width = float(np.median(widths)) if len(widths) >= SIDES / 2 else np.nan
     return width if LIKELY_RADIUS_CM[0] <= 0.5 * width <= LIKELY_RADIUS_CM[1] else np.nan

@@ -14,6 +14,8 @@ from .order import base_angle_deg
 
 DIAMETER_ABOVE_CLAMP_CM = 5.0
 BRANCH_DIAMETER_CM = 5.0
+EDGE_PX = 0.3
+"""Standard error of a width (docs/notes/plant_map.md)."""
 TIP_CM = 0.5
 """Standard error of where a branch ends."""
 BASE_CM = 3.0
@@ -90,7 +92,7 @@ def summarise_map(plant_map: PlantMap, clamp_cm: float, relative_error: float, p
         stem_length_cm=length_cm,
         stem_length_error_cm=error(length_cm, 2 * pixel_cm),
         stem_diameter_mm=diameter_mm,
-        stem_diameter_error_mm=error(diameter_mm, 10 * 0.5 * pixel_cm),
+        stem_diameter_error_mm=error(diameter_mm, 10 * EDGE_PX * pixel_cm),
         stem_lean_deg=float(np.degrees(np.arctan2(np.hypot(tip[0], tip[1]), tip[2]))),
         branch_count=len(branches),
         branch_count_error=float(np.sqrt((shares * (1 - shares)).sum())),

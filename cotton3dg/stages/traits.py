@@ -34,6 +34,7 @@ from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.skeleton import draw_map, skeleton_ply
 from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
+from ..mapping.edges import edge_opacity
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..options import TraitsOptions
@@ -98,7 +99,7 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         corrected = corrected or Corrected(bolls)
         again = measure(corrected.bolls, scale, None)
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
-    plant_map, map_traits = _map(gaussians, measured, scale, metrics.pixel_su, options.tube_height_cm)
+    plant_map, map_traits = _map(gaussians, measured, scale, cameras, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
     of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
     flags = (*measured.flags, *([NO_MAP] if unmapped else []))
@@ -181,7 +182,12 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
 
 
 def _map(
-    gaussians: Gaussians, measured: Measured, scale: Scale | None, pixel_su: float, clamp_cm: float
+    gaussians: Gaussians,
+    measured: Measured,
+    scale: Scale | None,
+    cameras: list[Camera],
+    pixel_su: float,
+    clamp_cm: float,
 ) -> tuple[PlantMap, MapTraits]:
     """The map of what was measured, and its traits; nothing without a plant or a stem."""
     if scale is None or measured.plant is None:
@@ -189,7 +195,8 @@ def _map(
     plant = measured.plant
     wood = gaussians[plant.rows & ~measured.boll_rows]
     bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in measured.bolls]
-    plant_map = map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls)
+    opaque = edge_opacity(wood, gaussians[~plant.rows], cameras)
+    plant_map = map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque)
     return plant_map, summarise_map(plant_map, clamp_cm, scale.relative_error, pixel_su * scale.cm_per_su)
 
 
@@ -241,4 +248,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=15, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=16, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -191,11 +191,12 @@ def test_positions_of_vegetative_branches_are_not_inferred():
     assert sited.position == 0
 
 
+@pytest.mark.parametrize("opaque", [0.5, 0.36])
 @pytest.mark.parametrize("radius", [0.75, 0.2])
-def test_thickness_is_that_of_the_silhouette(radius):
+def test_thickness_is_that_of_the_silhouette(radius, opaque):
     opacity = 0.9
-    # One long needle falls to half of the light at its width over sqrt(2 ln 2 opacity).
-    sigma = radius / np.sqrt(2 * np.log(opacity / 0.5))
+    # One long needle falls to an opacity at its width over sqrt(2 ln (its own / that)).
+    sigma = radius / np.sqrt(2 * np.log(opacity / opaque))
     gaussians = Gaussians(
         np.float32([[0, 0, 10]]),
         np.float32([[1, 0, 0, 0]]),
@@ -203,7 +204,7 @@ def test_thickness_is_that_of_the_silhouette(radius):
         np.float32([np.log(opacity / (1 - opacity))]),
         np.zeros((1, 1, 3), np.float32),
     )
-    (radii,) = radii_of([line((0, 0, 9.2), (0, 0, 10.8))], gaussians, np.eye(3), np.zeros(3))
+    (radii,) = radii_of([line((0, 0, 9.2), (0, 0, 10.8))], gaussians, np.eye(3), np.zeros(3), opaque)
     assert np.nanmedian(radii) == pytest.approx(radius, abs=0.01)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from .. import __version__
 from ..core.columns import cells_of, columns_of
 from ..files.saving import explain_disk_errors, write_text_atomically
 from ..files.tables import csv_text
+from ..report.figures import png_uri
 from ..report.page import fill_template, write_page
 from .changes import GONE, NEW, SAME, BollChange, Comparison, TraitChange
 
@@ -57,7 +57,7 @@ def _described(comparison: Comparison, picture: Path) -> dict[str, Any]:
         "by_chance": math.isfinite(comparison.alignment.chance),
         "counts": {state: comparison.count(state) for state in COLOURS},
         "moved_cm": comparison.median_moved_cm,
-        "picture": "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode("ascii"),
+        "picture": png_uri(picture),
         "bolls": [cells_of(boll) for boll in comparison.bolls],
         "traits": comparison.traits,
     }

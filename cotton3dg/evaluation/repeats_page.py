@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from ..errors import Cotton3dgError
 from ..files.saving import explain_disk_errors, write_text_atomically
 from ..files.tables import csv_text
 from ..report.facts import read_facts
+from ..report.figures import png_uri
 from ..report.page import fill_template, write_page
 from ..report.pictures import Pictures
 from ..workspace import Workspace
@@ -51,7 +51,7 @@ def repeats_page(repeats: Repeats, picture: Path) -> str:
         "title": f"{len(repeats.plants)} plants" if several else repeats.plants[0].films[0].traits.get("plant_id", ""),
         "films": [str(Path(film.name).parent) if several else film.name for film in repeats.plants[0].films],
         "several": several,
-        "picture": "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode("ascii"),
+        "picture": png_uri(picture),
         "traits": repeats.told,
         "bias": repeats.bias,
         "refused": repeats.refused,

@@ -11,7 +11,6 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
-from .edges import HALF
 from .order import draw_map
 from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
@@ -26,7 +25,7 @@ BollPlace = tuple[int, Float64, float]
 
 
 def map_gaussians(
-    wood: Gaussians, drawn: Gaussians, scale: Scale, foot: Float64, bolls: Sequence[BollPlace], opaque: float = HALF
+    wood: Gaussians, drawn: Gaussians, scale: Scale, foot: Float64, bolls: Sequence[BollPlace], opaque: float
 ) -> PlantMap:
     """The map of a trained plant.
 

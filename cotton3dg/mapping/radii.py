@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.polylines import nearest_on, path_lengths, place_at
-from .edges import HALF
 
 SIDES = 8
 EVERY_CM = 1.0
@@ -24,7 +23,7 @@ LIKELY_RADIUS_CM = (0.04, 1.5)
 
 
 def radii_of(
-    curves: Sequence[Float64], drawn: Gaussians, plant_from_scene: Float64, foot: Float64, opaque: float = HALF
+    curves: Sequence[Float64], drawn: Gaussians, plant_from_scene: Float64, foot: Float64, opaque: float
 ) -> list[Float64]:
     """(N,) cm for each curve (N, 3): half the width across it, median over the sides; NaN where nothing is opaque.
 

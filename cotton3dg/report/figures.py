@@ -1,9 +1,10 @@
-"""Pictures for the pages: photos with bolls outlined and numbered, cut-outs, renders; as JPEG in data URIs."""
+"""Pictures for the pages: photos with bolls outlined and numbered, cut-outs, renders; in data URIs."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,11 @@ def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
     bgr = cv2.cvtColor(scale_down(rgb, max_side), cv2.COLOR_RGB2BGR)
     _, content = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode("ascii")
+
+
+def png_uri(path: Path) -> str:
+    """A PNG file as the `src` of an <img>."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def colour_of(boll_id: int) -> tuple[int, int, int]:

@@ -1,13 +1,25 @@
 """Where wood ends: colours of half-covered pixels by hand, and as a model shows them."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scenes.boll_scene import cameras
 
 from cotton3dg.core.scene import Gaussians
+from cotton3dg.files.ply import SH_CONSTANT
 from cotton3dg.mapping.edges import HALF, edge_opacity, opacity_at_half
 
-C0 = 0.28209479177387814
+
+def coloured(size: float, value: float) -> Gaussians:
+    """One solid ball at the origin, of one colour from all sides."""
+    return Gaussians(
+        np.zeros((1, 3), np.float32),
+        np.float32([[1, 0, 0, 0]]),
+        np.full((1, 3), np.log(size), np.float32),
+        np.float32([8.0]),
+        np.full((1, 1, 3), (value - 0.5) / SH_CONSTANT, np.float32),
+    )
 
 
 def evenly(value: float) -> np.ndarray:
@@ -40,18 +52,20 @@ def test_no_pixels_and_no_cameras_tell_nothing():
     assert edge_opacity(wood[:0], wall, cameras()) == HALF
 
 
-def coloured(size: float, value: float) -> Gaussians:
-    """One solid ball at the origin, of one colour from all sides."""
-    return Gaussians(
-        np.zeros((1, 3), np.float32),
-        np.float32([[1, 0, 0, 0]]),
-        np.full((1, 3), np.log(size), np.float32),
-        np.float32([8.0]),
-        np.full((1, 1, 3), (value - 0.5) / C0, np.float32),
-    )
-
-
 def test_a_model_shows_its_own_colours():
     assert edge_opacity(coloured(0.05, 0.2), coloured(0.5, 0.6), cameras()) == pytest.approx(
         (0.6 - 0.4563) / 0.4, abs=0.005
     )
+
+
+@pytest.mark.parametrize("damaged", ["means", "quats", "log_scales", "opacity_logits", "sh"])
+def test_damaged_gaussians_change_nothing(damaged):
+    def beside_nan(sound):
+        arrays = {field.name: np.repeat(getattr(sound, field.name), 2, axis=0) for field in fields(sound)}
+        arrays[damaged][1] = np.nan
+        return Gaussians(**arrays)
+
+    wood, wall = coloured(0.05, 0.2), coloured(0.5, 0.6)
+    expected = edge_opacity(wood, wall, cameras())
+    assert edge_opacity(beside_nan(wood), wall, cameras()) == expected
+    assert edge_opacity(wood, beside_nan(wall), cameras()) == expected

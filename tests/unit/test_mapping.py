@@ -210,5 +210,5 @@ def test_thickness_is_that_of_the_silhouette(radius, opaque):
 
 def test_no_gaussians_have_no_thickness():
     none = Gaussians(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))))
-    (radii,) = radii_of([line((0, 0, 0), (0, 0, 10))], none, np.eye(3), np.zeros(3))
+    (radii,) = radii_of([line((0, 0, 0), (0, 0, 10))], none, np.eye(3), np.zeros(3), 0.5)
     assert np.isnan(radii).all()

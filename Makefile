@@ -112,7 +112,7 @@ study-set: setup ## twelve simulated plants, run with PRESET and compared with t
 	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset $(PRESET) $(STUDY)
 
 coverage: setup ## 24 simulated plants, each filmed five times: whether stated errors are true; hours; goes on where it ended
-	$(BIN)/python tests/accuracy/coverage.py results/coverage --preset $(PRESET)
+	$(BIN)/python tests/accuracy/coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
 
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
 	$(BIN)/cotton3dg masks-train results/bolls_network --scenes 200 --steps 16000

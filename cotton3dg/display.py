@@ -80,15 +80,17 @@ class ProgressDisplay(Watcher):
 
     def _lines(self, name: str, reason: str) -> StageProgress:
         self._say(f"{name}: starts" + (f" ({reason})" if reason else ""))
-        start = last = time.monotonic()
+        last = time.monotonic()
+        begun: tuple[int, float] | None = None  # where an interrupted run goes on, some is done at the beginning
 
         def show(done: int, total: int, remark: str = "") -> None:
-            nonlocal last
+            nonlocal begun, last
             now = time.monotonic()
-            if now - last < PLAIN_INTERVAL_S or not done:
+            begun = begun or (done, now)
+            if now - last < PLAIN_INTERVAL_S or done == begun[0]:
                 return
             last = now
-            left_s = (now - start) * (total - done) / done
+            left_s = (now - begun[1]) * (total - done) / (done - begun[0])
             self._say(f"{name}: {done}/{total} {remark}, about {left_s:.0f} s left")
 
         return show

@@ -20,9 +20,10 @@ COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
 SIZE_PX = 0.25
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
-SHAPE = 0.05
-"""Relative standard error of a boll's volume, however large it is in the images. Fitted."""
-EDGE_PX = 0.2
+SHAPE = 0.33
+"""Relative standard error of a boll's volume, however large it is in the images, of what its hull lacks of a ball of
+its diameter: the farther from round, the more of the hull is lint that no image shows. Fitted."""
+EDGE_PX = 0.1
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE = 8
 """Views that err alike, for they see the same rim."""
@@ -34,8 +35,9 @@ BLURRED_SHARE = 0.25
 """Motion blur, of a boll's width, from which the plant has a flag."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
-TOUCHING_VOLUME = 0.12
-"""Relative standard error of a touching boll's volume, from where it was parted from its neighbour. Fitted."""
+PARTED = 1.3
+"""Relative standard error of a touching boll's volume from where it was parted from its neighbour, for the square of
+how much nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
 PARTED_IN_SUM = 0.5
 """So much of that counts in the plant's volume: what one of two loses its neighbour gains, and a lost boll's volume is
 not all lost. Fitted."""
@@ -52,18 +54,29 @@ CROWDED_SHARE = 0.3
 """Share of touching bolls from which the plant has a flag."""
 
 
-def find_touching(centres_cm: NDArray, diameters_cm: NDArray) -> NDArray[np.bool_]:
-    """(B,) which bolls may touch another; none whose place or diameter is NaN.
+def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float64]:
+    """(B,) distance of each boll's nearest neighbour, in mean diameters of the two; infinite without one, also where
+    place or diameter is NaN.
 
     Args:
-        centres_cm: (B, 3). diameters_cm: (B,)
+        centres: (B, 3). diameters: (B,), in the same unit.
     """
-    if len(centres_cm) < 2:
-        return np.zeros(len(centres_cm), bool)
-    with np.errstate(invalid="ignore"):
-        away = np.linalg.norm(centres_cm[:, None] - centres_cm, axis=2)
-        np.fill_diagonal(away, np.inf)
-        return (away < NEIGHBOUR * 0.5 * (diameters_cm[:, None] + diameters_cm)).any(axis=1)
+    if not len(centres):
+        return np.zeros(0)
+    away = np.linalg.norm(centres[:, None] - centres, axis=2) / (0.5 * (diameters[:, None] + diameters))
+    np.fill_diagonal(away, np.inf)
+    return np.where(np.isnan(away), np.inf, away).min(axis=1)
+
+
+def find_touching(nearest: NDArray) -> NDArray[np.bool_]:
+    """(B,) which bolls may touch another, by `nearest_neighbours`."""
+    return nearest < NEIGHBOUR
+
+
+def parted_error(nearest: NDArray) -> NDArray[np.float64]:
+    """(B,) relative standard error of volumes from where bolls were parted from the neighbour this far away; 0 of those
+    that stand apart."""
+    return PARTED * np.maximum(NEIGHBOUR - nearest, 0.0) ** 2
 
 
 def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float, other_cm: float | None = None) -> float:
@@ -80,10 +93,11 @@ def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float, other_cm
 
 def boll_volume_error(
     diameter_su: float,
+    volume_su3: float,
     n_views: int,
     scale: Scale | None,
     pixel_su: float,
-    touching: bool = False,
+    nearest: float = np.inf,
     blur_px: float = 0.0,
 ) -> float:
     """Relative standard error of a boll's volume; NaN without a scale or a diameter.
@@ -93,18 +107,21 @@ def boll_volume_error(
     in the volume.
 
     Args:
+        volume_su3: of its convex hull; diameter_su: mean width of it.
+        nearest: how far its nearest neighbour is, as `nearest_neighbours` says.
         blur_px: motion blur of the images.
     """
     if scale is None or not diameter_su > 0:
         return np.nan
+    shape = SHAPE * max(1 - volume_su3 / (np.pi / 6 * diameter_su**3), 0.0)
     edge = 3 * EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
-    own = SHAPE**2 + edge**2 + (TOUCHING_VOLUME if touching else 0.0) ** 2
-    return float(np.sqrt((3 * scale.relative_error) ** 2 + _shared(diameter_su, pixel_su, blur_px) ** 2 + own))
+    of_plant = np.hypot(3 * scale.relative_error, _shared(diameter_su, pixel_su, blur_px))
+    return float(np.linalg.norm([of_plant, shape, edge, parted_error(np.array(nearest))]))
 
 
 def plant_volume_error_cm3(
     bolls: Sequence[BollTraits],
-    touching: NDArray[np.bool_],
+    nearest: NDArray[np.float64],
     scale: Scale | None,
     pixel_cm: float,
     by_colour: bool = False,
@@ -113,7 +130,7 @@ def plant_volume_error_cm3(
     """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares.
 
     Args:
-        touching: (B,) as `find_touching` says. by_colour: whether the masks are by colour alone.
+        nearest: (B,) as `nearest_neighbours` says. by_colour: whether the masks are by colour alone.
         blur_px: motion blur of the images.
     """
     if scale is None:
@@ -123,7 +140,7 @@ def plant_volume_error_cm3(
     volumes = np.array([boll.volume_cm3 for boll in known])
     by_scale = 3 * scale.relative_error * volumes
     by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, blur_px) for boll in known]
-    parted = TOUCHING_VOLUME**2 * (1 - PARTED_IN_SUM**2) * np.asarray(touching)[measured] * volumes**2
+    parted = (1 - PARTED_IN_SUM**2) * (parted_error(nearest[measured]) * volumes) ** 2
     own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2 - parted
     by_masks = BY_COLOUR_VOLUME * volumes.sum() if by_colour else 0.0
     return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum() + by_masks**2))

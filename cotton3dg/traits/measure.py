@@ -24,6 +24,7 @@ from .error_model import (
     find_touching,
     halves_disagree,
     interval,
+    nearest_neighbours,
     plant_volume_error_cm3,
     size_error_cm,
 )
@@ -203,8 +204,8 @@ def measure_bolls(
     bodies = [opaque_hull(own) for own in surfaces]
     diameters = [calliper_diameter(body) for body in bodies]
     middles = np.array([boll.centre for boll in bolls]).reshape(-1, 3)
-    touching = find_touching(middles, np.array([diameter.value for diameter in diameters]))
-    for boll, own, body, diameter, touches in zip(bolls, surfaces, bodies, diameters, touching, strict=True):
+    nearest = nearest_neighbours(middles, np.array([diameter.value for diameter in diameters]))
+    for boll, own, body, diameter, away in zip(bolls, surfaces, bodies, diameters, nearest, strict=True):
         volume = convex_volume(body)
         rolled = volume
         if not volume.reason:
@@ -217,6 +218,7 @@ def measure_bolls(
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
+        error = boll_volume_error(diameter.value, volume.value, len(boll.views), scale, pixel_su, away, blur_px)
         traits.append(
             BollTraits(
                 boll_id=boll.boll_id,
@@ -228,9 +230,7 @@ def measure_bolls(
                 n_views=len(boll.views),
                 confidence=boll.confidence,
                 flags=tuple(doubt for doubt in doubts if doubt),
-                volume_error_cm3=volume.value
-                * cm**3
-                * boll_volume_error(diameter.value, len(boll.views), scale, pixel_su, bool(touches), blur_px),
+                volume_error_cm3=volume.value * cm**3 * error,
                 projected_area_cm2=projected_area(body).value * cm**2,
                 volume_published_cm3=hull_of_means(drawn[boll.indices]).value * cm**3,
             )
@@ -335,7 +335,8 @@ def summarise_plant(
     other = perhaps or size
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
     places = np.array([boll.centre_cm for boll in bolls]).reshape(-1, 3)
-    touching = find_touching(places, np.array([boll.diameter_cm for boll in bolls]))
+    nearest = nearest_neighbours(places, np.array([boll.diameter_cm for boll in bolls]))
+    touching = find_touching(nearest)
     if len(bolls) and touching.mean() > CROWDED_SHARE:
         flags.append("touching_bolls")
     areas = np.array([boll.projected_area_cm2 for boll in bolls])
@@ -350,7 +351,7 @@ def summarise_plant(
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves, by_colour)
-    of_volume = plant_volume_error_cm3(bolls, touching, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
+    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
     return PlantTraits(

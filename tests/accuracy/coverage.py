@@ -1,11 +1,12 @@
 """Whether what a row states of its own errors is true: 24 simulated plants, each filmed five times, and judged.
 
-    python tests/accuracy/coverage.py FOLDER [--preset draft] [--jobs 2] [--also RUN:TRUTH ...] [--judge]
+    python tests/accuracy/coverage.py FOLDER [--preset draft] [--jobs 2] [--from 0] [--also RUN:TRUTH ...] [--judge]
 
 The films of a plant differ in walk, lamps, distance, darkness, blur, exposure and lens. Whatever is up to date is
 skipped: the same command goes on where it ended; --judge only judges what is there. Constants of
 cotton3dg/traits/error_model.py may be fitted to the plants of even number ("fitted"); those of odd number and --also
-are only judged. Writes FOLDER/coverage.csv, a row for each film, and prints, also into coverage.md:
+are only judged, and so are all plants of another hundred: `--from 1000` films plain-1000 to pale-1001, of which no
+constant knows. Writes FOLDER/coverage.csv, a row for each film, and prints, also into coverage.md:
 
 - how often the 95 % intervals hold the truth, and their middle half-width, %
 - films that are off, a count by more than one boll or another trait by more than 5 %, and whether a flag says so
@@ -35,31 +36,20 @@ from cotton3dg.options import PRESET_VALUES
 from cotton3dg.traits.error_model import COVERED
 from cotton3dg.workspace import Workspace
 
-PLANTS = {
-    **{
-        f"plain-{number}": f"--seed {800 + number} --bolls {bolls} --stem-cm {stem_cm}"
-        for number, (bolls, stem_cm) in enumerate(
-            ((8, 48), (10, 56), (12, 70), (14, 60), (16, 84), (18, 66), (20, 74), (24, 80), (12, 96), (28, 88))
+NATURAL = "--architecture natural --barren 0.2"
+KINDS = {
+    "plain": [
+        (800, f"--bolls {bolls} --stem-cm {stem_cm}")
+        for bolls, stem_cm in (
+            (8, 48), (10, 56), (12, 70), (14, 60), (16, 84), (18, 66), (20, 74), (24, 80), (12, 96), (28, 88)
         )
-    },
-    **{
-        f"close-{number}": f"--seed {820 + number} --bolls {bolls} --clustered 0.5"
-        for number, bolls in enumerate((12, 14, 16, 18, 22))
-    },
-    **{
-        f"touching-{number}": f"--seed {840 + number} --bolls {bolls} --clustered 0.85 --contact 0.72"
-        for number, bolls in enumerate((12, 16, 20, 24))
-    },
-    **{
-        f"natural-{number}": f"--seed {860 + number} --bolls {bolls} --architecture natural --barren 0.2"
-        for number, bolls in enumerate((12, 18, 24))
-    },
-    **{
-        f"pale-{number}": f"--seed {880 + number} --bolls 14 {room}"
-        for number, room in enumerate(("--white-room", "--pale-table"))
-    },
-}
-"""Name -> options of `cotton3dg simulate`. The name without its number is the kind."""
+    ],
+    "close": [(820, f"--bolls {bolls} --clustered 0.5") for bolls in (12, 14, 16, 18, 22)],
+    "touching": [(840, f"--bolls {bolls} --clustered 0.85 --contact 0.72") for bolls in (12, 16, 20, 24)],
+    "natural": [(860, f"--bolls {bolls} {NATURAL}") for bolls in (12, 18, 24)],
+    "pale": [(880, f"--bolls 14 {room}") for room in ("--white-room", "--pale-table")],
+}  # fmt: skip
+"""Kind -> for each plant, from what its seed counts and options of `cotton3dg simulate`."""
 
 FILMS = {
     "clean": "--walk 1",
@@ -68,6 +58,8 @@ FILMS = {
     "dim": "--walk 4 --light 3 --dark 2 --noise 5",
     "effects": "--walk 5 --light 4 --blur 0.5 --exposure 0.5 --noise 4 --distortion -0.05",
 }
+FITTED_BELOW = 100
+"""Plants of even number below it are those that constants may be fitted to."""
 ORDINARY = ("clean", "again", "farther")
 
 TRAITS = {
@@ -80,6 +72,15 @@ TRAITS = {
 OFF_PCT, OFF_BOLLS = 5.0, 1
 SAYS_NOTHING = frozenset(("no_map", "no_stem", "touching_bolls"))
 """Flags that do not say that a trait may be off: of the map, and of every plant whose bolls touch."""
+
+
+def plants(first: int) -> dict[str, str]:
+    """Name -> options of `cotton3dg simulate`; the name is the kind and a number, which counts from `first` in each."""
+    return {
+        f"{kind}-{number}": f"--seed {seed + number} {options}"
+        for kind, some in KINDS.items()
+        for number, (seed, options) in enumerate(some, first)
+    }
 
 
 def judged(run: Workspace, truth_json: Path) -> dict[str, Any]:
@@ -167,17 +168,19 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--preset", choices=PRESET_VALUES, default="draft")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--from", type=int, default=0, dest="first", metavar="NUMBER")
     parser.add_argument("--also", nargs="*", default=[], metavar="RUN[:TRUTH]")
     parser.add_argument("--judge", action="store_true")
     wanted = parser.parse_args()
     wanted.folder.mkdir(parents=True, exist_ok=True)
     # A film of every plant before the next, of all kinds in turn: what is there after an hour is a fair sample.
-    plants, kinds = sorted(PLANTS, key=lambda name: name.rsplit("-", 1)[1]), list(FILMS)
-    films = [(plant, kinds[(i + k) % len(kinds)]) for k in range(len(kinds)) for i, plant in enumerate(plants)]
+    words_of, kinds = plants(wanted.first), list(FILMS)
+    names = sorted(words_of, key=lambda name: int(name.rsplit("-", 1)[1]))
+    films = [(plant, kinds[(i + k) % len(kinds)]) for k in range(len(kinds)) for i, plant in enumerate(names)]
 
     def film_one(of: tuple[str, str]) -> int:
         plant, film = of
-        words = f"{PLANTS[plant]} {FILMS[film]} --frames 66 --mask-interval 40"
+        words = f"{words_of[plant]} {FILMS[film]} --frames 66 --mask-interval 40"
         return film_and_run(wanted.folder / f"{plant}_{film}", words, wanted.preset)
 
     if not wanted.judge:
@@ -189,7 +192,7 @@ def main() -> None:
             continue
         run = Workspace(root)
         if run.traits_csv.is_file():
-            half = "judged" if int(number) % 2 else "fitted"
+            half = "fitted" if int(number) < FITTED_BELOW and int(number) % 2 == 0 else "judged"
             rows.append({"film": root.name, "plant": plant, "kind": kind, "half": half} | judged(run, run.truth_json))
         else:
             failed.append(root.name)

@@ -119,6 +119,17 @@ def test_stated_errors_are_judged_and_the_table_says_how(plant, tmp_path):
     assert 0 < int(row["bolls_held"]) <= int(row["bolls_matched"])
 
 
+@pytest.mark.parametrize(("first", "half"), [(0, "fitted"), (1000, "judged")])
+def test_nothing_is_fitted_to_plants_of_another_hundred(plant, tmp_path, first, half):
+    shutil.copytree(plant.run.root, tmp_path / f"plain-{first}_clean")
+    command = [sys.executable, TOOLS / "coverage.py", tmp_path, "--judge", "--from", str(first)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert f"{half}, 1 films" in said
+    with (tmp_path / "coverage.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["film"], row["half"]) == (f"plain-{first}_clean", half)
+
+
 def test_a_row_of_another_processor_stands_beside_this_ones(plant, tmp_path):
     command = [TOOLS / "processors.py", plant.run.root, tmp_path, "--from", "masks", "--only", "nobody", "torch"]
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)

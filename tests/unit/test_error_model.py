@@ -16,6 +16,8 @@ from cotton3dg.traits.error_model import (
     find_touching,
     halves_disagree,
     interval,
+    nearest_neighbours,
+    parted_error,
     plant_volume_error_cm3,
     size_error_cm,
 )
@@ -31,11 +33,21 @@ def boll(volume_cm3: float, error_cm3: float, diameter_cm: float = 4.0) -> BollT
 
 
 def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
-    centres = np.array([[0, 0, 0], [4.7, 0, 0], [20, 0, 0], [24.9, 0, 0], [np.nan, 0, 0]])
-    assert find_touching(centres, np.full(5, 4.0)).tolist() == [True, True, False, False, False]
-    assert find_touching(centres[:2], np.array([4.0, np.nan])).tolist() == [False, False]
-    assert find_touching(np.zeros((1, 3)), np.ones(1)).tolist() == [False]
-    assert find_touching(np.zeros((0, 3)), np.zeros(0)).tolist() == []
+    centres = np.array([[0, 0, 0], [4.5, 0, 0], [20, 0, 0], [24.9, 0, 0], [np.nan, 0, 0]])
+    nearest = nearest_neighbours(centres, np.array([4.0, 5.0, 4.0, 4.0, 4.0]))
+    assert nearest == pytest.approx([1.0, 1.0, 4.9 / 4, 4.9 / 4, np.inf])
+    assert find_touching(nearest).tolist() == [True, True, False, False, False]
+    assert nearest_neighbours(centres[:2], np.array([4.0, np.nan])).tolist() == [np.inf, np.inf]
+    assert nearest_neighbours(np.zeros((1, 3)), np.ones(1)).tolist() == [np.inf]
+    assert nearest_neighbours(np.zeros((0, 3)), np.zeros(0)).tolist() == []
+    # Two in one place.
+    assert nearest_neighbours(np.zeros((2, 3)), np.ones(2)).tolist() == [0.0, 0.0]
+
+
+def test_the_deeper_a_boll_is_in_another_the_less_sure_is_where_it_ends() -> None:
+    assert parted_error(np.array([np.inf, 1.3, 1.2, 1.0, 0.7])) == pytest.approx(
+        error_model.PARTED * np.array([0, 0, 0, 0.04, 0.25])
+    )
 
 
 def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
@@ -46,19 +58,24 @@ def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
 
 
 def test_a_boll_errs_with_scale_edges_shape_and_a_neighbour(monkeypatch) -> None:
-    """A diameter of 25 px, seen by 32 views of which four count; a tenth of a pixel at either side, for all bolls."""
-    constants = {"SHAPE": 0.03, "EDGE_PX": 0.5, "SHARED_EDGE_PX": 0.1, "TOUCHING_VOLUME": 0.12}
+    """A diameter of 25 px, seen by 32 views of which four count; a tenth of a pixel at either side, for all bolls. A
+    tenth of a ball of that diameter is missing; a neighbour is 0.8 diameters away."""
+    constants = {"SHAPE": 0.3, "EDGE_PX": 0.5, "SHARED_EDGE_PX": 0.1, "PARTED": 0.75}
     for name, value in constants.items():
         monkeypatch.setattr(error_model, name, value)
+    volume = 0.9 * np.pi / 6 * 25**3
     parts = [0.03, 3 * 0.5 / 25 / 2, 3 * 0.2 / 25]
-    assert boll_volume_error(25.0, 32, scale(0.0), 1.0) == pytest.approx(np.linalg.norm(parts))
-    assert boll_volume_error(25.0, 32, scale(0.01), 1.0) == pytest.approx(np.linalg.norm([*parts, 0.03]))
-    with_neighbour = boll_volume_error(25.0, 32, scale(0.0), 1.0, touching=True)
+    assert boll_volume_error(25.0, volume, 32, scale(0.0), 1.0) == pytest.approx(np.linalg.norm(parts))
+    assert boll_volume_error(25.0, volume, 32, scale(0.01), 1.0) == pytest.approx(np.linalg.norm([*parts, 0.03]))
+    with_neighbour = boll_volume_error(25.0, volume, 32, scale(0.0), 1.0, nearest=0.8)
     assert with_neighbour == pytest.approx(np.linalg.norm([*parts, 0.12]))
-    assert np.isnan(boll_volume_error(25.0, 32, None, 1.0))
+    assert np.isnan(boll_volume_error(25.0, volume, 32, None, 1.0))
+    # A ball has no error of its shape, nor what numbers make a hair larger.
+    ball = boll_volume_error(25.0, 1.0001 * volume / 0.9, 32, scale(0.0), 1.0)
+    assert ball == pytest.approx(np.linalg.norm(parts[1:]))
     # A blur of 10 px moves edges as far out as unsure masks do.
     monkeypatch.setattr(error_model, "SHARED_BLUR", 0.01)
-    blurred = boll_volume_error(25.0, 32, scale(0.0), 1.0, blur_px=10.0)
+    blurred = boll_volume_error(25.0, volume, 32, scale(0.0), 1.0, blur_px=10.0)
     assert blurred == pytest.approx(np.linalg.norm([*parts, 3 * 0.2 / 25]))
 
 
@@ -73,29 +90,29 @@ def test_a_plant_is_blurred_where_bolls_are_few_times_as_wide_as_the_blur() -> N
 def test_shared_errors_add_up_and_own_ones_in_squares() -> None:
     shared = 0.01
     edge = 40.0 * 6 * error_model.SHARED_EDGE_PX * 0.2 / 4.0
-    apart = np.zeros(4, bool)
+    apart = np.full(4, np.inf)
     bolls = [boll(40.0, np.linalg.norm([3 * shared * 40.0, edge, 2.0])) for _ in range(4)]
     expected = np.sqrt((3 * shared * 160) ** 2 + (4 * edge) ** 2 + 4 * 2.0**2)
     assert plant_volume_error_cm3(bolls, apart, scale(shared), 0.2) == pytest.approx(expected)
     unknown = replace(bolls[0], volume_cm3=np.nan, volume_error_cm3=np.nan)
-    with_unknown = plant_volume_error_cm3([*bolls, unknown], np.append(apart, True), scale(shared), 0.2)
+    with_unknown = plant_volume_error_cm3([*bolls, unknown], np.append(apart, 1.0), scale(shared), 0.2)
     assert with_unknown == pytest.approx(expected)
     assert plant_volume_error_cm3([], apart[:0], scale(shared), 0.2) == 0.0
     assert np.isnan(plant_volume_error_cm3(bolls, apart, None, 0.2))
 
 
 def test_what_one_of_two_bolls_loses_to_the_other_counts_in_part(monkeypatch) -> None:
-    monkeypatch.setattr(error_model, "TOUCHING_VOLUME", 0.2)
+    monkeypatch.setattr(error_model, "PARTED", 1.25)
     monkeypatch.setattr(error_model, "PARTED_IN_SUM", 0.25)
     bolls = [boll(40.0, np.hypot(2.0, 8.0)), boll(30.0, np.hypot(2.0, 6.0)), boll(20.0, 2.0)]
-    touching = np.array([True, True, False])
+    nearest = np.array([0.8, 0.8, np.inf])
     expected = np.linalg.norm([2.0, 2.0, 2.0, 0.25 * 8.0, 0.25 * 6.0])
-    assert plant_volume_error_cm3(bolls, touching, scale(0.0), 0.0) == pytest.approx(expected)
+    assert plant_volume_error_cm3(bolls, nearest, scale(0.0), 0.0) == pytest.approx(expected)
 
 
 def test_masks_by_colour_err_all_alike() -> None:
     bolls = [boll(40.0, 2.0) for _ in range(4)]
-    apart = np.zeros(4, bool)
+    apart = np.full(4, np.inf)
     networks, colours = (
         plant_volume_error_cm3(bolls, apart, scale(0.0), 0.0, by_colour) for by_colour in (False, True)
     )

@@ -274,7 +274,12 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     gaussians, labels = plant_scene()
     bolls = bolls_of(gaussians, labels)[:2]
     volumes = np.array([boll.volume_cm3 for boll in measured])
-    own = SHAPE * volumes
+
+    def by_shape(bolls):
+        balls = np.array([np.pi / 6 * boll.diameter_cm**3 for boll in bolls])
+        return SHAPE * (1 - [boll.volume_cm3 for boll in bolls] / balls) * [boll.volume_cm3 for boll in bolls]
+
+    own = by_shape(measured)
     shared = 3 * SCALE.relative_error * volumes.sum()
     by_scale = summarise_plant(measured, None, SCALE)
     assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shared]))
@@ -282,7 +287,7 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     pixel_su = 0.1 / POSE.cm_per_su
     traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)
     pixels = np.array([3 * boll.volume_cm3 * 0.1 / boll.diameter_cm for boll in traits])
-    own = np.hypot(EDGE_PX * pixels, [SHAPE * boll.volume_cm3 for boll in traits])
+    own = np.hypot(EDGE_PX * pixels, by_shape(traits))
     edges = 2 * SHARED_EDGE_PX * pixels
     assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(np.hypot(own, edges))
     by_pixels = summarise_plant(traits, None, exact, pixel_su)

@@ -29,6 +29,9 @@ INNER_CM = 1.5
 """Nearer to its foot a way touches nothing but its parent."""
 OUTER_CM = 3.5
 """Shorter outer parts are stalks, scars and dry tips, which bend as they like."""
+TIP_CM, TIP_GAIN_DEG = 2.0, 25.0
+"""But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
+top of a vegetative branch is shorter than the last branch that leaves it."""
 AROUND_CM, WINDOW_CM = 0.8, 3.0
 """Directions are taken so far from where ways meet, over such a piece."""
 FOLLOWED_CM, AHEAD_CM, FEWEST_AHEAD = 8.0, 1.2, 4
@@ -160,12 +163,15 @@ def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
     for number, way in enumerate(ways):
         if number == 0:
             continue
-        forks = [
+        children = [
             (child, station)
             for child, station in _children(ways, number)
-            if station > INNER_CM and _is_long(ways[child]) and _is_long(way, station)
+            if station > INNER_CM and _is_long(way, station)
         ]
+        forks = [(child, station) for child, station in children if _is_long(ways[child])]
         yield from (_at_fork(ways, number, child, station) for child, station in forks)
+        tips = (_at_fork(ways, number, *fork) for fork in children if fork not in forks and _is_tip(ways[fork[0]]))
+        yield from (pairing for pairing in tips if pairing.gain_deg >= TIP_GAIN_DEG)
         for other in range(1, len(ways)):
             if not _apart(ways, number, other):
                 continue
@@ -179,6 +185,11 @@ def _is_long(way: RawAxis, station: float = 0.0) -> bool:
     """Whether what lies beyond a path length is no mere stalk, of a boll or a leaf, scar or tip."""
     is_leaf = way.bare_cm - station < PETIOLE_CM
     return not is_leaf and length_of(way.curve) - station > (LAST_BOLL_CM if way.boll else OUTER_CM)
+
+
+def _is_tip(way: RawAxis) -> bool:
+    """Whether a way may be the end of its parent, neither a boll's stalk nor a leaf's."""
+    return not way.boll and np.isinf(way.bare_cm) and length_of(way.curve) > TIP_CM
 
 
 def _at_fork(ways: list[RawAxis], number: int, child: int, station: float) -> _Pairing:

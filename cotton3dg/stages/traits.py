@@ -248,4 +248,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=17, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=18, inputs=inputs, run=run, cost=_cost, named_files=named_files)

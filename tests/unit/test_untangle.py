@@ -14,6 +14,9 @@ ONE = line((0, 0, 20), (16, 0, 28), spacing=0.25)
 OTHER = line((0, 8, 30), (10, 0.3, 25.3), (16, -4.3, 22.5), spacing=0.25)
 MEETS = int(np.argmin(nearest_on(OTHER, ONE)[0]))
 MEETS_OTHER = int(np.argmin(nearest_on(ONE, OTHER)[0]))
+SIDE = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
+TIP = ONE[30:42]
+"""3 cm, straight on from where the side branch leaves."""
 WOOD = np.vstack([tube_places(curve, 0.25, np.random.default_rng(0)) for curve in (STEM, ONE, OTHER)])
 
 
@@ -64,13 +67,39 @@ def test_a_way_that_ends_before_the_touch_follows_the_wood_to_it():
 
 def test_at_a_fork_the_straight_part_goes_on():
     """The longest way takes the side branch first: the branch itself left it as a child."""
-    side = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
-    ways = [RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], side]), 0, boll=1), RawAxis(ONE[30:], 1, boll=2)]
+    ways = [RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], SIDE]), 0, boll=1), RawAxis(ONE[30:], 1, boll=2)]
     found = untangled(ways, WOOD)
     assert len(found) == 3
     assert nearest_on(ONE, found[1].curve)[0].max() < 0.6
     assert [way.boll for way in found] == [0, 2, 1]
     assert [way.parent for way in found] == [-1, 0, 1]
+
+
+def test_a_short_tip_that_goes_on_straight_is_the_end_of_its_branch():
+    """The last side branch is longer than what is left of the branch, and the longest way took it."""
+    found = untangled([RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], SIDE]), 0, boll=1), RawAxis(TIP, 1)], WOOD)
+    assert length_of(found[1].curve) == pytest.approx(length_of(ONE[:42]), abs=0.6)
+    assert nearest_on(ONE, found[1].curve)[0].max() < 0.3
+    assert (found[1].parent, found[1].boll) == (0, 0)
+    assert (found[2].parent, found[2].boll) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    "child",
+    [
+        RawAxis(TIP, 1, boll=2),
+        RawAxis(TIP, 1, bare_cm=1.0),
+        RawAxis(TIP[:7], 1),
+        # No straighter than the way as it is.
+        RawAxis(line(ONE[30], ONE[30] + (1.0, -2.6, 0.3), spacing=0.25), 1),
+    ],
+    ids=["stalk", "leaf", "scar", "bent"],
+)
+def test_what_may_bend_as_it_likes_is_no_end_of_a_branch(child):
+    ways = [RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], SIDE]), 0, boll=1), child]
+    found = untangled(ways, WOOD)
+    assert found[1].boll == 1
+    assert found[1].curve is ways[1].curve
 
 
 def test_a_leaf_and_its_stalk_take_nothing_over():
@@ -83,9 +112,8 @@ def test_a_leaf_and_its_stalk_take_nothing_over():
 
 
 def test_branches_that_are_right_stay_to_the_bit():
-    side = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
     scar = line(ONE[20], ONE[20] + (0, 0, 2), spacing=0.25)
-    ways = [RawAxis(STEM, -1), RawAxis(ONE, 0, boll=1), RawAxis(side, 1, boll=2), RawAxis(scar, 1), RawAxis(OTHER, 0)]
+    ways = [RawAxis(STEM, -1), RawAxis(ONE, 0, boll=1), RawAxis(SIDE, 1, boll=2), RawAxis(scar, 1), RawAxis(OTHER, 0)]
     for way, own in zip(untangled(ways, WOOD), ways, strict=True):
         assert way.curve.tobytes() == own.curve.tobytes()
         assert (way.parent, way.boll) == (own.parent, own.boll)

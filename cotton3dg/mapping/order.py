@@ -26,6 +26,8 @@ STALK_CM = 5.0
 """A way to a boll that is no longer, from a branch, is the boll's stalk; a longer one is a branch of its own."""
 TERMINAL_STALK_CM = 2.0
 """Where a branch goes on into the stalk of its last boll, its last node is taken to be so far from the boll's foot."""
+SHORT_BRANCH_CM = 2.0
+"""On a vegetative branch, whose bolls all hang on branches of its own, so long a way to a boll is one."""
 SUB_BRANCH_CM = 3.5
 """Shorter ways that leave a branch are scars and dry tips."""
 TIP_CM = 3.0
@@ -38,6 +40,7 @@ BASE_CM = 2.0
 """The straight piece of a branch next to its parent, which is continued into the parent's centre line."""
 BESIDE_CM = 0.4
 """It begins so far outside of the parent's wood."""
+BRANCH_RADIUS_CM = 0.2
 SEEN_CM = 0.5
 UPRIGHT_DEG = 55.0
 RISING_DEG = 35.0
@@ -54,7 +57,6 @@ class _Branch:
     curve: Float64
     parent: int
     """Index among the branches; -1 = the stem."""
-    raw: int
     ends_in_boll: int = 0
     stalks: list[tuple[int, float, Float64]] = field(default_factory=list)
     """Index of the boll from 1, path length of its node on the branch, and its stalk (N, 3)."""
@@ -73,11 +75,14 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     branches, on_stem = _sorted_out(ways, cloud)
     for branch in branches:
         parent = stem if branch.parent < 0 else branches[branch.parent].curve
-        radius = stem_radius if branch.parent < 0 else 0.2
+        radius = stem_radius if branch.parent < 0 else BRANCH_RADIUS_CM
         shift = length_of(branch.curve)
         branch.curve = with_straight_base(branch.curve, parent, radius)
         shift = length_of(branch.curve) - shift
         branch.stalks = [(boll, max(node + shift, 0.0), stalk) for boll, node, stalk in branch.stalks]
+    kinds = [_kind(branch, branches, index, stem) for index, branch in enumerate(branches)]
+    branches = [*branches, *_short_branches(branches, kinds)]
+    kinds += ["fruiting"] * (len(branches) - len(kinds))
     order = sorted(range(len(branches)), key=lambda i: (float(branches[i].curve[0, 2]), i))
     ranks = {index: rank for rank, index in enumerate(order, start=1)} | {-1: 0}
     seen = cloud.places
@@ -92,10 +97,9 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     for index in order:
         branch = branches[index]
         own = sorted(branch.stalks, key=lambda item: (item[1], item[0]))
-        kind = _kind(branch, branches, index, stem)
         axis = Axis(
             ranks[index],
-            kind,
+            kinds[index],
             ranks[branch.parent],
             branch.curve,
             _unknown(branch.curve),
@@ -104,7 +108,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
         )
         axes.append(axis)
         up = np.clip((branch.curve[0, 2] - low) / max(high - low, 1.0), 0, 1)
-        sited = infer_positions(branch.curve, [node for _, node, _ in own], float(up), kind == "fruiting")
+        sited = infer_positions(branch.curve, [node for _, node, _ in own], float(up), kinds[index] == "fruiting")
         others = [curve for other, curve in enumerate(curves) if other != index] + [stem]
         for rank, ((boll, _, stalk), site) in enumerate(zip(own, sited, strict=True), start=1):
             bolls.append(_boll_on_map(cloud.bolls[boll - 1], axis.rank, rank, site, stalk, others))
@@ -157,12 +161,33 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
         ):
             continue
         index_of[number] = len(branches)
-        branches.append(_Branch(way.curve, parent, number, way.boll))
-        if way.boll:
-            node = max(length - TERMINAL_STALK_CM, 0.5 * length)
-            stalk = way.curve[path_lengths(way.curve) >= node]
-            branches[-1].stalks.append((way.boll, node, stalk))
+        branch = _Branch(way.curve, parent, way.boll)
+        branches.append(_bearing_at_tip(branch) if way.boll else branch)
     return branches, on_stem
+
+
+def _short_branches(branches: list[_Branch], kinds: list[str]) -> list[_Branch]:
+    """What was taken for stalks on vegetative branches: these bear fruiting branches, and no bolls but at their tip."""
+    found = []
+    for index, (branch, kind) in enumerate(zip(branches, kinds, strict=True)):
+        if kind != "vegetative":
+            continue
+        stalks, branch.stalks = branch.stalks, []
+        for boll, node, stalk in stalks:
+            if length_of(stalk) > SHORT_BRANCH_CM and length_of(branch.curve) - node > TIP_CM:
+                curve = with_straight_base(stalk, branch.curve, BRANCH_RADIUS_CM)
+                found.append(_bearing_at_tip(_Branch(curve, index, boll)))
+            else:
+                branch.stalks.append((boll, node, stalk))
+    return found
+
+
+def _bearing_at_tip(branch: _Branch) -> _Branch:
+    """The branch with its last boll on it, at whose foot it ends."""
+    lengths = path_lengths(branch.curve)
+    node = max(lengths[-1] - TERMINAL_STALK_CM, 0.5 * lengths[-1])
+    branch.stalks.append((branch.ends_in_boll, node, branch.curve[lengths >= node]))
+    return branch
 
 
 def _bearer(ways: list[RawAxis], number: int, index_of: dict[int, int]) -> int:

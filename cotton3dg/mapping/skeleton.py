@@ -86,7 +86,8 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
     beside = nearest_on(stem, places, reach)[0] < reach
     leaf = cloud.leaf & ~beside
     feet = np.array([body.foot if np.isfinite(body.foot).all() else body.centre for body in cloud.bolls])
-    tree = shortest_paths(graph, leaf | ((cloud.bur > 0) & ~beside), root, feet.reshape(-1, 3))
+    feet = feet.reshape(-1, 3)
+    tree = shortest_paths(graph, leaf | ((cloud.bur > 0) & ~beside), root, feet)
     axes = [RawAxis(stem, -1)]
     owner = np.full(len(tree.places), -1)
     owner[:n][beside] = 0
@@ -106,8 +107,10 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
         free = (owner[:n] < 0) & (cloud.bur == 0)
         owner[rows[1:]] = len(axes)
         # Wood of others that passes by, free as yet, is no blade: that hangs on the way.
-        hanging = free & (_hung_on(tree, owner, owner < 0)[:n] == len(axes))
-        bare_cm = _bare_cm(curve, places[hanging]) if tip < n else np.inf
+        hanging = _hung_on(tree, owner, owner < 0) == len(axes)
+        bare_cm = _bare_cm(curve, places[free & hanging[:n]]) if tip < n else np.inf
+        if (nearest_on(curve, feet[hanging[n:]])[1] > bare_cm).any():
+            bare_cm = np.inf  # bolls hang on branches, not on leaves
         axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, bare_cm))
         if np.isinf(bare_cm):
             _cover(tree, owner, n, curve, (len(axes) - 1, parent), COVER_CM)

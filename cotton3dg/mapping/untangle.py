@@ -29,7 +29,7 @@ INNER_CM = 1.5
 """Nearer to its foot a way touches nothing but its parent."""
 OUTER_CM = 3.5
 """Shorter outer parts are stalks, scars and dry tips, which bend as they like."""
-TIP_CM, TIP_GAIN_DEG = 2.0, 25.0
+TIP_CM, TIP_GAIN_DEG = 2.0, 15.0
 """But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
 top of a vegetative branch is shorter than the last branch that leaves it."""
 AROUND_CM, WINDOW_CM = 0.8, 3.0

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scenes.branch_scene import branch_scene, line, tube_places, zigzag
+from scenes.branch_scene import branch_scene, bur_places, line, tube_places, zigzag
 
 from cotton3dg.core.plant_map import PlantMap
 from cotton3dg.core.scene import Gaussians
@@ -135,6 +135,50 @@ def test_a_bare_stem_has_no_branches():
     assert traits.branch_count == 0
     assert np.isnan(traits.first_fruiting_branch_height_cm)
     assert traits.stem_diameter_mm == pytest.approx(12, abs=0.6)
+
+
+UP = np.array([0.2, -0.1, 1.0]) / np.linalg.norm([0.2, -0.1, 1.0])
+
+
+def hung_boll(node, stalk_cm, rng):
+    """A stalk's and bur's places, and the boll's middle."""
+    foot = node + stalk_cm * UP
+    bur, centre = bur_places(foot, UP, rng)
+    return [tube_places(line(node, foot), 0.18, rng), bur], centre
+
+
+def test_bolls_on_a_vegetative_branch_hang_on_branches_of_its_own():
+    """One of them so short that on a fruiting branch it would be a stalk."""
+    rng = np.random.default_rng(0)
+    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 46))
+    long_one, short_one = rising[180] + (7, 6, 4), rising[260] + (-0.5, -3.0, 1.0)
+    curves = [stem[60:], rising, line(rising[180], long_one), line(rising[260], short_one)]
+    places = [tube_places(curve, radius, rng, 60) for curve, radius in zip(curves, (0.7, 0.35, 0.2, 0.2), strict=True)]
+    bolls = []
+    for tip in (long_one, short_one):
+        own, centre = hung_boll(tip, 1.2, rng)
+        places += own
+        bolls.append((len(bolls) + 1, centre, 4.5))
+    found = map_places(thinned(np.vstack(places), 0.25), bolls)
+    (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
+    own = [axis for axis in found.branches if axis.parent == vegetative.rank]
+    assert [axis.bolls for axis in sorted(own, key=lambda axis: axis.curve[0, 2])] == [(1,), (2,)]
+    assert not vegetative.bolls
+    assert {boll.boll_id: boll.branch for boll in found.bolls} == {axis.bolls[0]: axis.rank for axis in own}
+
+
+def test_what_bolls_hang_on_is_no_leaf():
+    """Dry bracts about the end of a branch looked like a blade, which took in the twig beside it."""
+    rng = np.random.default_rng(0)
+    branch = line((0, 0, 25), (20, 0, 34))
+    twig = line(branch[100], (14, 3.2, 32))
+    own, centre = hung_boll(branch[150], 1.0, rng)
+    bracts = branch[rng.integers(110, len(branch), 250)] + rng.uniform(-1.3, 1.3, (250, 3))
+    curves = (line((0, 0, 5), (0, 0, 60)), branch, twig)
+    tubes = [tube_places(curve, radius, rng, 60) for curve, radius in zip(curves, (0.7, 0.2, 0.2), strict=True)]
+    found = map_places(thinned(np.vstack([*tubes, *own, bracts]), 0.25), [(1, centre, 4.5)])
+    assert found.branches[0].bolls == (1,)
+    assert any(np.linalg.norm(axis.curve[-1] - twig[-1]) < 0.5 for axis in found.branches[1:])
 
 
 def test_parts_are_joined_with_the_nearest_of_others_whatever_their_size():

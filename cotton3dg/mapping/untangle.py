@@ -32,6 +32,8 @@ OUTER_CM = 3.5
 TIP_CM, TIP_GAIN_DEG = 2.0, 15.0
 """But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
 top of a vegetative branch is shorter than the last branch that leaves it."""
+LEAST_BLADE_CM = 1.0
+"""What is broad over less at the end of a tip is no blade."""
 AROUND_CM, WINDOW_CM = 0.8, 3.0
 """Directions are taken so far from where ways meet, over such a piece."""
 FOLLOWED_CM, AHEAD_CM, FEWEST_AHEAD = 8.0, 1.2, 4
@@ -189,7 +191,8 @@ def _is_long(way: RawAxis, station: float = 0.0) -> bool:
 
 def _is_tip(way: RawAxis) -> bool:
     """Whether a way may be the end of its parent, neither a boll's stalk nor a leaf's."""
-    return not way.boll and np.isinf(way.bare_cm) and length_of(way.curve) > TIP_CM
+    length = length_of(way.curve)
+    return not way.boll and length > TIP_CM and way.bare_cm > length - LEAST_BLADE_CM
 
 
 def _at_fork(ways: list[RawAxis], number: int, child: int, station: float) -> _Pairing:

@@ -75,9 +75,11 @@ def test_at_a_fork_the_straight_part_goes_on():
     assert [way.parent for way in found] == [-1, 0, 1]
 
 
-def test_a_short_tip_that_goes_on_straight_is_the_end_of_its_branch():
+@pytest.mark.parametrize("bare_cm", [np.inf, 2.5])
+def test_a_short_tip_that_goes_on_straight_is_the_end_of_its_branch(bare_cm):
     """The last side branch is longer than what is left of the branch, and the longest way took it."""
-    found = untangled([RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], SIDE]), 0, boll=1), RawAxis(TIP, 1)], WOOD)
+    tip = RawAxis(TIP, 1, bare_cm=bare_cm)
+    found = untangled([RawAxis(STEM, -1), RawAxis(np.vstack([ONE[:30], SIDE]), 0, boll=1), tip], WOOD)
     assert length_of(found[1].curve) == pytest.approx(length_of(ONE[:42]), abs=0.6)
     assert nearest_on(ONE, found[1].curve)[0].max() < 0.3
     assert (found[1].parent, found[1].boll) == (0, 0)

@@ -207,6 +207,7 @@ BOLL_FLAGS = {
     "parted_by_shape": "was joined with a neighbour and parted by shape; its volume is less sure",
     "joined_by_shape": "was masked as two, which lie too deep in each other to be two bolls",
     "large": "much larger than the others: perhaps two bolls in one",
+    "unround": "touches another and is less round than this plant's others: perhaps two bolls in one",
     "close": "nearer to another than bolls usually are: perhaps one boll counted twice",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",

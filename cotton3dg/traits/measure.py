@@ -16,12 +16,14 @@ from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
 from .error_model import (
+    AS_IF_NEAR,
     CROWDED_SHARE,
     blurs_bolls,
     boll_volume_error,
     count_error,
     count_interval,
     find_touching,
+    find_unround,
     halves_disagree,
     interval,
     nearest_neighbours,
@@ -53,6 +55,7 @@ UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large"
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
 LOST_SHARE = 0.01
 """Of height or canopy, by which specks beside the plant would make it larger, from which on the plant has a flag."""
+UNROUND_FLAG = "unround"
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -204,16 +207,21 @@ def measure_bolls(
     bodies = [opaque_hull(own) for own in surfaces]
     diameters = [calliper_diameter(body) for body in bodies]
     middles = np.array([boll.centre for boll in bolls]).reshape(-1, 3)
-    nearest = nearest_neighbours(middles, np.array([diameter.value for diameter in diameters]))
-    for boll, own, body, diameter, away in zip(bolls, surfaces, bodies, diameters, nearest, strict=True):
-        volume = convex_volume(body)
+    volumes = [convex_volume(body) for body in bodies]
+    widths = np.array([diameter.value for diameter in diameters])
+    nearest = nearest_neighbours(middles, widths)
+    unround = find_unround(nearest, np.array([volume.value for volume in volumes]) / (np.pi / 6 * widths**3))
+    nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
+    for boll, own, volume, diameter, body, away, twofold in zip(
+        bolls, surfaces, volumes, diameters, bodies, nearest, unround, strict=True
+    ):
         rolled = volume
         if not volume.reason:
             rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
         centre = np.full(3, np.nan)
         if scale and foot is not None:
             centre = (boll.centre - foot) @ scale.table_frame.T * cm
-        doubts = [*boll.flags, volume.reason or ""]
+        doubts = [*boll.flags, volume.reason or "", UNROUND_FLAG if twofold else ""]
         doubts += ["off_plant"] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
@@ -337,6 +345,8 @@ def summarise_plant(
     places = np.array([boll.centre_cm for boll in bolls]).reshape(-1, 3)
     nearest = nearest_neighbours(places, np.array([boll.diameter_cm for boll in bolls]))
     touching = find_touching(nearest)
+    unround = np.array([UNROUND_FLAG in boll.flags for boll in bolls], bool)
+    nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
     if len(bolls) and touching.mean() > CROWDED_SHARE:
         flags.append("touching_bolls")
     areas = np.array([boll.projected_area_cm2 for boll in bolls])
@@ -350,7 +360,7 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves, by_colour)
+    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()))
     of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)

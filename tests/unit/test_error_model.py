@@ -14,6 +14,7 @@ from cotton3dg.traits.error_model import (
     count_error,
     count_interval,
     find_touching,
+    find_unround,
     halves_disagree,
     interval,
     nearest_neighbours,
@@ -48,6 +49,17 @@ def test_the_deeper_a_boll_is_in_another_the_less_sure_is_where_it_ends() -> Non
     assert parted_error(np.array([np.inf, 1.3, 1.2, 1.0, 0.7])) == pytest.approx(
         error_model.PARTED * np.array([0, 0, 0, 0.04, 0.25])
     )
+
+
+def test_a_touching_boll_less_round_than_the_others_is_perhaps_two() -> None:
+    nearest = np.array([0.8, 0.8, 1.0, np.inf, np.inf, 0.9])
+    roundness = np.array([0.80, 0.86, 0.90, 0.80, 0.91, np.nan])
+    assert find_unround(nearest, roundness).tolist() == [True, False, False, False, False, False]
+    assert find_unround(nearest[:1], np.array([np.nan])).tolist() == [False]
+    assert find_unround(np.zeros(0), np.zeros(0)).tolist() == []
+    # Counted as one, so its error is about one.
+    expected = np.sqrt(2 * error_model.IS_TWO + 4 * error_model.MISCOUNTED)
+    assert count_error(np.ones(20), 6, n_unround=2) == pytest.approx(expected)
 
 
 def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:

@@ -20,6 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
+from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_plant, measure_silhouette, summarise_plant
@@ -292,6 +293,22 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     assert [boll.volume_error_cm3 for boll in traits] == pytest.approx(np.hypot(own, edges))
     by_pixels = summarise_plant(traits, None, exact, pixel_su)
     assert by_pixels.boll_volume_error_cm3 == pytest.approx(np.hypot(np.linalg.norm(own), edges.sum()))
+
+
+def test_a_boll_that_is_perhaps_two_has_a_flag_and_larger_errors(measured, monkeypatch):
+    gaussians, labels = plant_scene()
+    bolls = bolls_of(gaussians, labels)
+    sure = measure_bolls(gaussians, bolls, SCALE, None)
+    monkeypatch.setattr(measure, "find_unround", lambda nearest, roundness: np.arange(len(nearest)) == 1)
+    doubted = measure_bolls(gaussians, bolls, SCALE, None)
+    assert [boll.flags for boll in doubted] == [boll.flags + ("unround",) * (i == 1) for i, boll in enumerate(sure)]
+    wider = [boll.volume_error_cm3 > before.volume_error_cm3 for boll, before in zip(doubted, sure, strict=True)]
+    assert wider == [i == 1 for i in range(len(bolls))]
+    of_sure, of_doubted = (summarise_plant(some, None, SCALE) for some in (sure, doubted))
+    assert of_doubted.boll_count_error > of_sure.boll_count_error + 0.2
+    assert of_doubted.boll_volume_error_cm3 > of_sure.boll_volume_error_cm3
+    assert (of_doubted.boll_count, of_doubted.boll_volume_cm3) == (of_sure.boll_count, of_sure.boll_volume_cm3)
+    assert "doubtful_bolls" in of_doubted.flags and "doubtful_bolls" not in of_sure.flags
 
 
 def test_extra_gaussians_far_away_change_nothing():

@@ -87,11 +87,9 @@ def find_unround(nearest: NDArray, roundness: NDArray) -> NDArray[np.bool_]:
         nearest: (B,) as `nearest_neighbours` says. roundness: (B,) volume by that of a ball of the same diameter.
     """
     known = roundness[np.isfinite(roundness)]
-    return (
-        find_touching(nearest) & (roundness < np.median(known) - UNROUND)
-        if len(known)
-        else np.zeros(len(nearest), bool)
-    )
+    if not len(known):
+        return np.zeros(len(nearest), bool)
+    return find_touching(nearest) & (roundness < np.median(known) - UNROUND)
 
 
 def parted_error(nearest: NDArray) -> NDArray[np.float64]:

@@ -86,8 +86,10 @@ def test_the_plant_has_its_row(workspace):
     assert 3000 < float(row["plant_hull_volume_cm3"]) < 70 * 34 * 25
     # Scale 0.2 %, and a pixel of 0.0037 cm.
     assert float(row["plant_height_error_cm"]) == pytest.approx(0.14, abs=0.011)
-    # The scale's error is all bolls', that of the shape each one's own.
-    volume_error_cm3 = BOLL_CM3 * np.hypot(4 * 0.006, 2 * SHAPE)
+    # The scale's error is all bolls', that of the shape, which is nearly a ball's, each one's own.
+    of_bolls = [(float(boll["volume_cm3"]), float(boll["diameter_cm"])) for boll in rows(workspace.bolls_csv)]
+    own = [SHAPE * (volume - np.pi / 6 * diameter**3) for volume, diameter in of_bolls]
+    volume_error_cm3 = np.linalg.norm([0.006 * sum(volume for volume, _ in of_bolls), *own])
     assert float(row["boll_volume_error_cm3"]) == pytest.approx(volume_error_cm3, rel=0.1)
     assert float(row["boll_count_error"]) == pytest.approx(np.sqrt(4 * 0.75 * 0.25), abs=0.01)
     assert outcome.summary["boll_count"] == 4

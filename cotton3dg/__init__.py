@@ -47,7 +47,8 @@ _HOMES = {
     "splat.trainer": ("fit",),
     "splat.views": ("View",),
     "traits.isolate": ("isolate_plant",),
-    "traits.measure": ("measure_bolls", "measure_silhouette", "summarise_plant"),
+    "traits.measure": ("measure_bolls", "summarise_plant"),
+    "traits.plant_size": ("measure_silhouette",),
     "traits.surface": ("as_drawn",),
     "workspace": ("Workspace",),
 }

@@ -63,8 +63,8 @@ from .splat.trainer import fit as fit
 from .splat.views import View as View
 from .traits.isolate import isolate_plant as isolate_plant
 from .traits.measure import measure_bolls as measure_bolls
-from .traits.measure import measure_silhouette as measure_silhouette
 from .traits.measure import summarise_plant as summarise_plant
+from .traits.plant_size import measure_silhouette as measure_silhouette
 from .traits.surface import as_drawn as as_drawn
 from .workspace import Workspace as Workspace
 

@@ -12,7 +12,7 @@ from ..core.scene import Float64
 from ..geometry.convex_measures import calliper_diameter, convex_volume
 from ..mapping.map_plant import map_cloud
 from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
-from ..traits.measure import PlantSize, measure_places
+from ..traits.plant_size import PlantSize, measure_places
 
 LAYER_CM = 0.5
 TABLE_SHARE = 0.05

@@ -191,6 +191,12 @@ FLAGS = {
         " twig. Height and canopy leave them out; their intervals allow for them.",
         "Compare photo and 3D view at the tips; film closer or in better light, or raise train.max_side.",
     ),
+    "thin_ends": Meaning(
+        "A twig was followed in the photos",
+        "The model lacks the end of a thin twig. The photos show it, and height and canopy reach to where they lose it,"
+        " to about 1 cm.",
+        "Look at the plant map; film closer or in better light, or raise train.max_side.",
+    ),
     "halves_disagree": Meaning(
         "Half of the images count otherwise",
         "Every second image alone gives another number of bolls than the others, so the count is less sure.",

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..core.bolls import BollInstance
-from ..core.columns import cells_of
-from ..core.lint_colour import BollColour
+from ..core.columns import Column, cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantTraits, Scale
 from ..core.outcome import StageOutcome
@@ -37,10 +38,13 @@ from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
 from ..mapping.edges import edge_opacity
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
+from ..mapping.thin_ends import ThinEnd, follow_thin_ends, with_thin_ends
 from ..options import TraitsOptions
 from ..traits.corrections import Corrected, PlantFrame, apply_corrections
+from ..traits.isolate import Plant
 from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from ..traits.measure import Measured, mark_corrections, measure_plant
+from ..traits.plant_size import TIP_OPACITY
 from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
 from ..workspace import Workspace
@@ -62,9 +66,9 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.sfm_json,
         workspace.corrections_json,
         workspace.masks_json,
-        workspace.undistorted / "sparse",
+        workspace.undistorted,
         workspace.patches_json,
-        *([workspace.folder("masks"), workspace.undistorted / "images"] if workspace.patches_json.exists() else []),
+        *([workspace.folder("masks")] if workspace.patches_json.exists() else []),
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -82,24 +86,9 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     if sha256 != gaussians.sha256():
         raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
     scale_info = ScaleInfo.load(workspace.require(workspace.scale_json, "scale"))
-    scale, found = scale_info.scale, (scale_info.found or scale_info).scale
-    metrics = TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
-    masks = MasksInfo.load_if_there(workspace.masks_json)
-    halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
-    cameras = _cameras(workspace)
-    blur_px = _blur_px(workspace)
-
-    def measure(some: list[BollInstance], by: Scale | None, counts: tuple[int, int] | None) -> Measured:
-        pixel_su, clamp_cm = metrics.pixel_su, options.tube_height_cm
-        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, blur_px)
-
-    measured = measure(bolls, found, halves)
-    corrected = _corrected(workspace, gaussians, bolls, found, measured)
-    if corrected or scale_info.found:
-        corrected = corrected or Corrected(bolls)
-        again = measure(corrected.bolls, scale, None)
-        measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
-    plant_map, map_traits = _map(gaussians, measured, scale, cameras, metrics.pixel_su, options.tube_height_cm)
+    scale, metrics = scale_info.scale, TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
+    measured, corrected, plant_map = _measure(workspace, options, gaussians, bolls, scale_info, metrics.pixel_su)
+    map_traits = _summarised(plant_map, scale, metrics.pixel_su, options.tube_height_cm)
     unmapped = measured.plant is not None and not plant_map.axes
     of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
     flags = (*measured.flags, *([NO_MAP] if unmapped else []))
@@ -107,27 +96,9 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     if weights := named_files(workspace, options):
         measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
     evidence = _evidence(workspace, scale, metrics, flags)
-    whose = {"plant_id": options.plant_id or workspace.plant_id}
-    sites = boll_rows(plant_map)
+    plant_id = options.plant_id or workspace.plant_id
     colours = _lint_colours(workspace, corrected.bolls if corrected else bolls)
-
-    def colour_of(boll_id: int) -> BollColour:
-        return boll_colour(colours.get(boll_id, []))
-
-    tables = {
-        workspace.traits_csv.name: (
-            TRAITS,
-            [whose | cells_of(measured.traits, evidence, map_traits, plant_colour(colours.values()))],
-        ),
-        workspace.bolls_csv.name: (
-            BOLLS,
-            [
-                whose | cells_of(boll, sites.get(boll.boll_id, BollMapTraits()), colour_of(boll.boll_id))
-                for boll in measured.bolls
-            ],
-        ),
-        workspace.branches_csv.name: (BRANCHES, [whose | cells_of(branch) for branch in branch_rows(plant_map)]),
-    }
+    tables = _tables(workspace, plant_id, measured, evidence, plant_map, map_traits, colours)
     with workspace.writing("traits") as folder:
         for name, (columns, rows) in tables.items():
             write_text_atomically(folder / name, csv_text(columns, rows, excel=options.excel))
@@ -136,7 +107,7 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
         describe_map(plant_map).save(folder / workspace.skeleton_json.name)
         write_text_atomically(folder / workspace.skeleton_ply.name, skeleton_ply(plant_map))
         if plant_map.axes:
-            write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, whose["plant_id"]))
+            write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, plant_id))
         np.save(folder / workspace.plant_npy.name, of_plant)
         if corrected:
             describe_bolls(corrected.bolls, sha256).save(folder / workspace.corrected_bolls_json.name)
@@ -145,6 +116,73 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
     summary = {key: getattr(measured.traits, key) for key in keys} | {"branch_count": map_traits.branch_count}
     return StageOutcome(summary, flags, warnings)
+
+
+def _measure(
+    workspace: Workspace,
+    options: TraitsOptions,
+    gaussians: Gaussians,
+    bolls: list[BollInstance],
+    scale_info: ScaleInfo,
+    pixel_su: float,
+) -> tuple[Measured, Corrected | None, PlantMap]:
+    """What was measured, a person's corrections, and the map; to the ends of twigs that only the photos show."""
+    scale, found = scale_info.scale, (scale_info.found or scale_info).scale
+    masks = MasksInfo.load_if_there(workspace.masks_json)
+    halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
+    cameras = _cameras(workspace)
+    blur_px = _blur_px(workspace)
+
+    def measure(
+        some: list[BollInstance], by: Scale | None, counts: tuple[int, int] | None, ends: Sequence[NDArray]
+    ) -> Measured:
+        clamp_cm = options.tube_height_cm
+        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, blur_px, ends)
+
+    def measure_all(ends: Sequence[NDArray] = ()) -> tuple[Measured, Corrected | None]:
+        measured = measure(bolls, found, halves, ends)
+        corrected = _corrected(workspace, gaussians, bolls, found, measured)
+        if corrected or scale_info.found:
+            corrected = corrected or Corrected(bolls)
+            again = measure(corrected.bolls, scale, None, ends)
+            measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
+        return measured, corrected
+
+    measured, corrected = measure_all()
+    plant_map = _map(gaussians, measured, scale, cameras, pixel_su)
+    plant = measured.plant
+    if scale and plant and (ends := _thin_ends(workspace, gaussians, plant, scale, cameras, plant_map)):
+        plant_map = with_thin_ends(plant_map, ends)
+        measured, corrected = measure_all([plant.in_scene(end.places, scale) for end in ends])
+    return measured, corrected, plant_map
+
+
+def _tables(
+    workspace: Workspace,
+    plant_id: str,
+    measured: Measured,
+    evidence: PlantEvidence,
+    plant_map: PlantMap,
+    map_traits: MapTraits,
+    colours: dict[int, list[NDArray[np.float64]]],
+) -> dict[str, tuple[Sequence[Column], list[dict[str, Any]]]]:
+    """File -> its columns and rows.
+
+    Args:
+        colours: boll -> mean reflectances of its lint.
+    """
+    whose, sites = {"plant_id": plant_id}, boll_rows(plant_map)
+    of_plant = cells_of(measured.traits, evidence, map_traits, plant_colour(colours.values()))
+    of_bolls = [
+        cells_of(boll, sites.get(boll.boll_id, BollMapTraits()), boll_colour(colours.get(boll.boll_id, [])))
+        for boll in measured.bolls
+    ]
+    of_branches = [cells_of(branch) for branch in branch_rows(plant_map)]
+    return {
+        workspace.traits_csv.name: (TRAITS, [whose | of_plant]),
+        workspace.bolls_csv.name: (BOLLS, [whose | cells for cells in of_bolls]),
+        workspace.branches_csv.name: (BRANCHES, [whose | cells for cells in of_branches]),
+    }
 
 
 def _corrected(
@@ -182,22 +220,33 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
 
 
 def _map(
-    gaussians: Gaussians,
-    measured: Measured,
-    scale: Scale | None,
-    cameras: list[Camera],
-    pixel_su: float,
-    clamp_cm: float,
-) -> tuple[PlantMap, MapTraits]:
-    """The map of what was measured, and its traits; nothing without a plant or a stem."""
+    gaussians: Gaussians, measured: Measured, scale: Scale | None, cameras: list[Camera], pixel_su: float
+) -> PlantMap:
+    """The map of what was measured; nothing without a plant or a stem."""
     if scale is None or measured.plant is None:
-        return PlantMap((), (), "no_scale" if scale is None else "no_plant"), MapTraits()
+        return PlantMap((), (), "no_scale" if scale is None else "no_plant")
     plant = measured.plant
     wood = gaussians[plant.rows & ~measured.boll_rows]
     bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in measured.bolls]
     opaque = edge_opacity(wood, gaussians[~plant.rows], cameras)
-    plant_map = map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque)
-    return plant_map, summarise_map(plant_map, clamp_cm, scale.relative_error, pixel_su * scale.cm_per_su)
+    return map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque)
+
+
+def _thin_ends(
+    workspace: Workspace, gaussians: Gaussians, plant: Plant, scale: Scale, cameras: list[Camera], plant_map: PlantMap
+) -> list[ThinEnd]:
+    """Where photos show that twigs go on beyond the model; none of a model that came without its photos."""
+    photos = {camera.name: workspace.undistorted_image(camera.name) for camera in cameras}
+    if not all(photo.exists() for photo in photos.values()):
+        return []
+    opaque = gaussians[plant.rows & (gaussians.opacities > TIP_OPACITY)]
+    return follow_thin_ends(plant_map, opaque, scale, plant.foot, cameras, lambda name: read_image(photos[name]))
+
+
+def _summarised(plant_map: PlantMap, scale: Scale | None, pixel_su: float, clamp_cm: float) -> MapTraits:
+    if scale is None:
+        return MapTraits()
+    return summarise_map(plant_map, clamp_cm, scale.relative_error, pixel_su * scale.cm_per_su)
 
 
 def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
@@ -248,4 +297,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 4.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=18, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=19, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from ..core.bolls import BollInstance
 from ..core.measurements import BollTraits, PlantTraits, Scale
 from ..core.scene import Camera, Float64, Gaussians
-from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
 from .error_model import (
@@ -30,21 +28,13 @@ from .error_model import (
     plant_volume_error_cm3,
     size_error_cm,
 )
-from .isolate import Plant, find_lost_tips, isolate_plant
-from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means, hull_of_means
+from .isolate import Plant, isolate_plant
+from .plant_size import PlantSize, Sized, size_plant
+from .published import hull_of_means
 from .silhouette_hull import opaque_hull
-from .surface import SAMPLES, as_drawn, sample_surface_of_volume, sample_visible_surface, surface_rows
+from .surface import as_drawn, sample_surface_of_volume, surface_rows
 from .whole_in_view import doubt_whole
 
-TIP_OPACITY = 0.2
-"""Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one. Heights and
-canopies of 58 rendered plants are then right on average; docs/notes/stated_errors.md."""
-FAINT_OPACITY = 0.1
-"""What is fainter is haze as a rule; yet the end of a twig of half a pixel may be ..."""
-FAINT_SHARE = 0.02
-"""... where the plant would be larger by so much with it."""
-TOP_RANK = 2
-"""The plant is as high as the second highest of its Gaussians: a floater is no top."""
 ALPHA = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
 NEAR_CLAMP = 1.5
@@ -53,8 +43,6 @@ LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
 UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
-LOST_SHARE = 0.01
-"""Of height or canopy, by which specks beside the plant would make it larger, from which on the plant has a flag."""
 UNROUND_FLAG = "unround"
 DOUBTFUL_SHARE = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
@@ -84,6 +72,7 @@ def measure_plant(
     cameras: Sequence[Camera] = (),
     by_colour: bool = False,
     blur_px: float = 0.0,
+    thin_ends: Sequence[NDArray] = (),
 ) -> Measured:
     """All traits of a plant and of its bolls.
 
@@ -94,6 +83,7 @@ def measure_plant(
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
         by_colour: whether the masks are by colour alone, without a network.
         blur_px: how far the picture moved while a photo was taken, px of the training images.
+        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -120,15 +110,8 @@ def measure_plant(
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, blur_px)
-    silhouette, perhaps = None, None
-    if plant and scale and not lost:
-        silhouette = measure_silhouette(drawn, plant, scale)
-        perhaps = _with_lost_tips(drawn, plant, scale, clamp_cm, silhouette) if silhouette else None
-    if perhaps:
-        concerns["lost_tips"] = (
-            "the end of a twig may be lost: with faint pieces, or specks in the air beside it, the plant would be"
-            f" {perhaps.height_cm:.1f} cm high, its canopy {perhaps.canopy_cm:.1f} cm; film closer, in better light"
-        )
+    sized = size_plant(drawn, plant, scale, clamp_cm, thin_ends) if plant and scale and not lost else Sized()
+    concerns |= sized.concerns
     if halves and halves_disagree(halves):
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
@@ -143,7 +126,7 @@ def measure_plant(
             f"motion blurs the images by {blur_px:.0f} px, much of a boll's width, so that bolls swell and merge; walk"
             " more slowly, or film with more light"
         )
-    traits = summarise_plant(boll_traits, silhouette, scale, pixel_su, halves, perhaps, by_colour, blur_px)
+    traits = summarise_plant(boll_traits, sized.size, scale, pixel_su, halves, sized.other, by_colour, blur_px)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -244,73 +227,6 @@ def measure_bolls(
             )
         )
     return traits
-
-
-@dataclass(frozen=True)
-class PlantSize:
-    """Size of a plant, cm and cm³."""
-
-    height_cm: float = nan
-    height_obb_cm: float = nan
-    length_cm: float = nan
-    width_cm: float = nan
-    hull_volume_cm3: float = nan
-    published: PublishedSize = NO_PUBLISHED_SIZE
-
-    @property
-    def canopy_cm(self) -> float:
-        return (self.length_cm + self.width_cm) / 2
-
-
-def measure_silhouette(drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY) -> PlantSize | None:
-    """Height above the table and the least rectangle around the plant as seen from above.
-
-    The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
-    most upright.
-
-    Args:
-        opaque: opacity at which the plant ends.
-    Returns:
-        None when nothing of the plant is opaque.
-    """
-    surface = sample_visible_surface(drawn[plant.rows], opaque)
-    if not len(surface):
-        return None
-
-    def in_plant_frame(points: NDArray) -> Float64:
-        return (points.astype(np.float64) - plant.foot) @ scale.table_frame.T * scale.cm_per_su
-
-    places = in_plant_frame(surface)
-    return measure_places(
-        places, places[:, 2].reshape(-1, SAMPLES).max(axis=1), in_plant_frame(drawn.means[plant.rows])
-    )
-
-
-def _with_lost_tips(
-    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, silhouette: PlantSize
-) -> PlantSize | None:
-    """The size if specks beside the plant, or else what of it is faint, were of it, where that makes a difference."""
-    tips = find_lost_tips(drawn, plant, scale, clamp_cm)
-    for rows, opaque, share in ((plant.rows | tips, TIP_OPACITY, LOST_SHARE), (plant.rows, FAINT_OPACITY, FAINT_SHARE)):
-        size = measure_silhouette(drawn, replace(plant, rows=rows), scale, opaque)
-        if size and max(size.height_cm / silhouette.height_cm, size.canopy_cm / silhouette.canopy_cm) > 1 + share:
-            return size
-    return None
-
-
-def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:
-    """Size of a plant whose surface is given in the plant frame.
-
-    Args:
-        places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
-        middles: (M, 3) cm, places of these.
-    """
-    box = oriented_box(np.vstack([places, np.zeros(3)]))
-    upright = int(np.abs(box.axes[:, 2]).argmax())
-    length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
-    height = float(np.sort(tops)[-TOP_RANK:][0])
-    hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, box_of_means(middles))
 
 
 def summarise_plant(

@@ -23,7 +23,8 @@ from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
-from cotton3dg.traits.measure import measure_bolls, measure_plant, measure_silhouette, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, measure_plant, summarise_plant
+from cotton3dg.traits.plant_size import measure_silhouette
 
 UP = POSE.rotation[:, 2]
 CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.measurements import Scale
 from cotton3dg.traits.isolate import Plant
-from cotton3dg.traits.measure import measure_bolls, measure_silhouette, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, summarise_plant
+from cotton3dg.traits.plant_size import measure_silhouette
 from cotton3dg.traits.published import box_of_means
 
 UP = POSE.rotation[:, 2]

@@ -1,0 +1,160 @@
+"""Height and canopy of a plant, and what is to be said where the end of a twig may be lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.measurements import Scale
+from ..core.scene import Float64, Gaussians
+from ..geometry.boxes import min_area_rectangle, oriented_box
+from ..geometry.convex_measures import convex_volume
+from ..geometry.polylines import resampled
+from .isolate import Plant, find_lost_tips
+from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means
+from .surface import SAMPLES, sample_visible_surface
+
+TIP_OPACITY = 0.2
+"""Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one. Heights and
+canopies of 58 rendered plants are then right on average; docs/notes/stated_errors.md."""
+FAINT_OPACITY = 0.1
+"""What is fainter is haze as a rule; yet the end of a twig of half a pixel may be ..."""
+FAINT_SHARE = 0.02
+"""... where the plant would be larger by so much with it."""
+TOP_RANK = 2
+"""The plant is as high as the second highest of its Gaussians: a floater is no top."""
+LOST_SHARE = 0.01
+"""Of height or canopy, by which ends of twigs that the model lacks make the plant larger, from which on it has a
+flag."""
+END_CM = 1.0
+"""Standard error of where a twig ends that only the photos show (mapping/thin_ends.py)."""
+END_SPACING_CM = 0.25
+
+
+@dataclass(frozen=True)
+class PlantSize:
+    """Size of a plant, cm and cm³."""
+
+    height_cm: float = nan
+    height_obb_cm: float = nan
+    length_cm: float = nan
+    width_cm: float = nan
+    hull_volume_cm3: float = nan
+    published: PublishedSize = NO_PUBLISHED_SIZE
+
+    @property
+    def canopy_cm(self) -> float:
+        return (self.length_cm + self.width_cm) / 2
+
+    def exceeds(self, other: PlantSize, share: float) -> bool:
+        """Whether the plant is higher, or its canopy larger, by more than a share."""
+        return max(self.height_cm / other.height_cm, self.canopy_cm / other.canopy_cm) > 1 + share
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A plant's size and what is to be said about it."""
+
+    size: PlantSize | None = None
+    """None when nothing of the plant is opaque."""
+    other: PlantSize | None = None
+    """Another size that it may have; its difference is an error."""
+    concerns: dict[str, str] = field(default_factory=dict)
+    """Flag -> its reason."""
+
+
+def size_plant(
+    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, thin_ends: Sequence[NDArray] = ()
+) -> Sized:
+    """The size of a plant, to the ends of its twigs as far as model and photos show them.
+
+    Args:
+        drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
+        clamp_cm: height of the clamp that holds the plant.
+        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
+    """
+    modelled = measure_silhouette(drawn, plant, scale)
+    if modelled is None:
+        return Sized()
+    size, other, concerns = modelled, None, {}
+    if thin_ends:
+        size, other = (_with_ends(drawn, plant, scale, thin_ends, cut_cm) or modelled for cut_cm in (0.0, END_CM))
+        if size.exceeds(modelled, LOST_SHARE):
+            concerns["thin_ends"] = (
+                f"the model lacks ends of twigs that the photos show ({len(thin_ends)} followed); by the model alone"
+                f" the plant would be {modelled.height_cm:.1f} cm high, its canopy {modelled.canopy_cm:.1f} cm"
+            )
+    if perhaps := _with_lost_tips(drawn, plant, scale, clamp_cm, size):
+        other = perhaps
+        concerns["lost_tips"] = (
+            "the end of a twig may be lost: with faint pieces, or specks in the air beside it, the plant would be"
+            f" {perhaps.height_cm:.1f} cm high, its canopy {perhaps.canopy_cm:.1f} cm; film closer, in better light"
+        )
+    return Sized(size, other, concerns)
+
+
+def measure_silhouette(
+    drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY, beyond: NDArray | None = None
+) -> PlantSize | None:
+    """Height above the table and the least rectangle around the plant as seen from above.
+
+    The oriented box stands around the plant and its foot, which the clamp hides; its height is the side that stands
+    most upright.
+
+    Args:
+        opaque: opacity at which the plant ends.
+        beyond: (P, 3) su, places on twigs that the model lacks.
+    Returns:
+        None when nothing of the plant is opaque.
+    """
+    surface = sample_visible_surface(drawn[plant.rows], opaque)
+    if not len(surface):
+        return None
+
+    def in_plant_frame(points: NDArray) -> Float64:
+        return (points.astype(np.float64) - plant.foot) @ scale.table_frame.T * scale.cm_per_su
+
+    places, further = in_plant_frame(surface), in_plant_frame(np.zeros((0, 3)) if beyond is None else beyond)
+    tops = np.append(places[:, 2].reshape(-1, SAMPLES).max(axis=1), further[:, 2])
+    return measure_places(np.vstack([places, further]), tops, in_plant_frame(drawn.means[plant.rows]))
+
+
+def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:
+    """Size of a plant whose surface is given in the plant frame.
+
+    Args:
+        places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
+        middles: (M, 3) cm, places of these.
+    """
+    box = oriented_box(np.vstack([places, np.zeros(3)]))
+    upright = int(np.abs(box.axes[:, 2]).argmax())
+    length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
+    height = float(np.sort(tops)[-TOP_RANK:][0])
+    hull = convex_volume(np.vstack([places, np.zeros(3)])).value
+    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, box_of_means(middles))
+
+
+def _with_ends(
+    drawn: Gaussians, plant: Plant, scale: Scale, thin_ends: Sequence[NDArray], cut_cm: float
+) -> PlantSize | None:
+    """The size with ends of twigs that the model lacks, `cut_cm` of each left out."""
+    spacing = END_SPACING_CM / scale.cm_per_su
+    cut = round(cut_cm / END_SPACING_CM)
+    places = [along[: len(along) - cut] for along in (resampled(end, spacing) for end in thin_ends)]
+    return measure_silhouette(drawn, plant, scale, TIP_OPACITY, np.vstack(places))
+
+
+def _with_lost_tips(
+    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, silhouette: PlantSize
+) -> PlantSize | None:
+    """The size if specks beside the plant, or else what of it is faint, were of it, where that makes a difference."""
+    tips = find_lost_tips(drawn, plant, scale, clamp_cm)
+    for rows, opaque, share in ((plant.rows | tips, TIP_OPACITY, LOST_SHARE), (plant.rows, FAINT_OPACITY, FAINT_SHARE)):
+        size = measure_silhouette(drawn, replace(plant, rows=rows), scale, opaque)
+        if size and size.exceeds(silhouette, share):
+            return size
+    return None

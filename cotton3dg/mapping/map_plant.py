@@ -25,16 +25,23 @@ BollPlace = tuple[int, Float64, float]
 
 
 def map_gaussians(
-    wood: Gaussians, drawn: Gaussians, scale: Scale, foot: Float64, bolls: Sequence[BollPlace], opaque: float
+    wood: Gaussians,
+    drawn: Gaussians,
+    scale: Scale,
+    foot: Float64,
+    bolls: Sequence[BollPlace],
+    opaque: float,
+    trails: Sequence[Float64] = (),
 ) -> PlantMap:
     """The map of a trained plant.
 
     Args:
         wood: the plant's Gaussians without its bolls'. drawn: the same, as wide as they are drawn.
         foot: (3,) su, where the stem meets the table. opaque: opacity at which wood ends (`edges`).
+        trails: (K, 3) cm each, places of twigs that the model lacks (`thin_twigs`).
     """
     plant_from_scene = scale.table_frame * scale.cm_per_su
-    drawn_map = map_places(wood_places(wood, plant_from_scene, foot), bolls)
+    drawn_map = map_places(np.vstack([wood_places(wood, plant_from_scene, foot), *trails]), bolls)
     radii = radii_of([axis.curve for axis in drawn_map.axes], drawn, plant_from_scene, foot, opaque)
     axes = tuple(replace(axis, radii=own) for axis, own in zip(drawn_map.axes, radii, strict=True))
     return replace(drawn_map, axes=axes)

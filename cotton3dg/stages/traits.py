@@ -38,7 +38,7 @@ from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
 from ..mapping.edges import edge_opacity
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
-from ..mapping.thin_ends import ThinEnd, follow_thin_ends, with_thin_ends
+from ..mapping.thin_twigs import Trail, follow_thin_twigs
 from ..options import TraitsOptions
 from ..traits.corrections import Corrected, PlantFrame, apply_corrections
 from ..traits.isolate import Plant
@@ -149,11 +149,11 @@ def _measure(
         return measured, corrected
 
     measured, corrected = measure_all()
-    plant_map = _map(gaussians, measured, scale, cameras, pixel_su)
-    plant = measured.plant
-    if scale and plant and (ends := _thin_ends(workspace, gaussians, plant, scale, cameras, plant_map)):
-        plant_map = with_thin_ends(plant_map, ends)
-        measured, corrected = measure_all([plant.in_scene(end.places, scale) for end in ends])
+    plant_map, plant = _map(gaussians, measured, scale, cameras, pixel_su), measured.plant
+    if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
+        plant_map = _map(gaussians, measured, scale, cameras, pixel_su, [trail.places for trail in trails])
+        ends = [plant.in_scene(trail.places, scale) for trail in trails if not trail.meets_model]
+        measured, corrected = measure_all(ends) if ends else (measured, corrected)
     return measured, corrected, plant_map
 
 
@@ -220,7 +220,12 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
 
 
 def _map(
-    gaussians: Gaussians, measured: Measured, scale: Scale | None, cameras: list[Camera], pixel_su: float
+    gaussians: Gaussians,
+    measured: Measured,
+    scale: Scale | None,
+    cameras: list[Camera],
+    pixel_su: float,
+    trails: Sequence[NDArray] = (),
 ) -> PlantMap:
     """The map of what was measured; nothing without a plant or a stem."""
     if scale is None or measured.plant is None:
@@ -229,18 +234,18 @@ def _map(
     wood = gaussians[plant.rows & ~measured.boll_rows]
     bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in measured.bolls]
     opaque = edge_opacity(wood, gaussians[~plant.rows], cameras)
-    return map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque)
+    return map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque, trails)
 
 
-def _thin_ends(
+def _thin_twigs(
     workspace: Workspace, gaussians: Gaussians, plant: Plant, scale: Scale, cameras: list[Camera], plant_map: PlantMap
-) -> list[ThinEnd]:
-    """Where photos show that twigs go on beyond the model; none of a model that came without its photos."""
+) -> list[Trail]:
+    """Twigs that go on in the photos where the model lets them end; none of a model that came without its photos."""
     photos = {camera.name: workspace.undistorted_image(camera.name) for camera in cameras}
     if not all(photo.exists() for photo in photos.values()):
         return []
     opaque = gaussians[plant.rows & (gaussians.opacities > TIP_OPACITY)]
-    return follow_thin_ends(plant_map, opaque, scale, plant.foot, cameras, lambda name: read_image(photos[name]))
+    return follow_thin_twigs(plant_map, opaque, scale, plant.foot, cameras, lambda name: read_image(photos[name]))
 
 
 def _summarised(plant_map: PlantMap, scale: Scale | None, pixel_su: float, clamp_cm: float) -> MapTraits:

@@ -31,7 +31,7 @@ LOST_SHARE = 0.01
 """Of height or canopy, by which ends of twigs that the model lacks make the plant larger, from which on it has a
 flag."""
 END_CM = 1.0
-"""Standard error of where a twig ends that only the photos show (mapping/thin_ends.py)."""
+"""Standard error of where a twig ends that only the photos show (mapping/thin_twigs.py)."""
 END_SPACING_CM = 0.25
 
 

@@ -10,7 +10,7 @@ from cotton3dg.core.plant_map import Axis, PlantMap
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.geometry.polylines import nearest_on, resampled
 from cotton3dg.mapping.photo_lines import PhotoLines
-from cotton3dg.mapping.thin_ends import ThinEnd, follow_thin_ends, with_thin_ends
+from cotton3dg.mapping.thin_twigs import Trail, follow_thin_twigs
 
 SCALE = table_scale().scale
 FOOT = POSE.scene(FOOT_CM[None])[0]
@@ -64,9 +64,9 @@ def map_of(*curves: np.ndarray) -> PlantMap:
     )
 
 
-def followed(seen: dict[str, np.ndarray], curve: np.ndarray, *more: np.ndarray) -> list[ThinEnd]:
+def followed(seen: dict[str, np.ndarray], curve: np.ndarray, *more: np.ndarray) -> list[Trail]:
     model = joined(*(modelled(one) for one in (curve, *more)))
-    return follow_thin_ends(map_of(curve), model, SCALE, FOOT, CAMERAS, seen.__getitem__)
+    return follow_thin_twigs(map_of(curve), model, SCALE, FOOT, CAMERAS, seen.__getitem__)
 
 
 SHOWN = TWIG[: int(MODELLED_CM / 0.25)]
@@ -76,7 +76,8 @@ SHOWN = TWIG[: int(MODELLED_CM / 0.25)]
 @pytest.mark.parametrize("width_px", [0.5, 0.8, 1.5])
 def test_a_lost_twig_is_followed_to_its_end(width_px):
     (end,) = followed(photos(TWIG, width_px=width_px), SHOWN)
-    assert (end.rank, end.row) == (0, len(SHOWN) - 1)
+    assert not end.meets_model
+    assert end.places[0] == pytest.approx(SHOWN[-1])
     assert nearest_on(TWIG, end.places)[0].max() < 0.8
     assert np.linalg.norm(end.places[-1] - TWIG[-1]) < 1.5
 
@@ -86,7 +87,10 @@ def test_where_a_twig_ends_nothing_is_followed():
 
 
 def test_a_gap_before_what_the_model_has_is_no_end():
-    assert followed(photos(TWIG), SHOWN, TWIG[int(18 / 0.25) :]) == []
+    rest = TWIG[int(18 / 0.25) :]
+    (gap,) = followed(photos(TWIG), SHOWN, rest)
+    assert gap.meets_model
+    assert np.linalg.norm(gap.places[-1] - rest[0]) < 3
 
 
 def test_another_twig_that_crosses_is_not_followed():
@@ -99,26 +103,14 @@ def test_a_faint_end_is_measured_to_where_the_photos_show_it():
     axis = np.vstack([SHOWN, SHOWN[-1] + np.linspace([0.25, 0.1, 0], [20, 6, 0], 60)])
     twig = TWIG[: int(18 / 0.25)]
     seen = photos(twig)
-    (end,) = follow_thin_ends(map_of(axis), modelled(SHOWN), SCALE, FOOT, CAMERAS, seen.__getitem__)
-    assert abs(end.row - len(SHOWN)) <= 4
+    (end,) = follow_thin_twigs(map_of(axis), modelled(SHOWN), SCALE, FOOT, CAMERAS, seen.__getitem__)
+    assert np.linalg.norm(end.places[0] - SHOWN[-1]) < 1
     assert np.linalg.norm(end.places[-1] - twig[-1]) < 1.5
-    longer = with_thin_ends(map_of(axis), [end]).axes[0]
-    assert longer.curve[-1] == pytest.approx(end.places[-1]) and len(longer.radii) == len(longer.curve)
 
 
 def test_without_a_map_or_photos_there_are_no_ends():
-    assert follow_thin_ends(PlantMap((), ()), modelled(SHOWN), SCALE, FOOT, CAMERAS, {}.__getitem__) == []
-    assert follow_thin_ends(map_of(SHOWN), modelled(SHOWN), SCALE, FOOT, [], {}.__getitem__) == []
-
-
-def test_a_map_goes_on_to_its_ends():
-    plant_map = map_of(SHOWN, SHOWN + [0, 0, 5.0])
-    end = ThinEnd(1, len(SHOWN) - 1, plant_map.axes[1].curve[-1] + np.array([[1.0, 0, 0], [2.0, 0, 0]]))
-    longer = with_thin_ends(plant_map, [end])
-    assert longer.axes[0] is plant_map.axes[0]
-    assert longer.axes[1].curve[: len(SHOWN)] == pytest.approx(plant_map.axes[1].curve)
-    assert longer.axes[1].curve[-1] == pytest.approx(end.places[-1])
-    assert np.isnan(longer.axes[1].radii[len(SHOWN) :]).all() and len(longer.axes[1].radii) == len(longer.axes[1].curve)
+    assert follow_thin_twigs(PlantMap((), ()), modelled(SHOWN), SCALE, FOOT, CAMERAS, {}.__getitem__) == []
+    assert follow_thin_twigs(map_of(SHOWN), modelled(SHOWN), SCALE, FOOT, [], {}.__getitem__) == []
 
 
 def test_lines_are_in_the_plant_frame():
@@ -131,7 +123,7 @@ def test_lines_are_in_the_plant_frame():
             seen.append(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cotton3dg.mapping.thin_ends.PhotoLines", Kept)
+        patch.setattr("cotton3dg.mapping.thin_twigs.PhotoLines", Kept)
         followed(photos(SHOWN), SHOWN)
     pixels, _, _ = seen[0]._project(TWIG, np.ones_like(TWIG))
     for view, camera in enumerate(CAMERAS):

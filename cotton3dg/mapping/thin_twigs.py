@@ -1,9 +1,9 @@
-"""Ends of twigs that the model lacks, followed in the photos.
+"""Twigs that the model lacks, followed in the photos.
 
 A twig about as thin as a pixel may be missing from a trained model where it hardly differs from what is behind it, yet
-every photo shows a trace of it. So where an axis of the map ends, the photos are asked whether it goes on: trails of
-short steps that turn little are drawn onward, those that the photos bear out are kept, and the best of them becomes a
-part of the axis. Not in the papers.
+every photo shows a trace of it. So where an axis of the map ends, the photos are asked whether it goes on: walks of
+short steps that turn little are tried, those that the photos bear out go on, and the best of them is the trail. It ends
+where the twig does, or leads over a gap to what the model has again. Not in the papers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import Scale
-from ..core.plant_map import Axis, PlantMap
+from ..core.plant_map import PlantMap
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.polylines import path_lengths, place_at, resampled
 from ..splat.rasterizer import render
@@ -38,18 +38,18 @@ MOST_TURNED_DEG = 60.0
 HEADING_CM = 2.5
 """End of an axis that tells its direction."""
 BEAM = 8
-"""Trails that are followed at once, ..."""
+"""Walks that go on at once, ..."""
 APART_CM = 0.35
 """... with ends so far apart."""
 LONGEST_CM = 25.0
 HIDDEN_STEPS = 3
-"""That a trail may begin with where no photo tells anything, just beside the model's own end."""
+"""That a walk may begin with where no photo tells anything, just beside the model's own end."""
 SHOWN_SHARE = 0.12
 """Share of the views below which this is so."""
 LIKELY_COVERAGE = 0.35
 """What a twig that was lost covers. A step's gain is the logarithm of how much likelier the photos are with it."""
 LEAST_COVERAGE = 0.22
-"""Of a step. Where nothing is, texture makes up to 0.2."""
+"""Of a step, and in the median over views. Where nothing is, texture makes up to 0.2."""
 BLOCKS = 12
 """Neighbouring views, whose backgrounds are alike, count as one: as many groups of them differ by chance."""
 WINDOW = 3
@@ -57,24 +57,24 @@ WINDOW = 3
 LEAST_EVIDENCE = 4.5
 """... so many standard errors away from none."""
 LEAST_GAIN = 250.0
-"""Of a whole trail. On 100 rendered plants, those that followed nothing gained up to 125, true ends 500 and more."""
+"""Of a whole walk. On 100 rendered plants, those that followed nothing gained up to 125, true ends 500 and more."""
 BEND_COST = 20.0
 """Off the gain, for 1 - cos of each turn."""
 FADED = 0.6
-"""Of the coverage that is usual on a trail: what is fainter at its end is no part of it."""
+"""Of the coverage that is usual on a walk: what is fainter at its end is no part of it."""
 
 
 @dataclass(frozen=True)
-class _Trail:
+class _Walk:
     places: tuple[Float64, ...]
     heading: Float64
     steps: tuple[NDArray, ...] = ()
     """(2, V) evidence of each; zeros where hidden."""
     gain: float = 0.0
 
-    def without_last(self) -> _Trail:
+    def without_last(self) -> _Walk:
         before = self.places[-2] - self.places[-3]
-        return _Trail(self.places[:-1], before / np.linalg.norm(before), self.steps[:-1])
+        return _Walk(self.places[:-1], before / np.linalg.norm(before), self.steps[:-1])
 
     @property
     def shown(self) -> list[NDArray]:
@@ -83,24 +83,23 @@ class _Trail:
 
 
 @dataclass(frozen=True)
-class ThinEnd:
-    """How an axis goes on."""
+class Trail:
+    """How an axis goes on where the model ends."""
 
-    rank: int
-    row: int
-    """Of the axis's curve: its last place that the model shows."""
     places: Float64
-    """(K, 3) cm, from a step beyond that to the twig's end."""
+    """(K, 3) cm, from its last place in the model, about `SPACING_CM` apart, to where the photos lose it."""
+    meets_model: bool
+    """Whether it leads to what the model has: over a gap in a branch, not to a twig's end."""
 
 
-def follow_thin_ends(
+def follow_thin_twigs(
     plant_map: PlantMap,
     opaque: Gaussians,
     scale: Scale,
     foot: Float64,
     cameras: Sequence[Camera],
     photo: Callable[[str], NDArray[np.uint8]],
-) -> list[ThinEnd]:
+) -> list[Trail]:
     """Where axes go on that the model lets end.
 
     Args:
@@ -111,19 +110,8 @@ def follow_thin_ends(
         return []
     lines = _look_at(opaque, scale, foot, cameras, photo)
     colours = lines.colours(np.concatenate([axis.curve for axis in plant_map.axes]))
-    found = [_follow(axis, lines, colours) for axis in plant_map.axes if len(axis.curve) > 1]
-    return [end for end in found if len(end.places)]
-
-
-def with_thin_ends(plant_map: PlantMap, ends: Sequence[ThinEnd]) -> PlantMap:
-    """The map whose axes go on to these ends; how thick they are there is not known."""
-    axes = list(plant_map.axes)
-    for end in ends:
-        axis = axes[end.rank]
-        beyond = resampled(np.vstack([axis.curve[end.row], end.places]), SPACING_CM)[1:]
-        radii = np.append(axis.radii[: end.row + 1], np.full(len(beyond), np.nan))
-        axes[end.rank] = replace(axis, curve=np.vstack([axis.curve[: end.row + 1], beyond]), radii=radii)
-    return replace(plant_map, axes=tuple(axes))
+    found = [_follow(axis.curve, lines, colours) for axis in plant_map.axes if len(axis.curve) > 1]
+    return [trail for trail in found if trail]
 
 
 def _look_at(
@@ -151,79 +139,81 @@ def _look_at(
     return PhotoLines(placed, photos, hidden)
 
 
-def _follow(axis: Axis, lines: PhotoLines, colours: Float64) -> ThinEnd:
-    """How an axis goes on; without places where it does not."""
-    _, below = lines.evidence(axis.curve, np.gradient(axis.curve, axis=0), colours)
+def _follow(curve: Float64, lines: PhotoLines, colours: Float64) -> Trail | None:
+    """How an axis goes on; None where it does not."""
+    _, below = lines.evidence(curve, np.gradient(curve, axis=0), colours)
     # What is too faint to be hidden by the model is not measured by it, either.
     modelled = np.flatnonzero((below > 0).mean(axis=0) <= SHOWN_SHARE)
-    row = max(int(modelled[-1]) if len(modelled) else 0, 1)
-    curve = axis.curve[: row + 1]
+    curve = curve[: max(int(modelled[-1]) if len(modelled) else 0, 1) + 1]
     tip = curve[-1]
     chord = tip - place_at(curve, max(path_lengths(curve)[-1] - HEADING_CM, 0.0))
     heading = chord / max(float(np.linalg.norm(chord)), 1e-12)
-    best = _Trail((tip,), heading)
-    trails = [best]
-    while trails and len(trails[0].steps) < LONGEST_CM / STEP_CM:
-        longer = [trail for trail in _extended(trails, lines, colours) if _is_borne_out(trail, heading)]
-        trails = _best_apart(longer)
-        best = max([best, *trails], key=lambda trail: trail.gain)
-    steps = _unfaded(best) if best.gain >= LEAST_GAIN and not _meets_model(best, lines, colours) else 0
-    return ThinEnd(axis.rank, row, np.array(best.places[1 : 1 + steps]).reshape(-1, 3))
+    best = _Walk((tip,), heading)
+    beam = [best]
+    while beam and len(beam[0].steps) < LONGEST_CM / STEP_CM:
+        beam = _best_apart([walk for walk in _extended(beam, lines, colours) if _is_borne_out(walk, heading)])
+        best = max([best, *beam], key=lambda walk: walk.gain)
+    if best.gain < LEAST_GAIN:
+        return None
+    places = resampled(np.array(best.places[: 1 + _unfaded(best)]), SPACING_CM)
+    return Trail(places, _meets_model(best, lines, colours))
 
 
-def _extended(trails: Sequence[_Trail], lines: PhotoLines, colours: Float64) -> list[_Trail]:
-    """Each trail by one step to each side."""
-    on = [(trail, heading) for trail in trails for heading in _turned(trail.heading)]
+def _extended(walks: Sequence[_Walk], lines: PhotoLines, colours: Float64) -> list[_Walk]:
+    """Each walk by one step to each side."""
+    on = [(walk, heading) for walk in walks for heading in _turned(walk.heading)]
     shares = (np.arange(PLACES) + 0.5) / PLACES
-    places = np.array([trail.places[-1] + STEP_CM * share * heading for trail, heading in on for share in shares])
+    places = np.array([walk.places[-1] + STEP_CM * share * heading for walk, heading in on for share in shares])
     above, below = lines.evidence(places, np.repeat([heading for _, heading in on], PLACES, axis=0), colours)
     shape = (len(lines), len(on), PLACES)
     shown = (below.reshape(shape) > 0).mean(axis=(0, 2)) > SHOWN_SHARE
     steps = np.stack([above.reshape(shape).sum(axis=2), below.reshape(shape).sum(axis=2)]) * shown
     longer = []
-    for (trail, heading), step in zip(on, np.moveaxis(steps, 2, 0), strict=True):
+    for (walk, heading), step in zip(on, np.moveaxis(steps, 2, 0), strict=True):
         of_photos = 2 * LIKELY_COVERAGE * step[0].sum() - LIKELY_COVERAGE**2 * step[1].sum()
-        gain = trail.gain + of_photos - BEND_COST * (1 - trail.heading @ heading)
-        ends = (*trail.places, trail.places[-1] + STEP_CM * heading)
-        longer.append(_Trail(ends, heading, (*trail.steps, step), gain))
+        gain = walk.gain + of_photos - BEND_COST * (1 - walk.heading @ heading)
+        ends = (*walk.places, walk.places[-1] + STEP_CM * heading)
+        longer.append(_Walk(ends, heading, (*walk.steps, step), gain))
     return longer
 
 
-def _is_borne_out(trail: _Trail, heading: Float64) -> bool:
-    if trail.heading @ heading < np.cos(np.radians(MOST_TURNED_DEG)):
+def _is_borne_out(walk: _Walk, heading: Float64) -> bool:
+    if walk.heading @ heading < np.cos(np.radians(MOST_TURNED_DEG)):
         return False
-    if not trail.steps[-1][1].any():
+    if not walk.steps[-1][1].any():
         # Just beside the model's own end only; what is hidden farther on has met the model again.
-        return not trail.shown and len(trail.steps) <= HIDDEN_STEPS
-    shown = np.array(trail.shown[-WINDOW:])
+        return not walk.shown and len(walk.steps) <= HIDDEN_STEPS
+    shown = np.array(walk.shown[-WINDOW:])
     groups = np.array([group.sum(axis=1) for group in np.array_split(shown.sum(axis=0), BLOCKS, axis=1)])
     coverage = groups[:, 0].sum() / groups[:, 1].sum()
     error = float(np.linalg.norm(groups[:, 0] - coverage * groups[:, 1])) / groups[:, 1].sum()
-    return _coverage(trail.steps[-1]) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
+    each = groups[groups[:, 1] > 0]
+    usual = np.median(each[:, 0] / each[:, 1])
+    return min(_coverage(walk.steps[-1]), usual) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
 
 
-def _meets_model(trail: _Trail, lines: PhotoLines, colours: Float64) -> bool:
-    """Whether a trail leads to what the model has: over a gap in a branch, not to a twig's end.
+def _meets_model(walk: _Walk, lines: PhotoLines, colours: Float64) -> bool:
+    """Whether a walk leads to what the model has: over a gap in a branch, not to a twig's end.
 
     Its last step may have turned aside from there, so the place before counts, too.
     """
-    ends = [trail, trail.without_last()] if len(trail.shown) > 2 else [trail]
+    ends = [walk, walk.without_last()] if len(walk.shown) > 2 else [walk]
     return not all(longer.steps[-1][1].any() for longer in _extended(ends, lines, colours))
 
 
-def _best_apart(trails: Sequence[_Trail]) -> list[_Trail]:
-    kept: list[_Trail] = []
-    for trail in sorted(trails, key=lambda trail: -trail.gain):
-        if all(np.linalg.norm(trail.places[-1] - other.places[-1]) > APART_CM for other in kept):
-            kept.append(trail)
+def _best_apart(walks: Sequence[_Walk]) -> list[_Walk]:
+    kept: list[_Walk] = []
+    for walk in sorted(walks, key=lambda walk: -walk.gain):
+        if all(np.linalg.norm(walk.places[-1] - other.places[-1]) > APART_CM for other in kept):
+            kept.append(walk)
         if len(kept) == BEAM:
             break
     return kept
 
 
-def _unfaded(trail: _Trail) -> int:
-    """How many of a trail's steps are left without those at its end that are far fainter than usual on it."""
-    coverages = np.array([_coverage(step) for step in trail.steps])
+def _unfaded(walk: _Walk) -> int:
+    """How many of a walk's steps are left without those at its end that are far fainter than usual on it."""
+    coverages = np.array([_coverage(step) for step in walk.steps])
     return int(np.flatnonzero(coverages >= FADED * np.nanmedian(coverages))[-1]) + 1
 
 

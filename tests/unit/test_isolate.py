@@ -116,6 +116,32 @@ def test_specks_beyond_a_lost_twig_are_flagged_and_widen_the_interval():
         )
 
 
+def test_a_twig_that_only_the_photos_show_is_measured_to_its_end():
+    places, labels = plant_points_cm(np.random.default_rng(0))
+    gaussians = gaussians_at(places, 0.2)
+    bolls = bolls_of(gaussians, labels)
+    alone = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0).traits
+    outermost = places[places[:, 0].argmax()]
+    way = POSE.scene(outermost + np.linspace([0, 0, 0], [10.0, 0, 0], 41))
+    found = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0, thin_ends=[way])
+    assert "thin_ends" in found.flags and any("1 followed" in warning for warning in found.warnings)
+    # The mean of two sides; the least rectangle may turn a little.
+    assert 5 <= found.traits.canopy_size_cm - alone.canopy_size_cm < 7
+    # Its last centimetre is half of one in the mean of two sides.
+    assert np.sqrt(found.traits.canopy_size_error_cm**2 - alone.canopy_size_error_cm**2) == pytest.approx(0.5, abs=0.15)
+    assert found.traits.plant_height_cm == alone.plant_height_cm
+    assert found.traits.boll_volume_cm3 == alone.boll_volume_cm3
+
+    upwards = POSE.scene(places[places[:, 2].argmax()] + np.linspace([0, 0, 0], [0, 0, 8.0], 33))
+    higher = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0, thin_ends=[upwards]).traits
+    assert higher.plant_height_cm - alone.plant_height_cm == pytest.approx(7.5, abs=0.5)
+    assert higher.plant_height_interval_cm[0] < higher.plant_height_cm - 1.9
+
+    inside = POSE.scene(np.linspace([4.0, -3, 30], [6, -3, 35], 20))
+    within = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0, thin_ends=[inside])
+    assert "thin_ends" not in within.flags and within.traits.canopy_size_cm == alone.canopy_size_cm
+
+
 def test_the_faint_end_of_a_twig_is_flagged_and_widens_the_interval():
     places, labels = plant_points_cm(np.random.default_rng(0))
     gaussians = gaussians_at(places, 0.2)

@@ -57,7 +57,8 @@ WINDOW = 3
 LEAST_EVIDENCE = 4.5
 """... so many standard errors away from none."""
 LEAST_GAIN = 250.0
-"""Of a whole walk. On 100 rendered plants, those that followed nothing gained up to 125, true ends 500 and more."""
+"""Of a whole walk. Of those that this was settled with, true ones gained 500 and more, most that followed nothing up to
+125 (docs/notes/stated_errors.md)."""
 BEND_COST = 20.0
 """Off the gain, for 1 - cos of each turn."""
 FADED = 0.6

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from scenes.documents import sfm_info, table_scale, train_metrics
-from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, plant_scene
+from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, orbit, plant_scene
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
@@ -14,8 +14,10 @@ from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.files.images import write_image
 from cotton3dg.files.ply import read_gaussians, write_gaussians
 from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
+from cotton3dg.mapping.thin_twigs import Trail
 from cotton3dg.options import TraitsOptions
 from cotton3dg.stages import traits
 from cotton3dg.traits.error_model import SHAPE
@@ -185,3 +187,41 @@ def test_a_turned_scene_gives_the_same_traits(workspace):
         compared = column.name.endswith(("_cm", "_cm3")) and column.name != "plant_height_obb_cm"
         if compared and not column.name.startswith("original_"):  # blank, as nothing was corrected
             assert float(after[column.name]) == pytest.approx(float(before[column.name]), rel=0.01)
+
+
+def test_twigs_that_only_the_photos_show_make_the_plant_larger(workspace, monkeypatch):
+    """From the outermost boll on, 12 cm farther out, and over a gap inside of the plant; without photos nothing."""
+    alone = traits.run(workspace, TraitsOptions()).summary
+    cameras = orbit(4)
+    asked = []
+    out = BOLLS_CM[1] - FOOT_CM + np.linspace([BOLL_RADIUS_CM, 0, 0], [BOLL_RADIUS_CM + 12, 0, 0], 49)
+    inside = np.linspace([0, 0, 20.0], [3, 3, 30], 40)
+
+    def followed(plant_map, opaque, scale, foot, cameras, photo):
+        asked.append(photo(cameras[0].name).shape)
+        return [Trail(out, False), Trail(inside, True)]
+
+    monkeypatch.setattr(traits, "_cameras", lambda workspace: cameras)
+    monkeypatch.setattr(traits, "follow_thin_twigs", followed)
+    assert traits.run(workspace, TraitsOptions()).summary == alone
+    mapped = []
+    real_map = traits.map_gaussians
+
+    def kept(*given):
+        mapped.append(given[6])
+        return real_map(*given)
+
+    monkeypatch.setattr(traits, "map_gaussians", kept)
+    for camera in cameras:
+        photo = workspace.undistorted_image(camera.name)
+        photo.parent.mkdir(parents=True, exist_ok=True)
+        write_image(photo, np.zeros((camera.height, camera.width, 3), np.uint8))
+    outcome = traits.run(workspace, TraitsOptions())
+    assert asked == [(cameras[0].height, cameras[0].width, 3)]
+    assert "thin_ends" in outcome.flags and "1 followed" in " ".join(outcome.warnings)
+    (row,) = rows(workspace.traits_csv)
+    # The mean of two sides; the least rectangle turns with the twig.
+    assert 5 < float(row["canopy_size_cm"]) - alone["canopy_size_cm"] < 9
+    assert float(row["plant_height_cm"]) == pytest.approx(alone["plant_height_cm"], abs=0.01)
+    assert float(row["boll_volume_cm3"]) == pytest.approx(alone["boll_volume_cm3"], rel=1e-3)
+    assert [len(trails) for trails in mapped] == [0, 2]

@@ -71,11 +71,11 @@ def test_two_photos_with_patches_are_too_few(plant):
     assert read_rows(plant.traits_csv)[0]["lint_rd_pct"] == ""
 
 
-def test_traits_depend_on_patches_masks_and_photos_only_where_there_are_patches(plant):
+def test_traits_depend_on_masks_only_where_there_are_patches_and_always_on_photos(plant):
     plant.patches_json.unlink(missing_ok=True)
-    assert plant.folder("masks") not in traits.inputs(plant)
+    assert plant.folder("masks") not in traits.inputs(plant) and plant.undistorted in traits.inputs(plant)
     with_patches(plant, ["000000.jpg"])
-    assert {plant.patches_json, plant.folder("masks"), plant.undistorted / "images"} <= set(traits.inputs(plant))
+    assert {plant.patches_json, plant.folder("masks"), plant.undistorted} <= set(traits.inputs(plant))
 
 
 @pytest.mark.parametrize("text", ["86,53", "4,6,14,29,53,86", "white", "860,53,29,14,6,4", "86,53,29,14,6,-1"])

@@ -21,10 +21,10 @@ NOISE = 3.5
 """Of a pixel, grey levels."""
 COLOUR_SHARE = 0.35
 """By how much of its contrast to what is behind a twig's colour may differ from the wood's."""
-
 OUTSIDE = (0, 0, 0, 255)
-MOST = 32000
-"""Places that OpenCV looks up in one go."""
+"""What lies beyond a photo's rim: no colour, and hidden."""
+MOST_PLACES = 32000
+"""That OpenCV looks up in one go."""
 
 
 class PhotoLines:
@@ -100,8 +100,8 @@ class PhotoLines:
         # OpenCV's own coordinates are 16 bits wide.
         x, y = np.clip(pixels, -9.0, 32000.0).astype(np.float32).T
         picture, edge = self.pictures[view], cv2.BORDER_CONSTANT
+        parts = [slice(at, at + MOST_PLACES) for at in range(0, len(x), MOST_PLACES)]
         rows = [
-            cv2.remap(picture, x[at : at + MOST, None], y[at : at + MOST, None], cv2.INTER_LINEAR, None, edge, OUTSIDE)
-            for at in range(0, len(x), MOST)
+            cv2.remap(picture, x[part, None], y[part, None], cv2.INTER_LINEAR, None, edge, OUTSIDE) for part in parts
         ]
         return np.concatenate(rows).reshape(-1, 4).astype(np.float64)

@@ -28,7 +28,7 @@ VEILED = 0.1
 """Opacity of the model of the plant from which on a pixel tells nothing about what the model lacks."""
 STEP_CM = 1.0
 SPACING_CM = 0.25
-"""Of places on a curve."""
+"""Of the places of a trail."""
 PLACES = 4
 """Looked at on each step."""
 TURNS_DEG = {10: 5, 22: 8}
@@ -67,8 +67,12 @@ FADED = 0.6
 
 @dataclass(frozen=True)
 class _Walk:
+    """Steps from an axis's end, as far as they have come."""
+
     places: tuple[Float64, ...]
+    """Of the end and of each step, (3,) cm."""
     heading: Float64
+    """(3,) of the last step."""
     steps: tuple[NDArray, ...] = ()
     """(2, V) evidence of each; zeros where hidden."""
     gain: float = 0.0

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import pipeline
+from ..core.measurements import PlantFrame
 from ..core.scene import Float64
 from ..documents.bolls import read_bolls
 from ..documents.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
@@ -206,7 +207,7 @@ class _Known:
         found = (self.scale_info.found or self.scale_info).scale
         foot, cm = self._foot(), None
         if found is not None and foot is not None:
-            cm = tuple(float(x) for x in (point - foot) @ found.table_frame.T * found.cm_per_su)
+            cm = tuple(float(x) for x in PlantFrame(found, foot).cm(point))
         return Place(boll_id, cm, tuple(float(x) for x in point))
 
     def _scene(self, centre_cm: Sequence[float]) -> Float64:
@@ -214,7 +215,7 @@ class _Known:
         scale, foot = self.scale_info.scale, self._foot()
         if scale is None or foot is None:
             raise BadUsage("the plant's frame is not known any more; open its report anew and say it again")
-        return np.asarray(foot + np.array(centre_cm) / scale.cm_per_su @ scale.table_frame)
+        return PlantFrame(scale, foot).scene(centre_cm)
 
     def _foot(self) -> Float64 | None:
         """(3,) su, where the stem meets the table, as the tables tell it; None where no boll has a place."""

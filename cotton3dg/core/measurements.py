@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .columns import column, columns
 
@@ -17,11 +17,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scale:
-    """Metric size and orientation of a scene.
-
-    The plant frame has z up from the table top, x along the table's long side and its origin where the stem
-    meets the table: `plant_from_scene` maps su to cm.
-    """
+    """Metric size and orientation of a scene."""
 
     cm_per_su: float
     relative_error: float
@@ -46,6 +42,23 @@ class Scale:
     def height_cm(self, points: NDArray) -> Float64:
         """(N,) height of (N, 3) scene points above the table top."""
         return (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
+
+
+@dataclass(frozen=True)
+class PlantFrame:
+    """The frame that places on a plant are told in, cm: z up from the table top, x along the table's long side."""
+
+    scale: Scale
+    foot: Float64
+    """(3,) su, its origin: where the stem meets the table."""
+
+    def cm(self, places_su: NDArray) -> Float64:
+        """(..., 3) places of the scene in this frame."""
+        return np.asarray((places_su - self.foot) @ self.scale.table_frame.T * self.scale.cm_per_su, np.float64)
+
+    def scene(self, places_cm: ArrayLike) -> Float64:
+        """(..., 3) su of places in this frame."""
+        return self.foot + np.asarray(places_cm, np.float64) / self.scale.cm_per_su @ self.scale.table_frame
 
 
 NO_SCALE = "no scale"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, tube
-from .plant import LEAF, weather
+from .organs import LEAF, weather
 
 GREEN = np.array([0.10, 0.19, 0.04])
 STRAW = np.array([0.48, 0.40, 0.22])

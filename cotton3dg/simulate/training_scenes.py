@@ -15,19 +15,8 @@ from numpy.typing import NDArray
 from ..core.training_picture import CLASSES
 from .foliage import bracted_boll, flower, palmate_leaf
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
-from .plant import (
-    LEAF,
-    WOOD,
-    Branch,
-    Site,
-    boll_site,
-    fruiting_branches,
-    leaf,
-    peduncle,
-    stem_curve,
-    twig,
-    weather,
-)
+from .organs import LEAF, WOOD, Site, leaf, weather
+from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
 from .varied_bolls import draw_kind, grow_boll
 
 OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))

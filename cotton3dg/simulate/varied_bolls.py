@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, unit
-from .plant import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weather
+from .organs import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weather
 
 
 @dataclass(frozen=True)

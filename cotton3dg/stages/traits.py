@@ -14,7 +14,7 @@ from .. import __version__
 from ..core.bolls import BollInstance
 from ..core.columns import Column, cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
-from ..core.measurements import PlantEvidence, PlantTraits, Scale
+from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale
 from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
@@ -40,7 +40,7 @@ from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..mapping.thin_twigs import Trail, follow_thin_twigs
 from ..options import TraitsOptions
-from ..traits.corrections import Corrected, PlantFrame, apply_corrections
+from ..traits.corrections import Corrected, apply_corrections
 from ..traits.isolate import Plant
 from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from ..traits.measure import Measured, mark_corrections, measure_plant
@@ -152,7 +152,7 @@ def _measure(
     plant_map, plant = _map(gaussians, measured, scale, cameras, pixel_su), measured.plant
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
         plant_map = _map(gaussians, measured, scale, cameras, pixel_su, [trail.places for trail in trails])
-        ends = [plant.in_scene(trail.places, scale) for trail in trails if not trail.meets_model]
+        ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
         measured, corrected = measure_all(ends) if ends else (measured, corrected)
     return measured, corrected, plant_map
 

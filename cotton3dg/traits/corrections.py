@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
-from ..core.measurements import Scale
+from ..core.measurements import PlantFrame
 from ..core.scene import Float64, Gaussians
 from ..documents.corrections import Correction, Place
 from ..geometry.point_sets import find_compact_part, measure_extent
@@ -25,22 +25,6 @@ USUAL_CM = 4.5
 """Diameter of an open boll, where no other boll of the plant tells it."""
 ADDED_OPACITY = 0.1
 """Fainter Gaussians are haze and no part of an added boll."""
-
-
-@dataclass(frozen=True)
-class PlantFrame:
-    """Where a place in the plant's frame is in the scene."""
-
-    scale: Scale
-    foot: Float64
-
-    def scene(self, place_cm: Sequence[float]) -> Float64:
-        """(3,) su of a place, cm."""
-        return self.foot + np.array(place_cm) / self.scale.cm_per_su @ self.scale.table_frame
-
-    def cm(self, place: NDArray) -> Float64:
-        """(3,) cm of a place, su."""
-        return np.asarray((place - self.foot) @ self.scale.table_frame.T * self.scale.cm_per_su)
 
 
 @dataclass(frozen=True)

@@ -60,10 +60,6 @@ class Plant:
     apart: NDArray[np.bool_]
     """(N,) Gaussians of bolls that do not hang together with the stem, and are no part of the plant."""
 
-    def in_scene(self, places_cm: NDArray, scale: Scale) -> Float64:
-        """(N, 3) su of places in the plant frame."""
-        return self.foot + places_cm / scale.cm_per_su @ scale.table_frame
-
 
 def table_coordinates(scale: Scale, points: NDArray) -> Float64:
     """(N, 3) cm: x along the table's long side, y along the short one, from its middle; z height above the top."""

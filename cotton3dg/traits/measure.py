@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
-from ..core.measurements import BollTraits, PlantTraits, Scale
+from ..core.measurements import BollTraits, PlantFrame, PlantTraits, Scale
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
@@ -203,7 +203,7 @@ def measure_bolls(
             rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
         centre = np.full(3, np.nan)
         if scale and foot is not None:
-            centre = (boll.centre - foot) @ scale.table_frame.T * cm
+            centre = PlantFrame(scale, foot).cm(boll.centre)
         doubts = [*boll.flags, volume.reason or "", UNROUND_FLAG if twofold else ""]
         doubts += ["off_plant"] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []

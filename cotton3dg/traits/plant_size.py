@@ -9,7 +9,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.measurements import Scale
+from ..core.measurements import PlantFrame, Scale
 from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, oriented_box
 from ..geometry.convex_measures import convex_volume
@@ -114,13 +114,10 @@ def measure_silhouette(
     surface = sample_visible_surface(drawn[plant.rows], opaque)
     if not len(surface):
         return None
-
-    def in_plant_frame(points: NDArray) -> Float64:
-        return (points.astype(np.float64) - plant.foot) @ scale.table_frame.T * scale.cm_per_su
-
-    places, further = in_plant_frame(surface), in_plant_frame(np.zeros((0, 3)) if beyond is None else beyond)
+    frame = PlantFrame(scale, plant.foot)
+    places, further = frame.cm(surface), frame.cm(np.zeros((0, 3)) if beyond is None else beyond)
     tops = np.append(places[:, 2].reshape(-1, SAMPLES).max(axis=1), further[:, 2])
-    return measure_places(np.vstack([places, further]), tops, in_plant_frame(drawn.means[plant.rows]))
+    return measure_places(np.vstack([places, further]), tops, frame.cm(drawn.means[plant.rows]))
 
 
 def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:

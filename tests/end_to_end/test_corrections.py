@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from cotton3dg.cli import app
 from cotton3dg.commands.correct import Asked, correct
 from cotton3dg.core.columns import columns_of
-from cotton3dg.core.measurements import BollTraits
+from cotton3dg.core.measurements import BollTraits, PlantFrame
 from cotton3dg.documents.bolls import read_bolls
 from cotton3dg.documents.corrections import Correction, Corrections, Pick, Place
 from cotton3dg.documents.scale import ScaleInfo, read_scale
@@ -22,7 +22,7 @@ from cotton3dg.files.ply import read_gaussians
 from cotton3dg.files.tables import read_rows
 from cotton3dg.report.facts import read_facts
 from cotton3dg.stages import scale as scale_stage
-from cotton3dg.traits.corrections import PlantFrame, apply_corrections
+from cotton3dg.traits.corrections import apply_corrections
 from cotton3dg.traits.measure import measure_plant
 from cotton3dg.workspace import Workspace
 

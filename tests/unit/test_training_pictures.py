@@ -8,7 +8,7 @@ from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from cotton3dg.simulate import plates as plates_module
 from cotton3dg.simulate.compositing import compose
 from cotton3dg.simulate.mesh import SolidNoise
-from cotton3dg.simulate.plant import Site
+from cotton3dg.simulate.organs import Site
 from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
 from cotton3dg.simulate.training_scenes import build_scene
 from cotton3dg.simulate.varied_bolls import draw_kind, grow_boll

@@ -19,7 +19,7 @@ from ..geometry.polylines import (
 )
 from .positions import Sited, infer_positions
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
-from .untangle import untangled
+from .untangle import VEGETATIVE_FOOT, untangled
 from .wood import BollBody, WoodCloud
 
 STALK_CM = 5.0
@@ -46,8 +46,6 @@ UPRIGHT_DEG = 55.0
 RISING_DEG = 35.0
 """The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
 VEGETATIVE_CM = 12.0
-VEGETATIVE_FOOT = 0.5
-"""Vegetative branches leave the stem in its lower half, and before other branches do."""
 
 
 @dataclass
@@ -83,6 +81,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     kinds = [_kind(branch, branches, index, stem) for index, branch in enumerate(branches)]
     branches = [*branches, *_short_branches(branches, kinds)]
     kinds += ["fruiting"] * (len(branches) - len(kinds))
+    branches, kinds = _without_bare_twigs(branches, kinds)
     order = sorted(range(len(branches)), key=lambda i: (float(branches[i].curve[0, 2]), i))
     ranks = {index: rank for rank, index in enumerate(order, start=1)} | {-1: 0}
     seen = cloud.places
@@ -180,6 +179,20 @@ def _short_branches(branches: list[_Branch], kinds: list[str]) -> list[_Branch]:
             else:
                 branch.stalks.append((boll, node, stalk))
     return found
+
+
+def _without_bare_twigs(branches: list[_Branch], kinds: list[str]) -> tuple[list[_Branch], list[str]]:
+    """Fruiting branches bear no branches: what leaves one and bears nothing is a stalk, a scar or another's wood."""
+    kept = list(range(len(branches)))
+    for index in sorted(kept, key=lambda index: length_of(branches[index].curve)):
+        branch = branches[index]
+        bears = branch.stalks or any(branches[other].parent == index for other in kept)
+        if branch.parent >= 0 and not bears and kinds[branch.parent] == "fruiting":
+            kept.remove(index)
+    new = {old: number for number, old in enumerate(kept)} | {-1: -1}
+    for index in kept:
+        branches[index].parent = new[branches[index].parent]
+    return [branches[index] for index in kept], [kinds[index] for index in kept]
 
 
 def _bearing_at_tip(branch: _Branch) -> _Branch:

@@ -46,6 +46,10 @@ DEAD_END_DEG = 40.0
 """A branch that ends at a touch is as unlikely as such a bend, ..."""
 BOLL_END_DEG = 15.0
 """... and one that ends there with a boll as this."""
+VEGETATIVE_FOOT = 0.5
+"""Vegetative branches leave the stem in its lower half. Others bear no branches, ..."""
+BEARING_DEG = 40.0
+"""... and one that does is as unlikely as such a bend."""
 GAIN_DEG = 8.0
 """Bends that a new pairing must save at least."""
 MOST = 100
@@ -180,7 +184,15 @@ def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
             touch = touches.between(way, ways[other])
             if touch is not None and min(way.bare_cm - touch[0], ways[other].bare_cm) > PETIOLE_CM:
                 near = [(child, station) for child, station in forks if abs(station - touch[0]) < BESIDE_CM]
-                yield from _at_touch(ways, number, other, touch, near)
+                odd = 0.0 if _may_bear(ways, number) else BEARING_DEG
+                yield from _at_touch(ways, number, other, touch, near, odd)
+
+
+def _may_bear(ways: list[RawAxis], number: int) -> bool:
+    """Whether a way may be a vegetative branch."""
+    heights = ways[0].curve[:, 2]
+    foot = float(ways[number].curve[0, 2] - heights[0])
+    return ways[number].parent == 0 and foot < VEGETATIVE_FOOT * float(heights[-1] - heights[0])
 
 
 def _is_long(way: RawAxis, station: float = 0.0) -> bool:
@@ -239,9 +251,18 @@ def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
 
 
 def _at_touch(
-    ways: list[RawAxis], number: int, other: int, touch: tuple[float, float], forks: list[tuple[int, float]]
+    ways: list[RawAxis],
+    number: int,
+    other: int,
+    touch: tuple[float, float],
+    forks: list[tuple[int, float]],
+    odd_deg: float,
 ) -> Iterator[_Pairing]:
-    """The other way goes on into this one's outer part, or into a child that leaves at the touch."""
+    """The other way goes on into this one's outer part, or into a child that leaves at the touch.
+
+    Args:
+        odd_deg: the bend that is as unlikely as a child of this way.
+    """
     station, end = touch
     way, its = ways[number], ways[other]
     ends = BOLL_END_DEG if its.boll else DEAD_END_DEG
@@ -265,11 +286,10 @@ def _at_touch(
             _exchange(ways, number, fork, child)
             _take(ways, other, end, child)
 
-        yield _Pairing(
-            ends + min(leaves, DEAD_END_DEG) - DEAD_END_DEG - _bend(its.curve, end, its_own, 0.0), take_child
-        )
+        onward = _bend(its.curve, end, its_own, 0.0)
+        yield _Pairing(ends + min(leaves, DEAD_END_DEG) + odd_deg - DEAD_END_DEG - onward, take_child)
         straight, taken = (_bend(curve, at, way.curve, after) for curve, at in ((way.curve, before), (its.curve, end)))
-        yield _Pairing(straight + ends - taken - leaves, take_both)
+        yield _Pairing(straight + ends + odd_deg - taken - leaves, take_both)
 
 
 def _exchange(ways: list[RawAxis], number: int, station: float, child: int) -> None:

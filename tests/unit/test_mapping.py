@@ -167,18 +167,38 @@ def test_bolls_on_a_vegetative_branch_hang_on_branches_of_its_own():
     assert {boll.boll_id: boll.branch for boll in found.bolls} == {axis.bolls[0]: axis.rank for axis in own}
 
 
+@pytest.mark.parametrize(("foot_cm", "branches"), [(14.0, 4), (45.0, 2)], ids=["vegetative", "fruiting"])
+def test_fruiting_branches_bear_no_branches(foot_cm, branches):
+    """What leaves one and bears nothing is a leaf's stalk, a scar or the wood of another."""
+    rng = np.random.default_rng(0)
+    foot = np.array([0, 0, foot_cm])
+    branch = line(foot, foot + (6, 0, 8), foot + (11, 0, 24))
+    twigs = [line(branch[at], branch[at] + way) for at, way in ((120, (5, 4, 3)), (190, (4, -4.5, 2)))]
+    curves = [line((0, 0, 0), (0, 0, 75))[60:], branch, line((0, 0, 35), (-9, 4, 42)), *twigs]
+    places = [
+        tube_places(curve, radius, rng, 60) for curve, radius in zip(curves, (0.7, 0.35, *3 * [0.2]), strict=True)
+    ]
+    found = map_places(thinned(np.vstack(places), 0.25), [])
+    assert len(found.branches) == branches
+    assert {axis.parent for axis in found.branches if axis.kind == "fruiting"} <= {
+        axis.rank for axis in found.axes if axis.kind != "fruiting"
+    }
+
+
 def test_what_bolls_hang_on_is_no_leaf():
     """Dry bracts about the end of a branch looked like a blade, which took in the twig beside it."""
     rng = np.random.default_rng(0)
     branch = line((0, 0, 25), (20, 0, 34))
     twig = line(branch[100], (14, 3.2, 32))
     own, centre = hung_boll(branch[150], 1.0, rng)
+    its, its_centre = hung_boll(twig[-1], 1.0, rng)
     bracts = branch[rng.integers(110, len(branch), 250)] + rng.uniform(-1.3, 1.3, (250, 3))
     curves = (line((0, 0, 5), (0, 0, 60)), branch, twig)
     tubes = [tube_places(curve, radius, rng, 60) for curve, radius in zip(curves, (0.7, 0.2, 0.2), strict=True)]
-    found = map_places(thinned(np.vstack([*tubes, *own, bracts]), 0.25), [(1, centre, 4.5)])
-    assert found.branches[0].bolls == (1,)
-    assert any(np.linalg.norm(axis.curve[-1] - twig[-1]) < 0.5 for axis in found.branches[1:])
+    places = thinned(np.vstack([*tubes, *own, *its, bracts]), 0.25)
+    found = map_places(places, [(1, centre, 4.5), (2, its_centre, 4.5)])
+    assert [axis.bolls for axis in found.branches] == [(1,), (2,)]
+    assert nearest_on(found.branches[1].curve, twig)[0].max() < 0.5
 
 
 def test_parts_are_joined_with_the_nearest_of_others_whatever_their_size():

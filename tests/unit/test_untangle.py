@@ -119,3 +119,21 @@ def test_branches_that_are_right_stay_to_the_bit():
     for way, own in zip(untangled(ways, WOOD), ways, strict=True):
         assert way.curve.tobytes() == own.curve.tobytes()
         assert (way.parent, way.boll) == (own.parent, own.boll)
+
+
+@pytest.mark.parametrize("up_cm", [0.0, 20.0])
+def test_what_would_leave_a_fruiting_branch_as_a_branch_is_another_branch_s(up_cm):
+    """Branches bend at nodes, here by 45 degrees where they touch; vegetative ones, low on the stem, bear others."""
+    up = np.array([0, 0, up_cm])
+    node = OTHER[MEETS_OTHER]
+    outer = line(node, node + (8, 3, 0.5), spacing=0.25)
+    ways = [RawAxis(STEM, -1), RawAxis(ONE + up, 0, boll=1), RawAxis(OTHER[:MEETS_OTHER] + up, 0)]
+    ways.append(RawAxis(outer + up, 1, boll=2))
+    wood = np.vstack([tube_places(way.curve, 0.25, np.random.default_rng(0)) for way in ways])
+    found = untangled(ways, wood)
+    if up_cm:
+        assert [way.parent for way in found] == [-1, 0, 0]
+        assert [way.boll for way in found] == [0, 1, 2]
+        assert nearest_on(found[2].curve, (outer + up)[4:])[0].max() < 0.3
+    else:
+        assert [way.parent for way in found] == [-1, 0, 0, 1]

@@ -87,7 +87,10 @@ class BollTraits:
     )
     """(3,) in the plant frame."""
     volume_cm3: float = column(
-        "cm3", "volume of the convex body that the boll's silhouettes bound", 2, blank_when=NO_BODY
+        "cm3",
+        "volume of the convex body that the boll's silhouettes bound; up to 3 % less where it touches another",
+        2,
+        blank_when=NO_BODY,
     )
     alpha_volume_cm3: float = column(
         "cm3", "volume a ball of a quarter of the diameter cannot enter from outside", 2, blank_when=NO_BODY

@@ -18,6 +18,7 @@ from .error_model import (
     CROWDED_SHARE,
     blurs_bolls,
     boll_volume_error,
+    bridged_share,
     count_error,
     count_interval,
     find_touching,
@@ -181,8 +182,9 @@ def measure_bolls(
         apart: ids of bolls that do not hang on the plant.
         blur_px: motion blur of the training images.
 
-    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
-    volume the Gaussians' ellipsoids are blown up until their hull is that large.
+    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`), the volume without
+    what bodies that touch have too much (`bridged_share`). For the alpha volume the Gaussians' ellipsoids are blown up
+    until their hull is that large.
     """
     traits = []
     cm = scale.cm_per_su if scale else np.nan
@@ -194,10 +196,12 @@ def measure_bolls(
     widths = np.array([diameter.value for diameter in diameters])
     nearest = nearest_neighbours(middles, widths)
     unround = find_unround(nearest, np.array([volume.value for volume in volumes]) / (np.pi / 6 * widths**3))
+    bridged = bridged_share(nearest)
     nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
-    for boll, own, volume, diameter, body, away, twofold in zip(
-        bolls, surfaces, volumes, diameters, bodies, nearest, unround, strict=True
+    for boll, own, whole, diameter, body, share, away, twofold in zip(
+        bolls, surfaces, volumes, diameters, bodies, bridged, nearest, unround, strict=True
     ):
+        volume = whole._replace(value=whole.value / (1 + float(share)))
         rolled = volume
         if not volume.reason:
             rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
@@ -209,7 +213,7 @@ def measure_bolls(
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
-        error = boll_volume_error(diameter.value, volume.value, len(boll.views), scale, pixel_su, away, blur_px)
+        error = boll_volume_error(diameter.value, whole.value, len(boll.views), scale, pixel_su, away, blur_px)
         traits.append(
             BollTraits(
                 boll_id=boll.boll_id,

@@ -19,7 +19,7 @@ from ..geometry.polylines import (
 )
 from .positions import Sited, infer_positions
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
-from .untangle import VEGETATIVE_FOOT, untangled
+from .untangle import leaves_low, untangled
 from .wood import BollBody, WoodCloud
 
 STALK_CM = 5.0
@@ -261,7 +261,7 @@ def _kind(branch: _Branch, branches: list[_Branch], index: int, stem: Float64) -
         return "fruiting"
     outer = direction(branch.curve, 0.5 * length_of(branch.curve), length_of(branch.curve))
     rise_deg = np.degrees(np.arcsin(np.clip(outer[2], -1, 1)))
-    low = branch.curve[0, 2] < stem[0, 2] + VEGETATIVE_FOOT * (stem[-1, 2] - stem[0, 2])
+    low = leaves_low(branch.curve, stem)
     branching = sum(other.parent == index and length_of(other.curve) > STALK_CM for other in branches)
     upright = rise_deg > UPRIGHT_DEG and not branch.stalks
     return "vegetative" if low and (branching > 1 or (branching and rise_deg > RISING_DEG) or upright) else "fruiting"

@@ -184,15 +184,14 @@ def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
             touch = touches.between(way, ways[other])
             if touch is not None and min(way.bare_cm - touch[0], ways[other].bare_cm) > PETIOLE_CM:
                 near = [(child, station) for child, station in forks if abs(station - touch[0]) < BESIDE_CM]
-                odd = 0.0 if _may_bear(ways, number) else BEARING_DEG
+                may_bear = way.parent == 0 and leaves_low(way.curve, ways[0].curve)
+                odd = 0.0 if may_bear else BEARING_DEG
                 yield from _at_touch(ways, number, other, touch, near, odd)
 
 
-def _may_bear(ways: list[RawAxis], number: int) -> bool:
-    """Whether a way may be a vegetative branch."""
-    heights = ways[0].curve[:, 2]
-    foot = float(ways[number].curve[0, 2] - heights[0])
-    return ways[number].parent == 0 and foot < VEGETATIVE_FOOT * float(heights[-1] - heights[0])
+def leaves_low(curve: Float64, stem: Float64) -> bool:
+    """Whether a branch of the stem leaves it where vegetative ones do."""
+    return bool(curve[0, 2] < stem[0, 2] + VEGETATIVE_FOOT * (stem[-1, 2] - stem[0, 2]))
 
 
 def _is_long(way: RawAxis, station: float = 0.0) -> bool:

@@ -11,6 +11,7 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
+from .loops import opened
 from .order import draw_map
 from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
@@ -59,10 +60,10 @@ def map_cloud(points_cm: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
 def map_places(places: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
     """The map of places (N, 3) cm where wood may be; thickness is left open."""
     cloud = classify(places, [boll for boll in bolls if np.isfinite(boll[1]).all() and np.isfinite(boll[2])])
-    raw = extract_axes(cloud)
+    raw, meetings = extract_axes(cloud)
     if not raw:
         return PlantMap((), (), "no_stem")
-    return draw_map(cloud, raw, stem_radius(raw[0].curve, places))
+    return draw_map(cloud, opened(raw, meetings), stem_radius(raw[0].curve, places))
 
 
 def _surface_radii(curve: Float64, points: Float64) -> Float64:

@@ -68,7 +68,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     """
     if not raw:
         return PlantMap((), (), "no_stem")
-    ways = _without_carpels(untangled(raw, cloud.places[cloud.bur == 0]), cloud.bolls)
+    ways = _without_carpels(untangled(raw), cloud.bolls)
     stem = ways[0].curve
     branches, on_stem = _sorted_out(ways, cloud)
     for branch in branches:

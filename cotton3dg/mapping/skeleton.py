@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..core.scene import Float64
 from ..geometry.polylines import length_of, nearest_on, path_lengths, resampled, smoothed
-from .graph import WoodTree, joined, path_to, shortest_paths
+from .graph import NEAR_CM, WoodGraph, WoodTree, joined, path_to, shortest_paths
 from .wood import WoodCloud
 
 ROOT_LAYER_CM = 1.5
@@ -45,6 +46,12 @@ STEM_REACH_CM = 1.3
 """The same two of the stem, which is thicker and bends less."""
 SURFACE_CM = 1.5
 """How far from the middle of a stem or branch its surface may be."""
+LOOP_CM = 4.0
+"""Ways that meet sooner after they part close no loop."""
+LINK_CM = 5.0
+"""Between two ways that meet so much wood is left at most that lies on neither."""
+STUB_CM, APART_CM = 1.0, 2.0
+"""So much of a branch is left beside the stem, so far from the foot of the way that it meets."""
 MIN_STEM_CM = 12.0
 FEWEST_PLACES = 20
 BLADE_CM = 3.0
@@ -70,10 +77,25 @@ class RawAxis:
     """Length before it enters a blade; infinite where it enters none."""
 
 
-def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
-    """The stem and all ways that leave it or each other, longest first; empty where there is no stem."""
+@dataclass(frozen=True)
+class Meeting:
+    """Where wood goes on from one way to another that grows elsewhere."""
+
+    one: int
+    other: int
+    """Indices of the ways."""
+    link: Float64
+    """(N, 3) cm, from a place on the one to a place on the other."""
+
+
+def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
+    """The stem and all ways that leave it or each other, longest first; empty where there is no stem.
+
+    Returns:
+        The ways and where they meet.
+    """
     if len(cloud.places) < FEWEST_PLACES or np.ptp(cloud.places[:, 2]) < MIN_STEM_CM:
-        return []
+        return [], []
     places, n = cloud.places, len(cloud.places)
     graph, root = joined(places), _root(places)
     wood = places[cloud.bur == 0]
@@ -81,7 +103,7 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
     alike = shortest_paths(graph, np.zeros(n, bool), root, np.zeros((0, 3)), SIDEWAYS)
     stem = centred(places[_stem_rows(alike, cloud)], wood, STEM_REACH_CM, STEM_SMOOTHING)
     if length_of(stem) < MIN_STEM_CM:
-        return []
+        return [], []
     reach = stem_radius(stem, wood) + 0.5 * COVER_CM
     beside = nearest_on(stem, places, reach)[0] < reach
     leaf = cloud.leaf & ~beside
@@ -116,7 +138,71 @@ def extract_axes(cloud: WoodCloud) -> list[RawAxis]:
             _cover(tree, owner, n, curve, (len(axes) - 1, parent), COVER_CM)
         else:
             _cover(tree, owner, n, curve, (len(axes) - 1,), BLADE_CM)
-    return axes
+    hung = _hung_on(tree, owner, owner < 0)[:n]
+    leaves = [number for number, axis in enumerate(axes) if np.isfinite(axis.bare_cm)]
+    hung[leaf | (cloud.bur > 0) | np.isin(hung, leaves)] = -1
+    return axes, _meetings(graph, tree, owner, hung, axes)
+
+
+def _meetings(
+    graph: WoodGraph, tree: WoodTree, owner: NDArray[np.int64], hung: NDArray[np.int64], axes: list[RawAxis]
+) -> list[Meeting]:
+    """Where wood closes a loop: for each two ways the nearest places, if both are far from where the ways part.
+
+    Args:
+        owner: (N,) axis of each place that is done. hung: (N,) the axis that each place is of or hangs on; -1 of what
+            is no wood.
+    """
+    pairs = graph.pairs[(hung[graph.pairs] >= 0).all(axis=1)]
+    pairs = pairs[hung[pairs[:, 0]] != hung[pairs[:, 1]]]
+    steps = np.linalg.norm(np.diff(graph.places[pairs], axis=1)[:, 0], axis=1)
+    pairs, steps = pairs[steps <= NEAR_CM], steps[steps <= NEAR_CM]
+    found: dict[tuple[int, int], Meeting] = {}
+    feet = _feet(tree, axes)
+    for row in np.argsort(steps, kind="stable"):
+        ends = sorted(pairs[row].tolist(), key=lambda end: int(hung[end]))
+        ways = (int(hung[ends[0]]), int(hung[ends[1]]))
+        if ways in found:
+            continue
+        rows = [path_to(tree, end, owner >= 0) for end in ends]
+        starts = tree.lengths[[own[0] for own in rows]]
+        rests = tree.lengths[ends] - starts
+        if rests.sum() > LINK_CM:
+            continue
+        if ways[0] == 0:
+            # Of a branch that touches another one soon, too little is left beside the stem to be a way.
+            closes = rests[0] > STUB_CM and abs(starts[0] - _foot_on_stem(axes, feet, ways[1])) > APART_CM
+            closes = closes and tree.lengths[ends[1]] - feet[ways[1]] > LOOP_CM
+        else:
+            closes = min(tree.lengths[ends] - _parted_cm(axes, feet, ways, starts)) > LOOP_CM
+        if closes:
+            found[ways] = Meeting(*ways, np.vstack([tree.places[rows[0]], tree.places[rows[1][::-1]]]))
+    return list(found.values())
+
+
+def _feet(tree: WoodTree, axes: list[RawAxis]) -> Float64:
+    """(A,) path length from the clamp to the foot of each axis."""
+    rows = cKDTree(tree.places).query(np.array([axis.curve[0] for axis in axes]))[1]
+    return tree.lengths[rows]
+
+
+def _foot_on_stem(axes: list[RawAxis], feet: Float64, way: int) -> float:
+    while axes[way].parent > 0:
+        way = axes[way].parent
+    return float(feet[way])
+
+
+def _parted_cm(axes: list[RawAxis], feet: Float64, ways: tuple[int, int], lengths: Float64) -> float:
+    """Path length from the clamp to where the ways to places on two axes part."""
+    chains = []
+    for end, length in zip(ways, lengths, strict=True):
+        way, chain = end, {end: float(length)}
+        while axes[way].parent >= 0:
+            chain[axes[way].parent] = float(feet[way])
+            way = axes[way].parent
+        chains.append(chain)
+    common = next(way for way in chains[0] if way in chains[1])
+    return min(chains[0][common], chains[1][common])
 
 
 def _root(places: Float64) -> int:

@@ -2,7 +2,7 @@
 
 Shortest paths go from one branch into another wherever these touch, and at a fork the longest way takes the parent's
 inner part, whichever of the two it continues. Wood goes on straight: at every touch and fork the parts are paired anew
-if that saves bends.
+if that saves bends. Touches that close a loop of wood have been seen to before, by `loops`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..core.scene import Float64
 from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
@@ -21,14 +20,14 @@ TOUCH_CM = 2.0
 """Centre lines that come as near may belong to branches that touch."""
 ENDS_CM = 2.0
 """A way that took nothing over ends so near to the touch, ..."""
-LAST_BOLL_CM = 5.0
+STALK_CM = 5.0
 """... or, if it found a boll there, its stalk is no longer."""
 BESIDE_CM = 4.0
 """A fork so near belongs to the touch."""
 INNER_CM = 1.5
 """Nearer to its foot a way touches nothing but its parent."""
-OUTER_CM = 3.5
-"""Shorter outer parts are stalks, scars and dry tips, which bend as they like."""
+TWIG_CM = 3.5
+"""Outer parts no longer than this, or to a boll than `STALK_CM`, are stalks, scars and tips, and bend as they like."""
 TIP_CM, TIP_GAIN_DEG = 2.0, 15.0
 """But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
 top of a vegetative branch is shorter than the last branch that leaves it."""
@@ -36,12 +35,6 @@ LEAST_BLADE_CM = 1.0
 """What is broad over less at the end of a tip is no blade."""
 AROUND_CM, WINDOW_CM = 0.8, 3.0
 """Directions are taken so far from where ways meet, over such a piece."""
-FOLLOWED_CM, AHEAD_CM, FEWEST_AHEAD = 8.0, 1.2, 4
-"""Wood is followed so far from a tip, by so many places within reach of it, ..."""
-ALONG_CM = 0.6
-"""... until another way lies so near."""
-STALK_CM = 2.0
-"""Of a way that ends at a boll, so much is taken for the stalk, and the branch may go on before it."""
 DEAD_END_DEG = 40.0
 """A branch that ends at a touch is as unlikely as such a bend, ..."""
 BOLL_END_DEG = 15.0
@@ -65,13 +58,9 @@ class _Pairing:
     apply: Callable[[], None]
 
 
-def untangled(raw: list[RawAxis], wood: Float64) -> list[RawAxis]:
-    """The ways, paired so that they go on straight; the stem comes first, as it came.
-
-    Args:
-        wood: (N, 3) places of wood.
-    """
-    ways = _extended([replace(way) for way in raw], wood)
+def untangled(raw: list[RawAxis]) -> list[RawAxis]:
+    """The ways, paired so that they go on straight; the stem comes first, as it came."""
+    ways = [replace(way) for way in raw]
     touches = _Touches()
     for _ in range(MOST):
         better = (pairing for pairing in _pairings(ways, touches) if pairing.gain_deg >= GAIN_DEG)
@@ -83,34 +72,6 @@ def untangled(raw: list[RawAxis], wood: Float64) -> list[RawAxis]:
     return ways
 
 
-def _extended(ways: list[RawAxis], wood: Float64) -> list[RawAxis]:
-    """Ways that end where the wood goes on, for what follows was reached sooner through another branch, go on to it."""
-    tree = cKDTree(wood)
-    curves = _Curves(ways)
-    for number in range(1, len(ways)):
-        way = ways[number]
-        others = [other for other in range(1, len(ways)) if _apart(ways, number, other)]
-        bare = way.curve if not way.boll else _cut(way.curve, length_of(way.curve) - STALK_CM)[0]
-        if np.isfinite(way.bare_cm) or not others or length_of(bare) < INNER_CM:
-            continue
-        onward = _followed_wood(bare, wood, tree, curves, set(others))
-        if onward is None:
-            continue
-        if way.boll:
-            ways.append(RawAxis(way.curve[len(bare) - 1 :], number, way.boll))
-        ways[number] = replace(way, curve=resampled(np.vstack([bare, onward]), SPACING_CM), boll=0)
-        for other in others:
-            # What was traced the wrong way round, from the touch inwards, lies on the way now.
-            its = ways[other]
-            along = nearest_on(onward, its.curve, TOUCH_CM)[0] < ALONG_CM
-            if len(onward) > 2 and along.mean() > 0.5 and length_of(its.curve) < length_of(onward) + ALONG_CM:
-                _adopt(ways, other, number)
-                ways[other].parent = number if its.boll else _GONE
-                if its.boll:
-                    ways[other].curve = its.curve[min(np.flatnonzero(along)[-1], len(its.curve) - 2) :]
-    return _without_rests(ways)
-
-
 def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
     """Whether neither of two ways grows on the other."""
     return (
@@ -118,51 +79,6 @@ def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
         and ways[other].parent != _GONE
         and not (_descends(ways, one, other) or _descends(ways, other, one))
     )
-
-
-class _Curves:
-    """Points of all ways as they are at first, to tell which of them are near a place."""
-
-    def __init__(self, ways: list[RawAxis]) -> None:
-        self._tree = cKDTree(np.vstack([way.curve for way in ways]))
-        self._owners = np.repeat(np.arange(len(ways)), [len(way.curve) for way in ways])
-        self._beyond = np.concatenate([length_of(way.curve) - path_lengths(way.curve) for way in ways])
-
-    def near(self, place: Float64) -> list[tuple[int, float]]:
-        """Number of each way within `ALONG_CM`, and how much of it lies beyond its nearest point there, cm."""
-        rows = np.array(self._tree.query_ball_point(place, ALONG_CM), np.int64)
-        rows = rows[np.argsort(np.linalg.norm(self._tree.data[rows] - place, axis=1), kind="stable")]
-        owners, first = np.unique(self._owners[rows], return_index=True)
-        return [(int(owner), float(self._beyond[rows[row]])) for owner, row in zip(owners, first, strict=True)]
-
-
-def _followed_wood(curve: Float64, wood: Float64, tree: cKDTree, curves: _Curves, others: set[int]) -> Float64 | None:
-    """(N, 3) where wood goes on from a curve's tip until it meets another curve; None where it meets none.
-
-    One that it meets at its tip comes from the other side, and is passed.
-
-    Args:
-        others: numbers of the ways that may be met.
-    """
-    place, way = curve[-1], direction(curve, max(length_of(curve) - WINDOW_CM, 0.0), length_of(curve))
-    passed: list[Float64] = []
-    head_on: set[int] = set()
-    for _ in range(round(FOLLOWED_CM / SPACING_CM)):
-        near = wood[tree.query_ball_point(place, AHEAD_CM)] - place
-        ahead = near[near @ way > 0.7 * np.linalg.norm(near, axis=1)]
-        ahead = ahead[ahead @ way > 0.5 * SPACING_CM]
-        if len(ahead) < FEWEST_AHEAD or not np.isfinite(way).all():
-            return None
-        onward = ahead.mean(axis=0) / np.linalg.norm(ahead.mean(axis=0))
-        way = way + 0.3 * (onward - way)
-        way = way / np.linalg.norm(way)
-        place = place + SPACING_CM * way
-        passed.append(place)
-        met = {number: beyond for number, beyond in curves.near(place) if number in others - head_on}
-        if any(beyond >= ALONG_CM for beyond in met.values()):
-            return np.array(passed)
-        head_on |= set(met)
-    return None
 
 
 def _pairings(ways: list[RawAxis], touches: _Touches) -> Iterator[_Pairing]:
@@ -197,7 +113,7 @@ def leaves_low(curve: Float64, stem: Float64) -> bool:
 def _is_long(way: RawAxis, station: float = 0.0) -> bool:
     """Whether what lies beyond a path length is no mere stalk, of a boll or a leaf, scar or tip."""
     is_leaf = way.bare_cm - station < PETIOLE_CM
-    return not is_leaf and length_of(way.curve) - station > (LAST_BOLL_CM if way.boll else OUTER_CM)
+    return not is_leaf and length_of(way.curve) - station > (STALK_CM if way.boll else TWIG_CM)
 
 
 def _is_tip(way: RawAxis) -> bool:
@@ -234,7 +150,7 @@ class _Touches:
 def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
     """Path lengths, along a way and along another that ends beside it, of where they touch; None where they do not."""
     length = length_of(other.curve)
-    tail = path_lengths(other.curve) > length - (LAST_BOLL_CM if other.boll else ENDS_CM)
+    tail = path_lengths(other.curve) > length - (STALK_CM if other.boll else ENDS_CM)
     tail &= path_lengths(other.curve) > INNER_CM
     if not tail.any():
         return None
@@ -297,7 +213,7 @@ def _exchange(ways: list[RawAxis], number: int, station: float, child: int) -> N
     inner, outer = _cut(way.curve, station)
     later = [index for index, where in _children(ways, number) if where > station and index != child]
     grandchildren = [index for index, _ in _children(ways, child)]
-    ways[number] = replace(way, curve=_joined(inner, its.curve), boll=its.boll, bare_cm=its.bare_cm + station)
+    ways[number] = replace(way, curve=joined_straight(inner, its.curve), boll=its.boll, bare_cm=its.bare_cm + station)
     ways[child] = RawAxis(outer, number, way.boll, way.bare_cm - station)
     for index in later:
         ways[index].parent = child
@@ -332,7 +248,8 @@ def _append(ways: list[RawAxis], number: int, end: float, curve: Float64, taken:
     inner, stalk = _cut(way.curve, end)
     if way.boll:
         ways.append(RawAxis(stalk, number, way.boll))
-    ways[number] = replace(way, curve=_joined(inner, curve), boll=ways[taken].boll, bare_cm=ways[taken].bare_cm + end)
+    its = ways[taken]
+    ways[number] = replace(way, curve=joined_straight(inner, curve), boll=its.boll, bare_cm=its.bare_cm + end)
 
 
 def _adopt(ways: list[RawAxis], child: int, parent: int) -> None:
@@ -377,7 +294,7 @@ def _cut(curve: Float64, station: float) -> tuple[Float64, Float64]:
     return curve[: row + 1], curve[row:]
 
 
-def _joined(first: Float64, second: Float64) -> Float64:
+def joined_straight(first: Float64, second: Float64) -> Float64:
     """Straight across the last and first of both, which the touch has bent."""
     return resampled(
         np.vstack([first[:-2], second[2:]] if min(len(first), len(second)) > 4 else [first, second]), SPACING_CM

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdlib>
 #include <fstream>
 #include <limits>
 #include <new>
+#include <optional>
 #include <sstream>
 
 namespace cotton {
@@ -14,14 +16,20 @@ constexpr int64_t kUnlimited = std::numeric_limits<int64_t>::max();
 
 std::atomic<int64_t> pretended{-1};
 
+// The number that a text begins with, after spaces. No stream is asked: its locale is another one where libstdc++ is
+// linked into this module and another library brings its own, and reading a number from it crashed there.
+std::optional<int64_t> leading_number(const std::string& text) {
+    char* end = nullptr;
+    const int64_t number = std::strtoll(text.c_str(), &end, 10);
+    return end == text.c_str() ? std::nullopt : std::optional(number);
+}
+
 // The number after `name` in a file of lines "name number"; -1 without one.
 int64_t named_number(const std::string& path, const std::string& name) {
     std::ifstream file(path);
     for (std::string line; std::getline(file, line);) {
-        std::istringstream words(line);
-        std::string word;
-        int64_t number;
-        if (words >> word && word == name && words >> number) return number;
+        if (line.compare(0, name.size(), name) != 0) continue;
+        if (const auto number = leading_number(line.substr(name.size()))) return *number;
     }
     return -1;
 }
@@ -29,8 +37,8 @@ int64_t named_number(const std::string& path, const std::string& name) {
 // The number that a file consists of; -1 where there is no file, or a word such as "max".
 int64_t only_number(const std::string& path) {
     std::ifstream file(path);
-    int64_t number;
-    return file >> number ? number : -1;
+    std::string line;
+    return std::getline(file, line) ? leading_number(line).value_or(-1) : -1;
 }
 
 // Names of one version's files.

@@ -1,14 +1,16 @@
 """Simulated plants, made, run and compared with their truth: the twelve of the study set, and twelve of touching bolls.
 
-    python tests/accuracy/study_set.py FOLDER [--preset draft] [--jobs 2] [--touching] [--only NAME ...] [--also ...]
+    python tests/accuracy/study_set.py FOLDER [--preset draft] [--jobs 2] [--touching] [--natural [--from 13]]
+        [--only NAME ...] [--also ...]
 
 The jobs share the cores that this process may use. Whatever is up to date is skipped: the same command continues after
 an interruption, and measures again after a change. A plant whose options below change needs another name.
 
 Prints a row a plant, and for each kind of plant and all of them the mean absolute errors beside what they should be;
 keeps both as FOLDER/study_PRESET.csv and .md. --touching takes the other twelve, most of whose bolls stand in groups of
-two to four. Plants that were run before (--also RUN:TRUTH, with the folder of `truth.json`
-and `cameras.json` after a colon if it is another) are a kind of their own and not among all.
+two to four; --natural takes twelve for the plant map, --from N those with the numbers N and on. Plants that were run
+before (--also RUN:TRUTH, with the folder of `truth.json` and `cameras.json` after a colon if it is another) are a kind
+of their own and not among all.
 """
 
 from __future__ import annotations
@@ -56,12 +58,15 @@ TOUCHING = {
 """As hard as bolls grow: 85 % touch others, and lie in each other down to 0.72 diameters from middle to middle. Filmed
 at twice the size of the others, where a boll is some 25 px wide, as in a phone's video."""
 
-NATURAL = {
-    f"natural-{number}": f"--seed {600 + number} --architecture natural --vegetative {number % 3} --barren 0.25"
-    f" --broken 0.15 --crossing {2 * (number % 2)} --lean {4 * (number % 4)} {LARGE}"
-    for number in range(1, 13)
-}
-"""A branch at every node, some barren, vegetative, broken or touching another: for the plant map."""
+
+def natural(first: int) -> dict[str, str]:
+    """Twelve plants with a branch at every node, some barren, vegetative, broken or touching another: for the map."""
+    return {
+        f"natural-{number}": f"--seed {600 + number} --architecture natural --vegetative {number % 3} --barren 0.25"
+        f" --broken 0.15 --crossing {2 * (number % 2)} --lean {4 * (number % 4)} {LARGE}"
+        for number in range(first, first + 12)
+    }
+
 
 AIMS_PCT = {"count": 4.6, "canopy": 1.8, "height": 1.2, "volume": 4.0, "one_boll": 8.0, "scale": 0.5}
 """Half of what Cotton3DGaussians errs by, and what that asks of single bolls and of the scale."""
@@ -136,14 +141,17 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--touching", action="store_true")
     parser.add_argument("--natural", action="store_true")
-    parser.add_argument("--only", nargs="*", choices=PLANTS | TOUCHING | NATURAL)
+    parser.add_argument("--from", dest="first", type=int, default=1, help="number of the first natural plant")
+    parser.add_argument("--only", nargs="*")
     parser.add_argument("--also", nargs="*", type=true_plant, default=[], metavar="RUN:TRUTH")
     wanted = parser.parse_args()
-    names = wanted.only or list(TOUCHING if wanted.touching else NATURAL if wanted.natural else PLANTS)
+    films = PLANTS | TOUCHING | natural(wanted.first)
+    names = wanted.only or list(TOUCHING if wanted.touching else natural(wanted.first) if wanted.natural else PLANTS)
+    if unknown := [name for name in names if name not in films]:
+        parser.error(f"no such plant: {', '.join(unknown)}; there are {', '.join(films)}")
 
     def film_one(name: str) -> int:
-        film = (PLANTS | TOUCHING | NATURAL)[name]
-        return film_and_run(wanted.folder / name, f"{film} --mask-interval 1", wanted.preset)
+        return film_and_run(wanted.folder / name, f"{films[name]} --mask-interval 1", wanted.preset)
 
     codes = side_by_side(wanted.jobs, film_one, names)
     failed = {name: code for name, code in zip(names, codes, strict=True) if code}

@@ -1,0 +1,402 @@
+"""Branches that touch close a loop of wood: where it is opened, each of them goes on straight.
+
+Shortest paths open a loop where the two ways round it are equally long, which is seldom where branches touch: what
+lies between is traced the wrong way round, and what lies beyond the touch goes to the branch that reached it first.
+Here every loop is opened anew at that fork on it, and so that the branches which come out of it are the most likely:
+few bends, few dead ends, and no branches on fruiting branches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise, product
+
+import numpy as np
+
+from ..core.scene import Float64
+from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
+from .skeleton import PETIOLE_CM, SPACING_CM, Meeting, RawAxis
+from .untangle import (
+    AROUND_CM,
+    BEARING_DEG,
+    BOLL_END_DEG,
+    DEAD_END_DEG,
+    GAIN_DEG,
+    STALK_CM,
+    TWIG_CM,
+    joined_straight,
+    leaves_low,
+)
+
+ONE_FORK_CM = 2.0
+"""Forks on a way that are no farther apart are one."""
+SAME_CM = 0.01
+"""On the stem, only these are."""
+WINDOW_CM = 2.5
+"""Directions are taken over such a piece, `AROUND_CM` from a fork."""
+MOST_DEG = 80.0
+"""No bend is less likely than this."""
+ROUNDS = 3
+MOST_ARMS = 5
+"""Of a fork besides the two of the loop; with more of them it stays as it is."""
+
+Arm = tuple[int, int]
+"""A segment and one of its ends, 0 or 1."""
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """A piece of a way between two forks."""
+
+    way: int
+    start: float
+    end: float
+    """Path lengths on the way."""
+
+
+@dataclass
+class _Line:
+    """A branch as it comes out of the forks."""
+
+    parent: int
+    arms: list[Arm] = field(default_factory=list)
+    """Where it enters each of its segments."""
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """What opens a loop: the arms of a fork that part from the rest."""
+
+    group: frozenset[Arm]
+
+
+def opened(ways: list[RawAxis], meetings: list[Meeting]) -> list[RawAxis]:
+    """The ways, with every loop that the meetings close opened where the branches go on straight."""
+    if not meetings:
+        return ways
+    return _Forks(ways, meetings).best()
+
+
+class _Merged:
+    """Numbers of which some turn out to be the same."""
+
+    def __init__(self) -> None:
+        self._above: list[int] = []
+
+    def new(self) -> int:
+        self._above.append(len(self._above))
+        return self._above[-1]
+
+    def of(self, number: int) -> int:
+        while self._above[number] != number:
+            number = self._above[number]
+        return number
+
+    def merge(self, one: int, other: int) -> None:
+        self._above[self.of(other)] = self.of(one)
+
+
+class _Forks:
+    """Segments of ways, and which of them come together."""
+
+    def __init__(self, ways: list[RawAxis], meetings: list[Meeting]) -> None:
+        stubs = [RawAxis(resampled(meeting.link, SPACING_CM), 0) for meeting in meetings if meeting.one == 0]
+        self.ways, self.n_ways = [*ways, *stubs], len(ways)
+        """What is left of branches beside the stem comes after the ways."""
+        self.segments: list[_Segment] = []
+        self.first: dict[Arm, int] = {}
+        """The fork of each arm as the ways came."""
+        self._angles: dict[tuple[Arm, Arm], float] = {}
+        forks = _Merged()
+        self.root = forks.new()
+        events: list[list[tuple[float, int]]] = [[] for _ in self.ways]
+        """Path length and number of each fork on each way."""
+        self._place_feet_and_tips(events, forks)
+        tips = {own[0][1] for own in events[1:]}
+        ends = list(self._place_meetings(events, forks, meetings))
+        self._cut(events, forks, tips)
+        loose = {end for pair in ends for end in pair} & tips
+        self.loose = {arm for arm, number in self.first.items() if number in loose}
+        """Arms at tips where a meeting says that the wood goes on."""
+        self.first = {arm: forks.of(number) for arm, number in self.first.items()}
+        self.ends_of = [(forks.of(one), forks.of(other)) for one, other in ends]
+        """The forks that each meeting joins."""
+
+    def _place_feet_and_tips(self, events: list[list[tuple[float, int]]], forks: _Merged) -> None:
+        for own, way in zip(events[1:], self.ways[1:], strict=True):
+            own += [(length_of(way.curve), forks.new()), (0.0, forks.new())]
+        for number, way in enumerate(self.ways[1:], start=1):
+            foot = events[number][1][1]
+            if way.parent == 0:
+                forks.merge(self.root, foot)
+            else:
+                on_parent = self._event(events, forks, way.parent, way.curve[0])
+                forks.merge(on_parent, foot)
+
+    def _event(self, events: list[list[tuple[float, int]]], forks: _Merged, way: int, place: Float64) -> int:
+        """Another fork on a way, nearest to a place and not quite at an end."""
+        station = float(nearest_on(self.ways[way].curve, place[None])[1][0])
+        events[way].append((min(station, events[way][0][0] - 0.1), forks.new()))
+        return events[way][-1][1]
+
+    def _place_meetings(
+        self, events: list[list[tuple[float, int]]], forks: _Merged, meetings: list[Meeting]
+    ) -> Iterator[tuple[int, int]]:
+        """The two forks of each meeting."""
+        stub = self.n_ways
+        for meeting in meetings:
+            if meeting.one == 0:
+                one, stub = events[stub][0][1], stub + 1
+            else:
+                one = self._tip_or_event(events, forks, meeting.one, meeting.link[0])
+            yield one, self._tip_or_event(events, forks, meeting.other, meeting.link[-1])
+
+    def _tip_or_event(self, events: list[list[tuple[float, int]]], forks: _Merged, way: int, place: Float64) -> int:
+        length, tip = events[way][0]
+        station = float(nearest_on(self.ways[way].curve, place[None])[1][0])
+        if not self.ways[way].boll and station > length - ONE_FORK_CM:
+            return tip
+        return self._event(events, forks, way, place)
+
+    def _cut(self, events: list[list[tuple[float, int]]], forks: _Merged, tips: set[int]) -> None:
+        """Forks that are near each other on a way become one; the ways are cut at all."""
+        for own in events[1:]:
+            for (before, one), (after, other) in pairwise(sorted(own)):
+                at_root = forks.of(self.root) in (forks.of(one), forks.of(other))
+                if other not in tips and after - before <= (SAME_CM if at_root else ONE_FORK_CM):
+                    forks.merge(one, other)
+        self.root = forks.of(self.root)
+        for number, own in enumerate(events):
+            for (before, one), (after, other) in pairwise(sorted(own)):
+                if forks.of(one) != forks.of(other):
+                    self.first[len(self.segments), 0], self.first[len(self.segments), 1] = one, other
+                    self.segments.append(_Segment(number, before, after))
+
+    def best(self) -> list[RawAxis]:
+        """The ways of the likeliest openings: of each loop in turn, while the others are open as they were last."""
+        state: list[_Opening | None] = [None] * len(self.ends_of)
+        cost, lines = self._judged(self._forks(state))
+        for _ in range(ROUNDS):
+            before = cost
+            for number in range(len(state)):
+                tried = [
+                    (*self._judged(self._forks(other)), other)
+                    for opening in self._openings(state, number)
+                    for other in [[*state[:number], opening, *state[number + 1 :]]]
+                ]
+                best = min(tried, key=lambda item: item[0], default=None)
+                if best is not None and best[0] < cost - GAIN_DEG:
+                    cost, lines, state = best
+            if cost == before:
+                break
+        return self._ways(lines) if any(state) else self.ways[: self.n_ways]
+
+    def _forks(self, state: list[_Opening | None]) -> dict[Arm, int]:
+        """The fork of each arm when the loops are opened so."""
+        forks, new = dict(self.first), 1 + max(self.first.values())
+        for number, opening in enumerate(state):
+            if opening is None:
+                continue
+            self._join(forks, number)
+            for arm in opening.group:
+                forks[arm] = new
+            new += 1
+        return forks
+
+    def _join(self, forks: dict[Arm, int], number: int) -> None:
+        one, other = self.ends_of[number]
+        for arm, fork in forks.items():
+            if fork == other:
+                forks[arm] = one
+
+    def _openings(self, state: list[_Opening | None], number: int) -> Iterator[_Opening]:
+        """All ways to open the loop of one meeting, the other loops being open."""
+        forks = self._forks([*state[:number], None, *state[number + 1 :]])
+        to_root = self._to_root(forks)
+        one, other = self.ends_of[number]
+        ways = [self._upwards(forks, to_root, end) for end in (one, other)]
+        if not all(ways) or one == other:
+            return
+        shared = {forks[arm[0], 1 - arm[1]] for arm in ways[0]} & {forks[arm[0], 1 - arm[1]] for arm in ways[1]}
+        inner = [self._before(forks, way, shared) for way in ways]
+        if not all(inner):
+            return
+        self._join(forks, number)
+        at: dict[int, list[Arm]] = {}
+        for arm, fork in forks.items():
+            at.setdefault(fork, []).append(arm)
+        yield from self._parted(at[one], inner[0][0], inner[1][0])
+        for way in inner:
+            for outer, arm in pairwise(way):
+                yield from self._parted(at[forks[arm]], arm, (outer[0], 1 - outer[1]))
+
+    @staticmethod
+    def _parted(arms: list[Arm], one: Arm, other: Arm) -> Iterator[_Opening]:
+        """All ways to part the arms of a fork, the two of the loop from each other."""
+        rest = [arm for arm in arms if arm not in (one, other)]
+        if len(rest) <= MOST_ARMS:
+            for chosen in product((False, True), repeat=len(rest)):
+                yield _Opening(frozenset([other, *(arm for arm, taken in zip(rest, chosen, strict=True) if taken)]))
+
+    def _to_root(self, forks: dict[Arm, int]) -> dict[int, Arm]:
+        """For each fork that is reached, its arm towards the stem."""
+        at: dict[int, list[Arm]] = {}
+        for arm, fork in forks.items():
+            at.setdefault(fork, []).append(arm)
+        towards: dict[int, Arm] = {}
+        waiting = [self.root]
+        while waiting:
+            fork = waiting.pop()
+            for segment, end in at.get(fork, []):
+                far = forks[segment, 1 - end]
+                if far != self.root and far not in towards and towards.get(fork) != (segment, end):
+                    towards[far] = (segment, 1 - end)
+                    waiting.append(far)
+        return towards
+
+    @staticmethod
+    def _upwards(forks: dict[Arm, int], to_root: dict[int, Arm], fork: int) -> list[Arm]:
+        """The arms that lead from a fork to the stem."""
+        way = []
+        while fork in to_root:
+            way.append(to_root[fork])
+            fork = forks[to_root[fork][0], 1 - to_root[fork][1]]
+        return way
+
+    @staticmethod
+    def _before(forks: dict[Arm, int], way: list[Arm], shared: set[int]) -> list[Arm]:
+        """The part of a way to the stem before it comes to a shared fork."""
+        kept = []
+        for arm in way:
+            kept.append(arm)
+            if forks[arm[0], 1 - arm[1]] in shared:
+                break
+        return kept
+
+    def _judged(self, forks: dict[Arm, int]) -> tuple[float, list[_Line]]:
+        """How unlikely the branches are that come out of forks, degrees, and these."""
+        at: dict[int, list[Arm]] = {}
+        for arm, fork in forks.items():
+            at.setdefault(fork, []).append(arm)
+        cost, lines = 0.0, list[_Line]()
+        waiting = [(arm, -1, False) for arm in sorted(at.get(self.root, []))]
+        seen = 0
+        while waiting:
+            arm, parent, is_twig = waiting.pop()
+            line = _Line(parent)
+            number = len(lines)
+            lines.append(line)
+            may_bear = parent < 0 and leaves_low(self.ways[self.segments[arm[0]].way].curve, self.ways[0].curve)
+            while True:
+                line.arms.append(arm)
+                seen += 1
+                if seen > len(self.segments):
+                    return np.inf, lines  # a loop is left
+                entered = (arm[0], 1 - arm[1])
+                fork = forks[entered]
+                if fork == self.root:
+                    return np.inf, lines
+                outs = [other for other in at[fork] if other != entered]
+                if not outs:
+                    is_boll = self._is_boll(entered)
+                    if not is_twig or entered in self.loose or not self._is_tip(entered):
+                        cost += BOLL_END_DEG if is_boll else DEAD_END_DEG
+                    break
+                long = [other for other in outs if not self._is_twig(forks, at, other)]
+                onward = self._onward(entered, long or outs, bool(long))
+                if long:
+                    cost += min(self._bend(entered, onward), MOST_DEG)
+                for other in outs:
+                    if other != onward:
+                        cost += BEARING_DEG * (other in long and not may_bear)
+                        waiting.append((other, number, other not in long))
+                arm = onward
+        return (cost if seen == len(self.segments) else np.inf), lines
+
+    def _onward(self, entered: Arm, outs: list[Arm], straight: bool) -> Arm:
+        """Which arm a branch goes on into: its own way, unless another is clearly straighter."""
+        if straight:
+            bends = {arm: self._bend(entered, arm) for arm in outs}
+            least = min(bends, key=lambda arm: (bends[arm], arm))
+        else:
+            bends = dict.fromkeys(outs, 0.0)
+            least = max(outs, key=lambda arm: (self._is_boll((arm[0], 1 - arm[1])), self._length(arm), arm))
+        own = [arm for arm in outs if self._continues(entered, arm)]
+        return own[0] if own and bends[own[0]] < bends[least] + GAIN_DEG else least
+
+    def _continues(self, entered: Arm, arm: Arm) -> bool:
+        one, other = self.segments[entered[0]], self.segments[arm[0]]
+        return one.way == other.way and entered[1] != arm[1]
+
+    def _is_twig(self, forks: dict[Arm, int], at: dict[int, list[Arm]], arm: Arm) -> bool:
+        """Whether a stalk, scar, dry tip or leaf is all that an arm leads to."""
+        far = (arm[0], 1 - arm[1])
+        if len(at[forks[far]]) > 1 or forks[far] == self.root:
+            return False
+        segment = self.segments[arm[0]]
+        is_leaf = arm[1] == 0 and self.ways[segment.way].bare_cm - segment.start < PETIOLE_CM
+        return is_leaf or self._length(arm) <= (STALK_CM if self._is_boll(far) else TWIG_CM)
+
+    def _is_tip(self, arm: Arm) -> bool:
+        """Whether a way ends here."""
+        segment = self.segments[arm[0]]
+        return arm[1] == 1 and segment.end > length_of(self.ways[segment.way].curve) - 1e-6
+
+    def _is_boll(self, arm: Arm) -> bool:
+        """Whether a way ends here with a boll."""
+        return self._is_tip(arm) and self.ways[self.segments[arm[0]].way].boll > 0
+
+    def _length(self, arm: Arm) -> float:
+        segment = self.segments[arm[0]]
+        return segment.end - segment.start
+
+    def _bend(self, entered: Arm, arm: Arm) -> float:
+        key = entered, arm
+        if key not in self._angles:
+            self._angles[key] = angle_deg(-self._outwards(entered), self._outwards(arm))
+        return self._angles[key]
+
+    def _outwards(self, arm: Arm) -> Float64:
+        """(3,) unit vector from a fork into a segment; where that is short, its way goes on."""
+        segment = self.segments[arm[0]]
+        curve = self.ways[segment.way].curve
+        length = length_of(curve)
+        if arm[1] == 0:
+            start = min(segment.start + AROUND_CM, length - 0.1)
+            return direction(curve, start, min(start + WINDOW_CM, length))
+        start = max(segment.end - AROUND_CM, 0.1)
+        return -direction(curve, max(start - WINDOW_CM, 0.0), start)
+
+    def _ways(self, lines: list[_Line]) -> list[RawAxis]:
+        found, index_of = [self.ways[0]], {-1: 0}
+        for number, line in enumerate(lines):
+            if len(line.arms) == 1 and self.segments[line.arms[0][0]].way >= self.n_ways:
+                continue  # a stub that nothing goes on from
+            index_of[number] = len(found)
+            pieces: list[tuple[int, float, float]] = []
+            for segment, end in line.arms:
+                its = self.segments[segment]
+                start, stop = (its.start, its.end) if end == 0 else (its.end, its.start)
+                if pieces and pieces[-1][0] == its.way and (pieces[-1][1] < pieces[-1][2]) == (end == 0):
+                    pieces[-1] = (its.way, pieces[-1][1], stop)
+                else:
+                    pieces.append((its.way, start, stop))
+            curve = self._slice(*pieces[0])
+            for piece in pieces[1:]:
+                curve = joined_straight(curve, self._slice(*piece))
+            last, start, stop = pieces[-1]
+            way = self.ways[last]
+            at_tip = stop > length_of(way.curve) - 1e-6
+            bare_cm = way.bare_cm - max(start, stop) + length_of(curve) if at_tip else np.inf
+            found.append(RawAxis(curve, index_of[line.parent], way.boll if at_tip else 0, bare_cm))
+        return found
+
+    def _slice(self, way: int, start: float, stop: float) -> Float64:
+        curve = self.ways[way].curve
+        lengths = path_lengths(curve)
+        low, high = min(start, stop), max(start, stop)
+        first = int(np.clip(np.searchsorted(lengths, low + 1e-9, "right") - 1, 0, len(curve) - 2))
+        last = int(np.clip(np.searchsorted(lengths, high - 1e-9), first + 1, len(curve) - 1))
+        piece = curve[first : last + 1]
+        return piece if start < stop else piece[::-1]

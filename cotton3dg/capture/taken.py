@@ -50,7 +50,7 @@ def keep_all(
         name = f"{number:06d}.jpg"
         keep(name, picture)
         grey = cv2.cvtColor(scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
-        luminance, black, white = frame_quality.measure_exposure(grey)
+        luminance, highlight, black, white = frame_quality.measure_exposure(grey)
         entries.append(
             FrameInfo(
                 name,
@@ -58,6 +58,7 @@ def keep_all(
                 sharpness=round(frame_quality.sharpness(grey), 3),
                 blur=round(frame_quality.blur(grey), 4),
                 mean_luminance=round(luminance, 4),
+                highlight=round(highlight, 4),
                 black_share=round(black, 4),
                 white_share=round(white, 4),
             )
@@ -80,9 +81,9 @@ def outcome_of(taken: Taken) -> StageOutcome:
     entries = taken.info.images
     medians = {
         key: float(np.median([getattr(entry, key) for entry in entries]))
-        for key in ("blur", "mean_luminance", "white_share")
+        for key in ("blur", "mean_luminance", "highlight", "white_share")
     }
-    concerns = frame_quality.raise_concerns(medians["blur"], medians["mean_luminance"], medians["white_share"])
+    concerns = frame_quality.raise_concerns(medians["blur"], medians["highlight"], medians["white_share"])
     return StageOutcome(
         summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
         flags=(*taken.flags, *concerns),

@@ -117,12 +117,12 @@ def _sharp(look: Look) -> _Part:
 
 def _light(look: Look) -> _Part:
     images = look.frames.images
-    luminance, white = (
-        float(np.median([getattr(i, key) for i in images])) for key in ("mean_luminance", "white_share")
+    luminance, highlight, white = (
+        float(np.median([getattr(i, key) for i in images])) for key in ("mean_luminance", "highlight", "white_share")
     )
-    figures = {"luminance": round(luminance, 3), "white_share": round(white, 3)}
+    figures = {"luminance": round(luminance, 3), "highlight": round(highlight, 3), "white_share": round(white, 3)}
     findings = []
-    for concern in raise_concerns(0.0, luminance, white).values():
+    for concern in raise_concerns(0.0, highlight, white).values():
         text, _, remedy = concern.partition("; ")
         findings.append(Finding(YELLOW, "Light", text, remedy))
     lint = np.array([sight.lint_luminance for sight in look.sights])

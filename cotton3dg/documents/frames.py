@@ -18,6 +18,8 @@ class FrameInfo:
     sharpness: float
     blur: float
     mean_luminance: float
+    highlight: float
+    """Luminance that the brightest 2 % of the pixels exceed."""
     black_share: float
     white_share: float
     timestamp_s: float | None = None

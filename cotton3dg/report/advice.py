@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..capture.frame_quality import BLURRED, DARK_HIGHLIGHT
 from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import LensDecision, SfmInfo
@@ -15,8 +16,6 @@ from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterF
 from ..splat.exposure import ALIKE
 from .facts import Facts
 
-BLURRED = 0.4
-"""`blur` from which a frame counts as blurred (capture/frame_quality.py judges the median by the same)."""
 SMALL_BOLL_PX = 10.0
 """Width in the training images below which bolls can be lost."""
 EXPOSURE_RATIO = 1.6
@@ -306,7 +305,7 @@ def _advise_on_images(frames: FramesInfo) -> list[Advice]:
     found = [Advice(not blurred, "Sharpness", text)]
     light = np.array([image.mean_luminance for image in images])
     ratio = float(np.percentile(light, 95) / max(np.percentile(light, 5), 1e-3))
-    good = ratio < EXPOSURE_RATIO and float(np.median(light)) > 0.1
+    good = ratio < EXPOSURE_RATIO and float(np.median([image.highlight for image in images])) > DARK_HIGHLIGHT
     remedy = "" if good else "; lock the exposure (long press on the plant) and light it evenly"
     text = f"Mean brightness {np.median(light):.0%}, brightest to darkest frame {ratio:.1f} : 1{remedy}."
     return [*found, Advice(good, "Light", text)]

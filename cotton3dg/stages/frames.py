@@ -56,7 +56,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "frames",
-    version=3,
+    version=4,
     inputs=inputs,
     run=run,
     cost=_cost,

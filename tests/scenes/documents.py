@@ -13,7 +13,7 @@ from scenes.table_scene import POSE, Pose
 
 
 def frame_info(name: str, **known: Any) -> FrameInfo:
-    usual = {"source_index": 0, "sharpness": 1.0, "blur": 0.2, "mean_luminance": 0.4}
+    usual = {"source_index": 0, "sharpness": 1.0, "blur": 0.2, "mean_luminance": 0.4, "highlight": 0.8}
     return FrameInfo(name, **{**usual, "black_share": 0.0, "white_share": 0.0, **known})
 
 

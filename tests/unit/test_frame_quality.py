@@ -53,14 +53,27 @@ def test_still_camera_needs_evidence():
 
 
 def test_concerns():
-    assert frame_quality.raise_concerns(0.2, 0.5, 0.01) == {}
+    assert frame_quality.raise_concerns(0.2, 0.8, 0.01) == {}
     assert set(frame_quality.raise_concerns(0.9, 0.02, 0.6)) == {"blurred", "underexposed", "overexposed"}
 
 
 def test_exposure_counts_black_and_white():
     grey = np.repeat(np.array([0, 128, 255, 255], np.uint8), 25).reshape(10, 10)
-    luminance, black, white = frame_quality.measure_exposure(grey)
-    assert (luminance, black, white) == (pytest.approx(0.6255, abs=1e-3), 0.25, 0.5)
+    luminance, highlight, black, white = frame_quality.measure_exposure(grey)
+    assert (luminance, highlight, black, white) == (pytest.approx(0.6255, abs=1e-3), 1.0, 0.25, 0.5)
+
+
+def test_dark_is_what_has_nothing_bright():
+    """A room two stops too dark hides twigs; a black cloth behind a plant in good light does not."""
+    rng = np.random.default_rng(0)
+    room = rng.normal(110, 40, (200, 300)).clip(5, 215)
+    linear = (room / 255) ** 2.2
+    dim = (255 * (linear / 4) ** (1 / 2.2)).astype(np.uint8)
+    cloth = rng.normal(12, 4, (200, 300)).clip(0, 255)
+    cloth[80:110, 100:160] = 200  # bolls: 3 % of the image
+    for grey, concerns in ((room, set()), (dim, {"underexposed"}), (cloth, set())):
+        highlight = frame_quality.measure_exposure(grey.astype(np.uint8))[1]
+        assert set(frame_quality.raise_concerns(0.2, highlight, 0.0)) == concerns
 
 
 def test_spread_indices():

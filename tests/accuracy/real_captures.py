@@ -113,8 +113,8 @@ def board_cm(corner: Corner) -> Float64:
     return BOARD_PITCH_CM * np.array([column, row], float) + BOARD.corner_cm(corner)
 
 
-def romi(workspace: Workspace, source: Path) -> dict[str, Any]:
-    """Camera centres against the arm's positions, all but a similarity."""
+def fit_to_arm(workspace: Workspace, source: Path) -> tuple[pycolmap.Sim3d | None, Float64, Float64]:
+    """The similarity from the scene to the arm's positions in cm, the cameras' centres (N, 3) and these positions."""
     files = {image.name: image.file for image in FramesInfo.load(workspace.frames_json).images}
     centres, arm = [], []
     for camera in cameras_of(workspace):
@@ -122,10 +122,15 @@ def romi(workspace: Workspace, source: Path) -> dict[str, Any]:
         arm.append(json.loads(pose.read_text())["approximate_pose"][:3])
         centres.append(camera.centre)
     arm_cm = 0.1 * np.array(arm, np.float64)
-    fitted = pycolmap.estimate_sim3d(np.array(centres), arm_cm)
+    return pycolmap.estimate_sim3d(np.array(centres), arm_cm), np.array(centres), arm_cm
+
+
+def romi(workspace: Workspace, source: Path) -> dict[str, Any]:
+    """Camera centres against the arm's positions, all but a similarity."""
+    fitted, centres, arm_cm = fit_to_arm(workspace, source)
     if fitted is None:
         return {"truth": "the cameras do not fit the arm's positions"}
-    off = np.linalg.norm(fitted.matrix() @ np.vstack([np.array(centres).T, np.ones(len(centres))]) - arm_cm.T, axis=0)
+    off = np.linalg.norm(fitted.matrix() @ np.vstack([centres.T, np.ones(len(centres))]) - arm_cm.T, axis=0)
     return {"truth": f"{fitted.scale:.4g} cm/su; camera centres {10 * np.median(off):.1f} mm off the arm's (median)"}
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from card_scale import card_scale
 from error_budget import put_true_cameras, share
+from real_internodes import SKIPPED_CM, paired
 from scenes.branch_scene import branch_scene
 from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
@@ -191,6 +192,15 @@ def test_a_scan_that_others_cut_into_branches_is_mapped_and_compared(tmp_path):
     assert "5 of 5 branches at the stem one to one, of 5 found" in done.stdout
     assert "2 of 2 bolls on the right one" in done.stdout
     assert (tmp_path / "map_a.png").stat().st_size > 10_000
+
+
+def test_internodes_are_paired_in_order():
+    """One that was not found, one that is none, and two that are level."""
+    theirs = np.array([0.0, 3.7, 6.3, 9.4, 12.0, 12.0, 14.2])
+    mine = np.array([0.1, 3.6, 8.0, 9.4, 12.0, 12.1, 14.0])
+    cost, pairs = paired(mine, theirs)
+    assert pairs == [(0, 0), (1, 1), (3, 3), (4, 4), (5, 5), (6, 6)]
+    assert cost == pytest.approx(0.1 + 0.1 + 0.1 + 0.2 + 2 * SKIPPED_CM)
 
 
 def test_the_map_is_right_with_the_true_ways(plant):

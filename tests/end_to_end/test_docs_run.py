@@ -65,6 +65,7 @@ ELSEWHERE = {
     "--weight-model": "test_weights.py",
     "real_captures.py": "test_accuracy_tools.py",
     "real_clouds.py": "test_accuracy_tools.py",
+    "real_internodes.py": "test_accuracy_tools.py",
     "--architecture natural": "test_architecture.py",
     "splat.ply": "test_foreign_models.py",
     "cotton3dg cards": "test_cards.py",

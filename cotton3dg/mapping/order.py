@@ -30,6 +30,10 @@ SHORT_BRANCH_CM = 2.0
 """On a vegetative branch, whose bolls all hang on branches of its own, so long a way to a boll is one."""
 SUB_BRANCH_CM = 3.5
 """Shorter ways that leave a branch are scars and dry tips."""
+NO_WAY_CM = 1.0
+"""A boll whose way from the stem is shorter has no branch there: it hangs on another one beside, ..."""
+BRANCH_BESIDE_CM = 3.0
+"""... if one is so near to its foot, else on the stem."""
 TIP_CM = 3.0
 """A boll so near to the stem's tip sits on the stem."""
 CARPEL_CM = 4.5
@@ -139,6 +143,7 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
     branches: list[_Branch] = []
     index_of = {0: -1}
     on_stem: list[tuple[int, float, Float64]] = []
+    at_stem: list[RawAxis] = []
     bearing = {way.parent for way in ways[1:] if way.boll}
     for number, way in enumerate(ways):
         if number == 0 or len(way.curve) < 2:
@@ -155,6 +160,9 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
                 target = on_stem if parent < 0 else branches[parent].stalks
                 target.append((way.boll, node, way.curve))
                 continue
+            if length < NO_WAY_CM and parent < 0:
+                at_stem.append(way)
+                continue
         elif (number not in bearing and np.isfinite(ways[way.parent].bare_cm)) or _is_no_branch(
             way, parent, length, length_of(stem) - node, number in bearing, cloud.bolls
         ):
@@ -162,6 +170,15 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
         index_of[number] = len(branches)
         branch = _Branch(way.curve, parent, way.boll)
         branches.append(_bearing_at_tip(branch) if way.boll else branch)
+    for way in at_stem:
+        beside = [nearest_on(branch.curve, way.curve[-1:]) for branch in branches]
+        nearest = min(range(len(branches)), key=lambda index: beside[index][0][0], default=None)
+        if nearest is None or beside[nearest][0][0] > BRANCH_BESIDE_CM:
+            on_stem.append((way.boll, float(nearest_on(stem, way.curve[:1])[1][0]), way.curve))
+        else:
+            node = float(beside[nearest][1][0])
+            stalk = np.vstack([place_at(branches[nearest].curve, node), way.curve[-1]])
+            branches[nearest].stalks.append((way.boll, node, resampled(stalk, SPACING_CM)))
     return branches, on_stem
 
 

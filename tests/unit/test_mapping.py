@@ -18,11 +18,12 @@ from cotton3dg.geometry.polylines import (
 )
 from cotton3dg.mapping.graph import joined, shortest_paths
 from cotton3dg.mapping.map_plant import map_cloud, map_places
-from cotton3dg.mapping.order import base_angle_deg, with_straight_base
+from cotton3dg.mapping.order import base_angle_deg, draw_map, with_straight_base
 from cotton3dg.mapping.positions import infer_positions
 from cotton3dg.mapping.radii import radii_of
+from cotton3dg.mapping.skeleton import RawAxis
 from cotton3dg.mapping.summary import boll_rows, branch_rows, summarise_map
-from cotton3dg.mapping.wood import thinned
+from cotton3dg.mapping.wood import BollBody, WoodCloud, thinned
 
 
 @cache
@@ -183,6 +184,28 @@ def test_fruiting_branches_bear_no_branches(foot_cm, branches):
     assert {axis.parent for axis in found.branches if axis.kind == "fruiting"} <= {
         axis.rank for axis in found.axes if axis.kind != "fruiting"
     }
+
+
+@pytest.mark.parametrize("away_cm", [2.0, 6.0], ids=["hangs on it", "too far away"])
+def test_a_boll_whose_foot_touches_the_stem_has_no_branch_there(away_cm):
+    """It hangs on the branch beside, if there is one, and else on the stem itself."""
+    stem, branch = line((0, 0, 0), (0, 0, 60)), line((0, 0, 34 - away_cm), (14, 0, 38 - away_cm))
+    places = np.vstack([tube_places(curve, 0.2, np.random.default_rng(0)) for curve in (stem, branch)])
+    foot = np.array([0.6, 0, 34.6])
+    centre = foot + (0, 1.5, 1.7)
+    cloud = WoodCloud(
+        places,
+        np.zeros(len(places), bool),
+        np.zeros(len(places), np.int64),
+        np.ones(len(places), bool),
+        (BollBody(7, centre, 4.5, foot),),
+    )
+    ways = [RawAxis(stem, -1), RawAxis(branch, 0), RawAxis(line((0, 0, 34.5), foot), 0, boll=1)]
+    found = draw_map(cloud, ways, 0.5)
+    assert [axis.rank for axis in found.axes] == [0, 1]
+    (boll,) = found.bolls
+    assert (boll.boll_id, boll.branch) == (7, 1 if away_cm == 2.0 else 0)
+    assert found.axes[boll.branch].bolls == (7,)
 
 
 def test_what_bolls_hang_on_is_no_leaf():

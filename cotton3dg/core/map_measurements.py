@@ -86,7 +86,11 @@ class MapTraits:
         "cm", "along the stem's curve, from the table top to its tip", 2, blank_when=NO_MAP, later=True
     )
     stem_length_error_cm: float = column(
-        "cm", "standard error of stem_length_cm, of the scale and two pixels", 2, blank_when=NO_MAP, later=True
+        "cm",
+        "standard error of stem_length_cm, of the scale and two pixels, and of 2 cm where a boll sits on the stem",
+        2,
+        blank_when=NO_MAP,
+        later=True,
     )
     stem_diameter_mm: float = column(
         "mm",
@@ -110,7 +114,7 @@ class MapTraits:
     )
     branch_count_error: float = column(
         "1",
-        "standard error of branch_count, were each branch's confidence its probability",
+        "standard error of branch_count: one branch in eleven is missing or none, besides those of little confidence",
         2,
         blank_when=NO_MAP,
         later=True,
@@ -123,7 +127,7 @@ class MapTraits:
         "cm", "height of the foot of the lowest fruiting branch on the stem", 2, blank_when=NO_FRUITING, later=True
     )
     first_fruiting_branch_height_error_cm: float = column(
-        "cm", "standard error of that height, of the scale and a pixel", 2, blank_when=NO_FRUITING, later=True
+        "cm", "standard error of that height, of the scale, a pixel and 4 mm", 2, blank_when=NO_FRUITING, later=True
     )
     internode_mean_cm: float = column(
         "cm",
@@ -134,7 +138,7 @@ class MapTraits:
     )
     internode_mean_error_cm: float = column(
         "cm",
-        "standard error of internode_mean_cm, of the scale and a pixel at either end",
+        "standard error of internode_mean_cm, of a branch more or less, of the scale and a pixel at either end",
         2,
         blank_when=f"{NO_MAP}; fewer than two branches",
         later=True,
@@ -143,14 +147,18 @@ class MapTraits:
         "deg", "mean of angle_deg over the stem's branches", 1, blank_when=NO_BRANCH, later=True
     )
     branch_angle_mean_error_deg: float = column(
-        "deg", "standard error of that mean, of a pixel across 3 cm of each", 1, blank_when=NO_BRANCH, later=True
+        "deg",
+        "standard error of that mean, of 9 degrees and a pixel across 3 cm of each",
+        1,
+        blank_when=NO_BRANCH,
+        later=True,
     )
     branch_length_mean_cm: float = column(
         "cm", "mean of length_cm over the branches", 2, blank_when=NO_BRANCH, later=True
     )
     branch_length_mean_error_cm: float = column(
         "cm",
-        "standard error of that mean, of the scale and half a centimetre at each tip",
+        "standard error of that mean, of the scale, and of each a fifth and half a centimetre at its tip",
         2,
         blank_when=NO_BRANCH,
         later=True,

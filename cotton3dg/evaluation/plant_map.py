@@ -94,7 +94,7 @@ def evaluate_map(workspace: Workspace, truth_json: Path) -> MapScores | None:
 def true_map(truth: Truth) -> PlantMap | None:
     """The map that a truth's skeleton gives, in the plant frame; None without a skeleton.
 
-    A branch ends, as a measured one, at its tip or at the foot of its last boll, whichever is farther out.
+    Stem and branches end, as measured ones, at their tip or at the foot of their last boll, whichever is farther out.
     """
     if not truth.skeleton:
         return None
@@ -118,7 +118,7 @@ def true_map(truth: Truth) -> PlantMap | None:
     for axis in [stem, *branches]:
         own = sorted(carried[axis.id])
         curve, radii = curves[axis.id], 0.1 * np.array(axis.radius_mm, np.float64)
-        if own and axis is not stem:
+        if own:
             station, _, stalk_id = own[-1]
             if station + length_of(curves[stalk_id]) > length_of(curve):
                 kept = path_lengths(curve) <= station

@@ -1,5 +1,6 @@
 """The plant map from places of wood: known tubes give known branches, angles, lengths, sites and thickness."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -95,6 +96,16 @@ def test_traits_of_the_map():
     assert traits.bolls_by_position == (3, 1, 0)
     assert traits.first_position_share_pct == 75
     assert np.isnan(traits.stem_diameter_mm)
+    # One branch in eleven may be missing or none, whatever scale and pixels err by.
+    exact = summarise_map(found, 4.0, 0.0, 0.0)
+    assert exact.branch_count_error == pytest.approx(0.3 * 5**0.5, rel=0.05)
+    assert exact.internode_mean_error_cm == pytest.approx(8.0 * 0.3 * 5**0.5 / 4, rel=0.02)
+    assert exact.branch_length_mean_error_cm > 0.2 * exact.branch_length_mean_cm / 5**0.5
+    assert exact.branch_angle_mean_error_deg == pytest.approx(9 / 5**0.5)
+    assert exact.first_fruiting_branch_height_error_cm == pytest.approx(0.4)
+    assert exact.stem_length_error_cm == 0
+    borne = summarise_map(replace(found, axes=(replace(found.stem, bolls=(9,)), *found.branches)), 4.0, 0.0, 0.0)
+    assert borne.stem_length_error_cm == 2.0
     rows = branch_rows(found)
     assert [row.branch for row in rows] == [1, 2, 3, 4, 5]
     assert rows[0].boll_ids == (1, 2)

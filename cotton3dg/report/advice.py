@@ -180,7 +180,7 @@ FLAGS = {
     ),
     "masks_by_colour": Meaning(
         "Masks by colour alone",
-        "The back end `lint` knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."
+        "The back end lint knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."
         " The intervals of count and volume allow for it.",
         "Use the default, the bolls' network: masks --backend bolls.",
     ),

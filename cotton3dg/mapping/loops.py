@@ -43,6 +43,8 @@ MOST_ARMS = 5
 
 Arm = tuple[int, int]
 """A segment and one of its ends, 0 or 1."""
+Opening = frozenset[Arm]
+"""What opens a loop: the arms of a fork that part from the rest."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +66,19 @@ class _Line:
     """Where it enters each of its segments."""
 
 
-@dataclass(frozen=True)
-class _Opening:
-    """What opens a loop: the arms of a fork that part from the rest."""
-
-    group: frozenset[Arm]
-
-
 def opened(ways: list[RawAxis], meetings: list[Meeting]) -> list[RawAxis]:
     """The ways, with every loop that the meetings close opened where the branches go on straight."""
     if not meetings:
         return ways
     return _Forks(ways, meetings).best()
+
+
+def _arms_of(forks: dict[Arm, int]) -> dict[int, list[Arm]]:
+    """The arms that come together in each fork."""
+    arms: dict[int, list[Arm]] = {}
+    for arm, fork in forks.items():
+        arms.setdefault(fork, []).append(arm)
+    return arms
 
 
 class _Merged:
@@ -175,7 +178,7 @@ class _Forks:
 
     def best(self) -> list[RawAxis]:
         """The ways of the likeliest openings: of each loop in turn, while the others are open as they were last."""
-        state: list[_Opening | None] = [None] * len(self.ends_of)
+        state: list[Opening | None] = [None] * len(self.ends_of)
         cost, lines = self._judged(self._forks(state))
         for _ in range(ROUNDS):
             before = cost
@@ -192,14 +195,14 @@ class _Forks:
                 break
         return self._ways(lines) if any(state) else self.ways[: self.n_ways]
 
-    def _forks(self, state: list[_Opening | None]) -> dict[Arm, int]:
+    def _forks(self, state: list[Opening | None]) -> dict[Arm, int]:
         """The fork of each arm when the loops are opened so."""
         forks, new = dict(self.first), 1 + max(self.first.values())
         for number, opening in enumerate(state):
             if opening is None:
                 continue
             self._join(forks, number)
-            for arm in opening.group:
+            for arm in opening:
                 forks[arm] = new
             new += 1
         return forks
@@ -210,7 +213,7 @@ class _Forks:
             if fork == other:
                 forks[arm] = one
 
-    def _openings(self, state: list[_Opening | None], number: int) -> Iterator[_Opening]:
+    def _openings(self, state: list[Opening | None], number: int) -> Iterator[Opening]:
         """All ways to open the loop of one meeting, the other loops being open."""
         forks = self._forks([*state[:number], None, *state[number + 1 :]])
         to_root = self._to_root(forks)
@@ -223,27 +226,23 @@ class _Forks:
         if not all(inner):
             return
         self._join(forks, number)
-        at: dict[int, list[Arm]] = {}
-        for arm, fork in forks.items():
-            at.setdefault(fork, []).append(arm)
+        at = _arms_of(forks)
         yield from self._parted(at[one], inner[0][0], inner[1][0])
         for way in inner:
             for outer, arm in pairwise(way):
                 yield from self._parted(at[forks[arm]], arm, (outer[0], 1 - outer[1]))
 
     @staticmethod
-    def _parted(arms: list[Arm], one: Arm, other: Arm) -> Iterator[_Opening]:
+    def _parted(arms: list[Arm], one: Arm, other: Arm) -> Iterator[Opening]:
         """All ways to part the arms of a fork, the two of the loop from each other."""
         rest = [arm for arm in arms if arm not in (one, other)]
         if len(rest) <= MOST_ARMS:
             for chosen in product((False, True), repeat=len(rest)):
-                yield _Opening(frozenset([other, *(arm for arm, taken in zip(rest, chosen, strict=True) if taken)]))
+                yield frozenset([other, *(arm for arm, taken in zip(rest, chosen, strict=True) if taken)])
 
     def _to_root(self, forks: dict[Arm, int]) -> dict[int, Arm]:
         """For each fork that is reached, its arm towards the stem."""
-        at: dict[int, list[Arm]] = {}
-        for arm, fork in forks.items():
-            at.setdefault(fork, []).append(arm)
+        at = _arms_of(forks)
         towards: dict[int, Arm] = {}
         waiting = [self.root]
         while waiting:
@@ -276,9 +275,7 @@ class _Forks:
 
     def _judged(self, forks: dict[Arm, int]) -> tuple[float, list[_Line]]:
         """How unlikely the branches are that come out of forks, degrees, and these."""
-        at: dict[int, list[Arm]] = {}
-        for arm, fork in forks.items():
-            at.setdefault(fork, []).append(arm)
+        at = _arms_of(forks)
         cost, lines = 0.0, list[_Line]()
         waiting = [(arm, -1, False) for arm in sorted(at.get(self.root, []))]
         seen = 0

@@ -217,7 +217,11 @@ class PlantTraits:
         "cm", "standard error of plant_height_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, later=True
     )
     canopy_size_error_cm: float = column(
-        "cm", "standard error of canopy_size_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, later=True
+        "cm",
+        "standard error of canopy_size_cm, of scale, pixels, blur, lost tips, or another box about as small",
+        2,
+        blank_when=NO_SIZE,
+        later=True,
     )
     boll_volume_published_cm3: float = column(
         "cm3", "sum of volume_published_cm3 over the measured bolls", 2, blank_when=NO_VOLUME, later=True

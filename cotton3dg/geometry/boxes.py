@@ -38,15 +38,16 @@ def min_area_rectangle(points: NDArray) -> Box:
     small ones wins.
     """
     points = _check(points, 2)
-    middle = points.mean(axis=0)
-    corners = _hull_corners(points - middle)
-    sides = np.roll(corners, -1, axis=0) - corners
-    lengths = np.linalg.norm(sides, axis=1)
-    along = sides[lengths > 0] / lengths[lengths > 0, None] if (lengths > 0).any() else np.eye(2)[:1]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    extents = np.ptp(corners @ along.T, axis=0) * np.ptp(corners @ across.T, axis=0)
-    best = int(np.argmin(extents))
-    return _box_along(points, np.stack([along[best], across[best]]))
+    axes, sides = _rectangles(points)
+    return _box_along(points, axes[int(np.argmin(sides.prod(axis=1)))])
+
+
+def nearly_least_rectangles(points: NDArray, share: float) -> NDArray[np.float64]:
+    """(K, 2) sides of the rectangles around (N, 2) points, N > 0, that have a side on their hull's and at most so much
+    more area than the least, as a share of it."""
+    _, sides = _rectangles(_check(points, 2))
+    areas = sides.prod(axis=1)
+    return sides[areas <= (1 + share) * areas.min()]
 
 
 def oriented_box(points: NDArray) -> Box:
@@ -79,6 +80,18 @@ def fibonacci_directions(count: int) -> NDArray[np.float64]:
     angle = np.pi * (1 + 5**0.5) * index
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def _rectangles(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Axes (S, 2, 2), in rows, and lengths (S, 2) of the sides along them, of the rectangle on each side of the hull of
+    (N, 2) points."""
+    corners = _hull_corners(points - points.mean(axis=0))
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    along = sides[lengths > 0] / lengths[lengths > 0, None] if (lengths > 0).any() else np.eye(2)[:1]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    extents = np.stack([np.ptp(corners @ along.T, axis=0), np.ptp(corners @ across.T, axis=0)], axis=1)
+    return np.stack([along, across], axis=1), extents
 
 
 def _box_along(points: NDArray[np.float64], axes: NDArray[np.float64]) -> Box:

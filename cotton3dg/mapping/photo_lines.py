@@ -65,25 +65,26 @@ class PhotoLines:
         pixels, across, ahead = self._project(places, directions)
         offsets = np.array([0.0, *ASIDE_PX, *(-aside for aside in ASIDE_PX)])
         above, below = np.zeros(pixels.shape[:2]), np.zeros(pixels.shape[:2])
+        # Short axes come first: sums over them are then sums of long arrays.
         for view in range(len(self)):
-            wanted = pixels[view][:, None] + offsets[:, None] * across[view][:, None]
-            seen = self._look(view, wanted.reshape(-1, 2)).reshape(len(places), len(offsets), 4)
-            clear = ahead[view] & (seen[..., 3] == 0).all(axis=1)
-            aside = seen[:, 1:, :3]
-            behind = aside.mean(axis=1)
-            texture = np.abs(aside - behind[:, None]).mean(axis=(1, 2))
-            shown, contrast = seen[:, 0, :3] - behind, colours[view] - behind
-            power = (contrast**2).sum(axis=1)
+            wanted = pixels[view] + offsets[:, None, None] * across[view]
+            seen = self._look(view, wanted.reshape(-1, 2)).reshape(len(offsets), len(places), 4)
+            clear = ahead[view] & (seen[..., 3] == 0).all(axis=0)
+            aside = seen[1:, :, :3]
+            behind = aside.mean(axis=0)
+            texture = np.abs(aside - behind).mean(axis=0).mean(axis=1)
+            shown, contrast = seen[0, :, :3] - behind, colours[view] - behind
+            power = np.einsum("nc,nc->n", contrast, contrast)
             weight = clear / (NOISE**2 + texture**2 + COLOUR_SHARE**2 * power / 3)
-            above[view], below[view] = weight * (shown * contrast).sum(axis=1), weight * power
+            above[view], below[view] = weight * np.einsum("nc,nc->n", shown, contrast), weight * power
         return above, below
 
     def _project(self, places: NDArray, directions: NDArray) -> tuple[Float64, Float64, NDArray[np.bool_]]:
         """Pixels (V, N, 2), as OpenCV counts them; unit vectors (V, N, 2) across the lines there; (V, N) whether before
         the camera."""
-        rotations = self.poses[:, :, :3]
-        points = np.einsum("vij,nj->vni", rotations, places) + self.poses[:, None, :, 3]
-        along = np.einsum("vij,nj->vni", rotations, directions)
+        turned = np.swapaxes(self.poses[:, :, :3], 1, 2)
+        points = places @ turned + self.poses[:, None, :, 3]
+        along = directions @ turned
         depths = points[..., 2:]
         ahead = depths[..., 0] > 0
         depths = np.where(ahead[..., None], depths, 1.0)

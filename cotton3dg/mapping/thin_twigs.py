@@ -42,6 +42,8 @@ BEAM = 8
 APART_CM = 0.35
 """... with ends so far apart."""
 LONGEST_CM = 25.0
+RETREATS_CM = (0.0, 1.5)
+"""Before an axis's end, whence walks begin where none does from farther on: a speck beside a twig may bend the axis."""
 HIDDEN_STEPS = 3
 """That a walk may begin with where no photo tells anything, just beside the model's own end."""
 SHOWN_SHARE = 0.12
@@ -150,18 +152,26 @@ def _follow(curve: Float64, lines: PhotoLines, colours: Float64) -> Trail | None
     # What is too faint to be hidden by the model is not measured by it, either.
     modelled = np.flatnonzero((below > 0).mean(axis=0) <= SHOWN_SHARE)
     curve = curve[: max(int(modelled[-1]) if len(modelled) else 0, 1) + 1]
-    tip = curve[-1]
-    chord = tip - place_at(curve, max(path_lengths(curve)[-1] - HEADING_CM, 0.0))
+    length_cm = path_lengths(curve)[-1]
+    for retreat_cm in RETREATS_CM:
+        best = _walked(curve, length_cm - retreat_cm, lines, colours)
+        if best.gain >= LEAST_GAIN:
+            places = resampled(np.array(best.places[: 1 + _unfaded(best)]), SPACING_CM)
+            return Trail(places, _meets_model(best, lines, colours))
+    return None
+
+
+def _walked(curve: Float64, from_cm: float, lines: PhotoLines, colours: Float64) -> _Walk:
+    """The likeliest walk from a place on an axis."""
+    start = place_at(curve, max(from_cm, 0.0))
+    chord = start - place_at(curve, max(from_cm - HEADING_CM, 0.0))
     heading = chord / max(float(np.linalg.norm(chord)), 1e-12)
-    best = _Walk((tip,), heading)
+    best = _Walk((start,), heading)
     beam = [best]
     while beam and len(beam[0].steps) < LONGEST_CM / STEP_CM:
         beam = _best_apart([walk for walk in _extended(beam, lines, colours) if _is_borne_out(walk, heading)])
         best = max([best, *beam], key=lambda walk: walk.gain)
-    if best.gain < LEAST_GAIN:
-        return None
-    places = resampled(np.array(best.places[: 1 + _unfaded(best)]), SPACING_CM)
-    return Trail(places, _meets_model(best, lines, colours))
+    return best
 
 
 def _extended(walks: Sequence[_Walk], lines: PhotoLines, colours: Float64) -> list[_Walk]:

@@ -20,6 +20,8 @@ COVERED = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
 SIZE_PX = 0.25
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
+SMEARED_SIZE = 0.04
+"""Standard error of canopy, as a share of the motion blur: walking around a plant smears it sideways. Fitted."""
 SHAPE = 0.33
 """Relative standard error of a boll's volume, however large it is in the images, of what its hull lacks of a ball of
 its diameter: the farther from round, the more of the hull is lint that no image shows. Fitted."""
@@ -107,16 +109,20 @@ def parted_error(nearest: NDArray) -> NDArray[np.float64]:
     return PARTED * np.maximum(NEIGHBOUR - nearest, 0.0) ** 2
 
 
-def size_error_cm(size_cm: float, scale: Scale | None, pixel_cm: float, other_cm: float | None = None) -> float:
+def size_error_cm(
+    size_cm: float, scale: Scale | None, pixel_cm: float, others_cm: Sequence[float] = (), blur_px: float = 0.0
+) -> float:
     """Standard error of the plant's height or canopy.
 
     Args:
-        other_cm: what it may be as well.
+        others_cm: what it may be as well.
+        blur_px: motion blur along it.
     """
     if scale is None:
         return np.nan
-    apart_cm = 0.0 if other_cm is None else other_cm - size_cm
-    return float(np.linalg.norm([size_cm * scale.relative_error, SIZE_PX * pixel_cm, apart_cm]))
+    apart_cm = max((abs(other - size_cm) for other in others_cm), default=0.0)
+    edges_cm = np.hypot(SIZE_PX, SMEARED_SIZE * blur_px) * pixel_cm
+    return float(np.linalg.norm([size_cm * scale.relative_error, edges_cm, apart_cm]))
 
 
 def boll_volume_error(

@@ -282,8 +282,9 @@ def summarise_plant(
     volume_cm3 = float(known.sum()) if measured else np.nan
     of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()))
     of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
-    of_height = size_error_cm(size.height_cm, scale, pixel_cm, other.height_cm)
-    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, other.canopy_cm)
+    of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
+    canopies_cm = [other.canopy_cm, size.turned_canopy_cm]
+    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, blur_px)
     return PlantTraits(
         boll_count=len(bolls),
         boll_volume_cm3=volume_cm3,

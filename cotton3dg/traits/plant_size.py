@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.measurements import PlantFrame, Scale
 from ..core.scene import Float64, Gaussians
-from ..geometry.boxes import min_area_rectangle, oriented_box
+from ..geometry.boxes import min_area_rectangle, nearly_least_rectangles, oriented_box
 from ..geometry.convex_measures import convex_volume
 from ..geometry.polylines import resampled
 from .isolate import Plant, find_lost_tips
@@ -33,6 +33,10 @@ flag."""
 END_CM = 1.0
 """Standard error of where a twig ends that only the photos show (mapping/thin_twigs.py)."""
 END_SPACING_CM = 0.25
+TURNED_AREA = 0.01
+"""Two rectangles around the plant whose areas differ by less, as a share, may both be the least, ..."""
+TURNED_CANOPY = 0.01
+"""... and the plant's canopy is that of either if these differ by more: the one may be long, the other square."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,8 @@ class PlantSize:
     length_cm: float = nan
     width_cm: float = nan
     hull_volume_cm3: float = nan
+    turned_canopy_cm: float = nan
+    """Of the rectangle that may be the least as well and whose canopy differs most; `canopy_cm` without such a one."""
     published: PublishedSize = NO_PUBLISHED_SIZE
 
     @property
@@ -117,22 +123,33 @@ def measure_silhouette(
     frame = PlantFrame(scale, plant.foot)
     places, further = frame.cm(surface), frame.cm(np.zeros((0, 3)) if beyond is None else beyond)
     tops = np.append(places[:, 2].reshape(-1, SAMPLES).max(axis=1), further[:, 2])
-    return measure_places(np.vstack([places, further]), tops, frame.cm(drawn.means[plant.rows]))
+    unsure_cm = END_CM if len(further) else 0.0
+    return measure_places(np.vstack([places, further]), tops, frame.cm(drawn.means[plant.rows]), unsure_cm)
 
 
-def measure_places(places: Float64, tops: Float64, middles: Float64) -> PlantSize:
+def measure_places(places: Float64, tops: Float64, middles: Float64, unsure_cm: float = 0.0) -> PlantSize:
     """Size of a plant whose surface is given in the plant frame.
 
     Args:
         places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
         middles: (M, 3) cm, places of these.
+        unsure_cm: by how much an end of a twig may lie elsewhere.
     """
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())
     length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, box_of_means(middles))
+    turned_cm = _turned_canopy_cm(places[:, :2], (length_cm + width_cm) / 2, max(TURNED_AREA, unsure_cm / width_cm))
+    published = box_of_means(middles)
+    return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, turned_cm, published)
+
+
+def _turned_canopy_cm(places: Float64, canopy_cm: float, area: float) -> float:
+    """`PlantSize.turned_canopy_cm` of (N, 2) places; rectangles of so much more area, as a share, may be the least."""
+    canopies_cm = nearly_least_rectangles(places, area).mean(axis=1)
+    turned_cm = float(canopies_cm[np.argmax(np.abs(canopies_cm - canopy_cm))])
+    return turned_cm if abs(turned_cm - canopy_cm) > TURNED_CANOPY * canopy_cm else canopy_cm
 
 
 def _with_ends(

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box, standing_box
+from cotton3dg.geometry.boxes import (
+    fibonacci_directions,
+    min_area_rectangle,
+    nearly_least_rectangles,
+    oriented_box,
+    standing_box,
+)
 
 
 def test_rectangle_of_a_turned_rectangle():
@@ -28,6 +34,17 @@ def test_rectangle_is_no_larger_than_any_other():
     along = points @ np.stack([np.cos(angles), np.sin(angles)])
     across = points @ np.stack([-np.sin(angles), np.cos(angles)])
     assert np.prod(min_area_rectangle(points).sides) <= (np.ptp(along, axis=0) * np.ptp(across, axis=0)).min() + 1e-9
+
+
+def test_nearly_least_rectangles():
+    """Those on a triangle's sides are equally large; a corner below its base makes that one larger by 2.5 %."""
+    leg = 20 * 2**0.5
+    triangle = np.array([[-20, 0], [20, 0], [0, 20.0]])
+    assert np.sort(nearly_least_rectangles(triangle, 1e-9).max(axis=1)) == pytest.approx([leg, leg, 40])
+    kite = np.vstack([triangle, [0, -0.5]])
+    assert nearly_least_rectangles(kite, 0.01) == pytest.approx(np.full((2, 2), leg))
+    assert np.sort(nearly_least_rectangles(kite, 0.03).max(axis=1)) == pytest.approx([leg, leg, 40, 40], rel=0.001)
+    assert nearly_least_rectangles(np.ones((1, 2)), 0.1).tolist() == [[0, 0]]
 
 
 def test_oriented_box_of_a_turned_box():

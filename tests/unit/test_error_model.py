@@ -70,7 +70,9 @@ def test_a_touching_boll_less_round_than_the_others_is_perhaps_two() -> None:
 def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
     assert size_error_cm(80.0, scale(0.01), 0.0) == pytest.approx(0.8)
     assert size_error_cm(80.0, scale(0.01), 0.3) == pytest.approx(np.hypot(0.8, 0.3 * error_model.SIZE_PX))
-    assert size_error_cm(80.0, scale(0.01), 0.0, 82.0) == pytest.approx(np.hypot(0.8, 2.0))
+    assert size_error_cm(80.0, scale(0.01), 0.0, [81.0, 82.0]) == pytest.approx(np.hypot(0.8, 2.0))
+    blurred = np.hypot(0.3 * error_model.SIZE_PX, 0.3 * 12 * error_model.SMEARED_SIZE)
+    assert size_error_cm(80.0, scale(0.0), 0.3, blur_px=12) == pytest.approx(blurred)
     assert np.isnan(size_error_cm(80.0, None, 0.3))
 
 

@@ -24,7 +24,7 @@ from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_plant, summarise_plant
-from cotton3dg.traits.plant_size import measure_silhouette
+from cotton3dg.traits.plant_size import measure_places, measure_silhouette
 
 UP = POSE.rotation[:, 2]
 CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
@@ -218,6 +218,22 @@ def test_height_and_canopy_of_the_plant():
     assert (size.length_cm + size.width_cm) / 2 == pytest.approx(spread.mean(), rel=0.15)
     assert size.length_cm >= size.width_cm
     assert size.height_obb_cm > 55
+
+
+@pytest.mark.parametrize(
+    ("below_cm", "unsure_cm", "turned_cm"), [(0.1, 0.0, 30.05), (0.5, 0.0, None), (0.5, 1.0, 30.25)]
+)
+def test_a_canopy_is_perhaps_that_of_another_rectangle(below_cm, unsure_cm, turned_cm):
+    """Around a half square and a little more the least is a square; one that is long is hardly larger."""
+    corners = np.array([[-20, 0], [20, 0], [0, 20], [0, -below_cm]])
+    places = np.vstack([np.column_stack([corners, np.full(4, z)]) for z in (20.0, 40.0)])
+    size = measure_places(places, places[:, 2], places, unsure_cm)
+    assert size.canopy_cm == pytest.approx(20 * 2**0.5)
+    assert size.turned_canopy_cm == pytest.approx(turned_cm or size.canopy_cm, abs=0.02)
+    row = summarise_plant([], size, SCALE, 0.0)
+    assert row.canopy_size_error_cm == pytest.approx(
+        np.hypot(row.canopy_size_cm * SCALE.relative_error, size.turned_canopy_cm - size.canopy_cm)
+    )
 
 
 def test_the_height_is_what_its_description_says():

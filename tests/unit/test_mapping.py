@@ -197,6 +197,21 @@ def test_fruiting_branches_bear_no_branches(foot_cm, branches):
     }
 
 
+def test_a_branch_with_a_boll_and_bare_twigs_is_fruiting():
+    """Twigs without a boll on a branch with bolls of its own are what hangs about these: dry bracts, a bur's valves."""
+    rng = np.random.default_rng(0)
+    branch = line((0, 0, 14), (6, 0, 22), (11, 0, 38))
+    twigs = [line(branch[at], branch[at] + way) for at, way in ((120, (5, 4, 3)), (190, (4, -4.5, 2)))]
+    curves = [line((0, 0, 0), (0, 0, 75))[60:], branch, line((0, 0, 35), (-9, 4, 42)), *twigs]
+    places = [
+        tube_places(curve, radius, rng, 60) for curve, radius in zip(curves, (0.7, 0.35, *3 * [0.2]), strict=True)
+    ]
+    own, centre = hung_boll(branch[240], 1.2, rng)
+    found = map_places(thinned(np.vstack([*places, *own]), 0.25), [(1, centre, 4.5)])
+    assert [axis.kind for axis in found.axes] == ["stem", "fruiting", "fruiting"]
+    assert found.axes[1].bolls == (1,)
+
+
 @pytest.mark.parametrize("away_cm", [2.0, 6.0], ids=["hangs on it", "too far away"])
 def test_a_boll_whose_foot_touches_the_stem_has_no_branch_there(away_cm):
     """It hangs on the branch beside, if there is one, and else on the stem itself."""

@@ -108,6 +108,14 @@ def test_a_faint_end_is_measured_to_where_the_photos_show_it():
     assert np.linalg.norm(end.places[-1] - twig[-1]) < 1.5
 
 
+def test_a_speck_that_bends_an_axis_hides_no_twig():
+    """The axis turns to a speck beside the twig, so that nothing goes on from its end, but from before."""
+    bent = resampled(np.vstack([SHOWN[:-5], SHOWN[-1] + [0, -1.2, -0.8]]), 0.25)
+    seen = photos(TWIG)
+    (end,) = follow_thin_twigs(map_of(bent), modelled(bent), SCALE, FOOT, CAMERAS, seen.__getitem__)
+    assert np.linalg.norm(end.places[-1] - TWIG[-1]) < 1.5
+
+
 def test_without_a_map_or_photos_there_are_no_ends():
     assert follow_thin_twigs(PlantMap((), ()), modelled(SHOWN), SCALE, FOOT, CAMERAS, {}.__getitem__) == []
     assert follow_thin_twigs(map_of(SHOWN), modelled(SHOWN), SCALE, FOOT, [], {}.__getitem__) == []

@@ -32,8 +32,8 @@ SIDEWAYS = 3.0
 """What a level centimetre counts on the way up the stem."""
 TOP_SHARE = 0.75
 """The stem's tip is higher than so much of the plant's wood."""
-BEND_PRICE_CM = 0.6
-"""A degree of the sharpest bend beyond `FREE_BEND_DEG` counts as so much height when the stem's tip is chosen."""
+BEND_PRICE_CM = 0.8
+"""A degree of all bends beyond `FREE_BEND_DEG` counts as so much height when the stem's tip is chosen."""
 FREE_BEND_DEG = 12.0
 BEND_WINDOW_CM = 3.0
 SPACING_CM = 0.3
@@ -228,20 +228,24 @@ def _stem_rows(tree: WoodTree, cloud: WoodCloud) -> list[int]:
         if length_of(curve) < MIN_STEM_CM:
             continue
         line = smoothed(resampled(curve, SPACING_CM), 4.0)
-        score = float(tree.places[end, 2]) - BEND_PRICE_CM * max(_sharpest_bend_deg(line) - FREE_BEND_DEG, 0.0)
+        score = float(tree.places[end, 2]) - BEND_PRICE_CM * _bends_deg(line)
         if score > best:
             best, chosen = score, rows
     return chosen
 
 
-def _sharpest_bend_deg(line: Float64) -> float:
-    """Largest angle between the chords before and after a place."""
+def _bends_deg(line: Float64) -> float:
+    """What the bends of a line have beyond `FREE_BEND_DEG`, summed over pieces of `BEND_WINDOW_CM`.
+
+    The sharpest alone tells nothing where it lies on what the ways have in common.
+    """
     n = max(1, round(BEND_WINDOW_CM / SPACING_CM))
     if len(line) <= 2 * n:
         return 0.0
     before, after = line[n:-n] - line[: -2 * n], line[2 * n :] - line[n:-n]
     cosines = (before * after).sum(axis=1) / (np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1))
-    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
+    bends_deg = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    return float(np.maximum(bends_deg - FREE_BEND_DEG, 0.0).sum()) / n
 
 
 def stem_radius(stem: Float64, places: Float64) -> float:

@@ -197,6 +197,18 @@ def test_fruiting_branches_bear_no_branches(foot_cm, branches):
     }
 
 
+def test_a_stem_that_bends_low_does_not_go_on_into_a_higher_branch():
+    """The sharpest bend lies on what the ways to both tips have in common."""
+    rng = np.random.default_rng(0)
+    stem = line((0, 0, 0), (0, 0, 20), (12, 0, 34), (14, 0, 60))
+    foot = stem[np.argmin(np.abs(stem[:, 2] - 50))]
+    branch = line(foot, foot + (11, 0, 12))
+    places = np.vstack([tube_places(stem[60:], 0.5, rng, 60), tube_places(branch, 0.2, rng, 60)])
+    found = map_places(thinned(places, 0.25), [])
+    assert found.stem.curve[-1] == pytest.approx(stem[-1], abs=1)
+    assert [axis.parent for axis in found.branches] == [0]
+
+
 def test_a_branch_with_a_boll_and_bare_twigs_is_fruiting():
     """Twigs without a boll on a branch with bolls of its own are what hangs about these: dry bracts, a bur's valves."""
     rng = np.random.default_rng(0)

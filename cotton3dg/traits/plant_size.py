@@ -140,7 +140,9 @@ def measure_places(places: Float64, tops: Float64, middles: Float64, unsure_cm: 
     length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    turned_cm = _turned_canopy_cm(places[:, :2], (length_cm + width_cm) / 2, max(TURNED_AREA, unsure_cm / width_cm))
+    # A scanner's line of points has no width.
+    area = max(TURNED_AREA, unsure_cm / width_cm) if width_cm else TURNED_AREA
+    turned_cm = _turned_canopy_cm(places[:, :2], (length_cm + width_cm) / 2, area)
     published = box_of_means(middles)
     return PlantSize(height, float(box.sides[upright]), length_cm, width_cm, hull, turned_cm, published)
 

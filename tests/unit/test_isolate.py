@@ -236,6 +236,12 @@ def test_a_canopy_is_perhaps_that_of_another_rectangle(below_cm, unsure_cm, turn
     )
 
 
+def test_a_line_of_points_has_a_height_and_no_canopy():
+    line = np.column_stack([np.zeros((5, 2)), np.linspace(10, 50, 5)])
+    size = measure_places(line, line[:, 2], line)
+    assert (size.height_cm, size.canopy_cm, size.turned_canopy_cm) == (40, 0, 0)
+
+
 def test_the_height_is_what_its_description_says():
     """A cloud of known balls, lying along the table's long side, one higher than the other."""
     (described,) = [one.description for one in columns_of(PlantTraits) if one.name == "plant_height_cm"]

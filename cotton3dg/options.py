@@ -329,7 +329,7 @@ COMMAND_OPTIONS: dict[str, type] = {
 PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
     "draft": {
         "frames": {"count": 60},
-        "train": {"max_side": 480, "steps": 1500, "max_gaussians": 60_000},
+        "train": {"max_side": 640, "steps": 1500, "max_gaussians": 60_000},
         "masks": {"views": 24},
     },
     "standard": {},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.machine import one_thread_each, usable_cores
+from ..core.machine import on_all_cores
 from ..files.images import read_image, write_image
 
 NEEDLESS_RISE_PCT = 0.1
@@ -114,5 +113,4 @@ def _undistort_images(source: Path, names: list[str], target: Path, lens: Any, p
         picture = cv2.remap(read_image(source / name), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         write_image(target / name, picture)
 
-    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
-        list(threads.map(undistort_one, names))
+    on_all_cores(undistort_one, names)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
-from ..core.machine import one_thread_each, usable_cores
+from ..core.machine import on_all_cores
 from .features import ROOT_SIFT_NORM, Features
 
 MAX_ANGLE = 0.7
@@ -52,9 +51,8 @@ def match_pairs(
     features: Mapping[int, Features], pairs: Sequence[tuple[int, int]]
 ) -> dict[tuple[int, int], PairMatches]:
     """The pairs of images that fit together, with their matches."""
-    with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
-        found = threads.map(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)
-        return {pair: matches for pair, matches in zip(pairs, found, strict=True) if matches is not None}
+    found = on_all_cores(lambda pair: match(features[pair[0]], features[pair[1]]), pairs)
+    return {pair: matches for pair, matches in zip(pairs, found, strict=True) if matches is not None}
 
 
 def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:
@@ -64,9 +62,8 @@ def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], mos
     """
     if len(pairs) <= ALL_PAIRS:
         return list(pairs)
-    with ThreadPoolExecutor(len(usable_cores())) as threads:
-        largest = [of_image.descriptors[:PREVIEWED] for of_image in images]
-        common = list(threads.map(lambda pair: len(match_descriptors(largest[pair[0]], largest[pair[1]])), pairs))
+    largest = [of_image.descriptors[:PREVIEWED] for of_image in images]
+    common = on_all_cores(lambda pair: len(match_descriptors(largest[pair[0]], largest[pair[1]])), pairs)
     of_image: dict[int, list[tuple[int, tuple[int, int]]]] = {}
     for pair, n in zip(pairs, common, strict=True):
         for image in pair:

@@ -38,10 +38,7 @@ class PhotoLines:
             cameras: of V photos, in the frame that lines will be given in.
             photos: (H, W, 3) each. hidden: (H, W) each; lines that come near are not judged there.
         """
-        self.pictures = [
-            np.dstack([photo, np.where(mask, np.uint8(255), np.uint8(0))])
-            for photo, mask in zip(photos, hidden, strict=True)
-        ]
+        self.pictures = [_with_mask(photo, mask) for photo, mask in zip(photos, hidden, strict=True)]
         self.poses = np.stack([camera.cam_from_scene for camera in cameras])
         self.focal = np.array([(camera.fx, camera.fy) for camera in cameras])[:, None]
         self.middle = np.array([(camera.cx, camera.cy) for camera in cameras])[:, None]
@@ -106,3 +103,11 @@ class PhotoLines:
             cv2.remap(picture, x[part, None], y[part, None], cv2.INTER_LINEAR, None, edge, OUTSIDE) for part in parts
         ]
         return np.concatenate(rows).reshape(-1, 4).astype(np.float64)
+
+
+def _with_mask(photo: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(H, W, 4) the photo, and 255 where it is hidden."""
+    picture = np.empty((*mask.shape, 4), np.uint8)
+    picture[..., :3] = photo
+    picture[..., 3] = np.where(mask, np.uint8(255), np.uint8(0))
+    return picture

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import on_all_cores
 from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Camera, Float64, Gaussians
@@ -132,18 +133,25 @@ def _look_at(
     import cv2
 
     chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).round().astype(int)
-    placed, photos, hidden = [], [], []
-    for camera in (cameras[number] for number in chosen):
-        zoom = min(1.0, LONGER_PX / max(camera.width, camera.height))
-        small = camera.resized(max(1, round(zoom * camera.width)), max(1, round(zoom * camera.height)))
-        size = (small.width, small.height)
-        photos.append(cv2.resize(photo(camera.name), size, interpolation=cv2.INTER_AREA))
+    views = [_zoomed(cameras[number]) for number in chosen]
+
+    def shrunk(view: Camera) -> NDArray[np.uint8]:
+        return cv2.resize(photo(view.name), (view.width, view.height), interpolation=cv2.INTER_AREA)
+
+    placed, hidden = [], []
+    for small in views:
         veiled = render(opaque, small).transmittance < 1 - VEILED
         hidden.append(cv2.dilate(veiled.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool))
         rotation = small.rotation @ scale.table_frame.T
         shift = (small.rotation @ foot + small.cam_from_scene[:, 3]) * scale.cm_per_su
         placed.append(replace(small, cam_from_scene=np.column_stack([rotation, shift])))
-    return PhotoLines(placed, photos, hidden)
+    return PhotoLines(placed, on_all_cores(shrunk, views), hidden)
+
+
+def _zoomed(camera: Camera) -> Camera:
+    """The same camera with a picture no longer than `LONGER_PX`."""
+    zoom = min(1.0, LONGER_PX / max(camera.width, camera.height))
+    return camera.resized(max(1, round(zoom * camera.width)), max(1, round(zoom * camera.height)))
 
 
 def _follow(curve: Float64, lines: PhotoLines, colours: Float64) -> Trail | None:

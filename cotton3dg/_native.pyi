@@ -35,6 +35,17 @@ def ray_weights(
     gaussians: Arrays, view: View, pixels: NDArray[Any], threads: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any]]: ...
 def match_descriptors(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]: ...
+def line_evidence(
+    pictures: list[NDArray[np.uint8]],
+    views: list[View],
+    places: NDArray[Any],
+    directions: NDArray[Any],
+    colours: NDArray[Any],
+    aside_px: tuple[float, ...],
+    noise: float,
+    colour_share: float,
+    threads: int,
+) -> tuple[NDArray[Any], NDArray[Any]]: ...
 
 class LearningRates:
     def __init__(

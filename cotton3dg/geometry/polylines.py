@@ -14,7 +14,9 @@ TOGETHER = 100_000
 
 def path_lengths(points: NDArray) -> Float64:
     """(N,) length along a polyline (N, 3) from its first point to each."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    lengths = np.zeros(max(len(points), 1))
+    np.cumsum(np.sqrt(_squared(*(points[1:] - points[:-1]).T)), out=lengths[1:])
+    return lengths
 
 
 def length_of(points: NDArray) -> float:
@@ -70,24 +72,30 @@ def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tupl
         within: places that are farther away may be at infinity; this is quicker where most are.
     """
     if np.isfinite(within) and len(places) > len(points):
-        longest = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1).max(initial=0.0))
+        longest = np.sqrt(_squared(*np.diff(points, axis=0).T).max(initial=0.0))
         reach = within + 0.5 * longest + 1e-6
         near = np.flatnonzero(cKDTree(points).query(places, distance_upper_bound=reach)[0] < np.inf)
         best, station = np.full(len(places), np.inf), np.zeros(len(places))
         best[near], station[near] = nearest_on(points, places[near])
         return best, station
-    start = np.asarray(points, np.float64)[:-1]
-    steps = np.diff(points, axis=0)
-    squares = np.maximum((steps**2).sum(axis=1), 1e-18)
+    start = np.asarray(points, np.float64)[:-1].T
+    steps = np.diff(points, axis=0).T
+    squares = np.maximum(_squared(*steps), 1e-18)
     lengths = path_lengths(points)
     best, station = np.full(len(places), np.inf), np.zeros(len(places))
-    rows = max(1, TOGETHER // max(len(steps), 1))
-    for low in range(0, len(places) if len(steps) else 0, rows):
-        from_start = np.asarray(places[low : low + rows], np.float64)[:, None] - start
-        share = np.clip((from_start * steps).sum(axis=2) / squares, 0, 1)
-        away = np.linalg.norm(from_start - share[:, :, None] * steps, axis=2)
+    rows = max(1, TOGETHER // max(steps.shape[1], 1))
+    for low in range(0, len(places) if steps.size else 0, rows):
+        some = np.asarray(places[low : low + rows], np.float64).T[:, :, None]
+        # One axis at a time: sums over an array's last three numbers take several times as long.
+        x, y, z = (own - first for own, first in zip(some, start, strict=True))
+        share = np.clip((x * steps[0] + y * steps[1] + z * steps[2]) / squares, 0, 1)
+        away = _squared(x - share * steps[0], y - share * steps[1], z - share * steps[2])
         nearest = away.argmin(axis=1)
         own = np.arange(len(nearest))
-        best[low : low + rows] = away[own, nearest]
+        best[low : low + rows] = np.sqrt(away[own, nearest])
         station[low : low + rows] = lengths[nearest] + share[own, nearest] * np.sqrt(squares[nearest])
     return best, station
+
+
+def _squared(x: Float64, y: Float64, z: Float64) -> Float64:
+    return x * x + y * y + z * z

@@ -56,7 +56,7 @@ def joined(places: Float64) -> WoodGraph:
     pairs = _neighbours(places, NEIGHBOURS, NEAR_CM)
     coarse = np.unique(np.floor(places / COARSE_CM).astype(np.int64), axis=0, return_index=True)[1]
     far = coarse[_neighbours(places[coarse], FAR_NEIGHBOURS, FAR_CM)]
-    pairs = np.unique(np.sort(np.vstack([pairs, far]), axis=1), axis=0)
+    pairs = _each_once(np.vstack([pairs, far]), len(places))
     return WoodGraph(places, np.vstack([pairs, _bridges(places, pairs)]))
 
 
@@ -104,8 +104,14 @@ def _neighbours(places: Float64, k: int, reach: float) -> NDArray[np.int64]:
     distances, others = cKDTree(places).query(places, k=k, distance_upper_bound=reach)
     rows = np.repeat(np.arange(len(places)), k).reshape(len(places), k)
     kept = np.isfinite(distances) & (others != rows)
-    pairs = np.sort(np.column_stack([rows[kept], others[kept]]), axis=1)
-    return np.unique(pairs, axis=0).astype(np.int64)
+    return _each_once(np.column_stack([rows[kept], others[kept]]), len(places))
+
+
+def _each_once(pairs: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """(P, 2) pairs of n rows without those that come again in either order, sorted."""
+    # Numbers are sorted in a tenth of the time that rows take.
+    keys = np.sort(np.minimum(*pairs.T) * n + np.maximum(*pairs.T))
+    return np.column_stack(np.divmod(keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]], n))
 
 
 def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -131,7 +137,7 @@ def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         if not added:
             break
         found.append(np.array(added, np.int64))
-    return np.unique(np.vstack(found), axis=0)
+    return _each_once(np.vstack(found), n)
 
 
 def _nearest_outside(

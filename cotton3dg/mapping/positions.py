@@ -128,27 +128,31 @@ def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> F
         if passed[b] == 0:
             state[0, b] = prior[b] + (evidence[b] + np.log(STEP_CM) if not known[b] and b != last else 0.0)
     weights[0] = state[0, last]
+    steps = []
+    for b in range(1, last):
+        stop = next((c for c in range(b + 1, last + 1) if known[c]), last)
+        c = np.arange(b + 1, stop + 1)
+        ratio = logs[c - b][None, :] - logs[b - np.arange(b)][:, None]
+        step = -0.5 * ((ratio - np.log(SHRINKS)) / SHRINKS_SPREAD) ** 2 - np.log(SHRINKS_SPREAD)
+        free = ~known[c] & (c != last)
+        steps.append((b, c, step + np.where(free, evidence[c] + np.log(STEP_CM), 0.0) - logs[c - b]))
     for count in range(1, MOST_NODES):
         following = np.full_like(state, -np.inf)
-        for b in range(1, last):
-            if not np.isfinite(state[:, b]).any():
-                continue
-            stop = next((c for c in range(b + 1, last + 1) if known[c]), last)
-            c = np.arange(b + 1, stop + 1)
-            ratio = logs[c - b][None, :] - logs[b - np.arange(b)][:, None]
-            step = -0.5 * ((ratio - np.log(SHRINKS)) / SHRINKS_SPREAD) ** 2 - np.log(SHRINKS_SPREAD)
-            free = ~known[c] & (c != last)
-            gained = np.where(free, evidence[c] + np.log(STEP_CM), 0.0) - logs[c - b]
-            values = state[:b, b][:, None] + step + gained
-            top = values.max(axis=0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                total = top + np.log(np.exp(values - np.where(np.isfinite(top), top, 0.0)).sum(axis=0))
-            following[b, c] = np.where(np.isfinite(top), total, -np.inf)
+        for b, c, step in steps:
+            likely = np.flatnonzero(np.isfinite(state[:b, b]))
+            if len(likely):
+                following[b, c] = _log_of_sum(state[likely, b][:, None] + step[likely])
         state = following
         column = state[:, last]
         if np.isfinite(column).any():
             weights[count] = np.logaddexp.reduce(column)
     return weights
+
+
+def _log_of_sum(logs: Float64) -> Float64:
+    """(C,) logarithm of the sum of each column's exponentials (R, C), all finite."""
+    top = logs.max(axis=0)
+    return top + np.log(np.exp(logs - top).sum(axis=0))
 
 
 def _shares(weights: Float64) -> Float64:

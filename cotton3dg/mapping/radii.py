@@ -19,6 +19,10 @@ WINDOW_CM = 0.9
 """What lies farther along the axis does not show at a place."""
 REACH_CM = 1.8
 RAY_CM = 0.02
+MIDDLE_CM = 0.4
+"""No farther from the axis is what it runs through."""
+FAINT = 1e-6
+"""Opacity anywhere across an axis below which a Gaussian makes no difference there."""
 LIKELY_RADIUS_CM = (0.04, 1.5)
 
 
@@ -68,31 +72,36 @@ def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Fl
     """Median over the sides of the width, cm, of the opaque run nearest to the middle."""
     first = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
     first /= np.linalg.norm(first)
-    second = np.cross(tangent, first)
+    frame = np.stack([first, np.cross(tangent, first), tangent])
+    flat = means @ frame.T
+    spread = frame @ covariances @ frame.T
+    # Along a ray a Gaussian is nowhere nearer than its middle is to the ray.
+    d, y = spread[:, 2, 2] + 1e-8, -flat[:, 2]
+    shown = opacities * np.exp(-0.5 * y * y / d) > FAINT
+    flat, spread, opacities, d, y = flat[shown], spread[shown], opacities[shown], d[shown], y[shown]
+    angles = np.pi * np.arange(SIDES) / SIDES
+    sides = np.column_stack([np.cos(angles), np.sin(angles)])
+    a = ((sides @ spread[:, :2, :2]) * sides).sum(axis=2).T[:, None] + 1e-8
+    b = (sides @ spread[:, :2, 2].T)[:, None]
     rays = np.arange(-REACH_CM, REACH_CM + RAY_CM / 2, RAY_CM)
-    widths = []
-    for angle in np.pi * np.arange(SIDES) / SIDES:
-        plane = np.stack([np.cos(angle) * first + np.sin(angle) * second, tangent])
-        flat, spread = means @ plane.T, plane @ covariances @ plane.T
-        a, b, d = spread[:, 0, 0] + 1e-8, spread[:, 0, 1], spread[:, 1, 1] + 1e-8
-        x, y = rays[:, None] - flat[None, :, 0], -flat[None, :, 1]
-        distances = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
-        beyond = 1 - np.exp(np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)) - opaque
-        inside = np.flatnonzero(beyond >= 0)
-        if not len(inside):
-            continue
-        start = inside[np.argmin(np.abs(rays[inside]))]
-        if abs(rays[start]) > 0.4:
-            continue
-        low, high = start, start
-        while low > 0 and beyond[low - 1] >= 0:
-            low -= 1
-        while high < len(rays) - 1 and beyond[high + 1] >= 0:
-            high += 1
-        if low == 0 or high == len(rays) - 1:
-            continue
-        share_low = beyond[low] / (beyond[low] - beyond[low - 1])
-        share_high = beyond[high] / (beyond[high] - beyond[high + 1])
-        widths.append(rays[high] - rays[low] + RAY_CM * (share_low + share_high))
+    x = rays[:, None] - (sides @ flat[:, :2].T)[:, None]
+    distances = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
+    beyond = 1 - np.exp(np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=2)) - opaque
+    widths = [width for own in beyond if (width := _nearest_run(rays, own)) is not None]
     width = float(np.median(widths)) if len(widths) >= SIDES / 2 else np.nan
     return width if LIKELY_RADIUS_CM[0] <= 0.5 * width <= LIKELY_RADIUS_CM[1] else np.nan
+
+
+def _nearest_run(rays: Float64, beyond: Float64) -> float | None:
+    """Length of the run of places with `beyond` >= 0 that is nearest to 0; None where it is far or has no end."""
+    inside, outside = np.flatnonzero(beyond >= 0), np.flatnonzero(beyond < 0)
+    if not len(inside):
+        return None
+    start = inside[np.argmin(np.abs(rays[inside]))]
+    after = int(np.searchsorted(outside, start))
+    if abs(rays[start]) > MIDDLE_CM or not 0 < after < len(outside):
+        return None
+    low, high = outside[after - 1] + 1, outside[after] - 1
+    share_low = beyond[low] / (beyond[low] - beyond[low - 1])
+    share_high = beyond[high] / (beyond[high] - beyond[high + 1])
+    return float(rays[high] - rays[low] + RAY_CM * (share_low + share_high))

@@ -149,9 +149,8 @@ class _Touches:
 
 def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
     """Path lengths, along a way and along another that ends beside it, of where they touch; None where they do not."""
-    length = length_of(other.curve)
-    tail = path_lengths(other.curve) > length - (STALK_CM if other.boll else ENDS_CM)
-    tail &= path_lengths(other.curve) > INNER_CM
+    lengths = path_lengths(other.curve)
+    tail = lengths > max(lengths[-1] - (STALK_CM if other.boll else ENDS_CM), INNER_CM)
     if not tail.any():
         return None
     low, high = way.curve.min(axis=0) - TOUCH_CM, way.curve.max(axis=0) + TOUCH_CM
@@ -162,7 +161,7 @@ def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
     station = float(stations[nearest])
     if away[nearest] > TOUCH_CM or not INNER_CM < station < length_of(way.curve) - ENDS_CM:
         return None
-    return station, float(path_lengths(other.curve)[tail][nearest])
+    return station, float(lengths[tail][nearest])
 
 
 def _at_touch(

@@ -75,10 +75,10 @@ def wood_places(gaussians: Gaussians, plant_from_scene: Float64, foot: Float64) 
     axes = rotations(opaque.quats)[np.arange(len(opaque)), :, longest]
     reach = REACH * opaque.scales.max(axis=1).astype(np.float64)[:, None] * axes @ plant_from_scene.T
     middles = (opaque.means - foot) @ plant_from_scene.T
-    counts = np.clip(np.ceil(np.linalg.norm(reach, axis=1) / SPACING_CM).astype(int), 0, 20)
-    steps = [np.linspace(-1, 1, 2 * n + 1) for n in counts]
+    counts = np.clip(np.ceil(np.linalg.norm(reach, axis=1) / SPACING_CM).astype(int), 1, 20)
     rows = np.repeat(np.arange(len(opaque)), 2 * counts + 1)
-    return thinned(middles[rows] + np.concatenate(steps)[:, None] * reach[rows], SPACING_CM)
+    steps = np.arange(len(rows)) - np.repeat(np.cumsum(2 * counts + 1) - counts - 1, 2 * counts + 1)
+    return thinned(middles[rows] + (steps / counts[rows])[:, None] * reach[rows], SPACING_CM)
 
 
 def thinned(places: Float64, side: float) -> Float64:
@@ -124,10 +124,10 @@ def _blades(places: Float64) -> NDArray[np.bool_]:
     """(N,) whether the neighbourhood is broad in two directions; single places in between go with their neighbours."""
     if len(places) < 4:
         return np.zeros(len(places), bool)
-    tree = cKDTree(places)
-    near = tree.query_ball_point(places, LEAF_CM)
-    rows = np.repeat(np.arange(len(places)), [len(own) for own in near])
-    others = places[np.concatenate(near)]
+    pairs = cKDTree(places).query_pairs(LEAF_CM, output_type="ndarray")
+    itself = np.arange(len(places))
+    rows, near = (np.concatenate([itself, pairs[:, end], pairs[:, 1 - end]]) for end in (0, 1))
+    others = places[near]
     counts = np.bincount(rows).astype(float)
     means = np.column_stack([np.bincount(rows, axis) for axis in others.T]) / counts[:, None]
     away = others - means[rows]
@@ -137,5 +137,5 @@ def _blades(places: Float64) -> NDArray[np.bool_]:
             spread[:, i, j] = spread[:, j, i] = np.bincount(rows, away[:, i] * away[:, j]) / counts
     thin, breadths = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, :2], 0)).T
     broad = (breadths > LEAF_BREADTH_CM) & (thin < LEAF_FLATNESS * breadths)
-    share = np.bincount(rows, broad[np.concatenate(near)]) / counts
+    share = np.bincount(rows, broad[near]) / counts
     return (share > 0.5) & (counts >= LEAF_PLACES)

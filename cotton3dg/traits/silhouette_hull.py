@@ -23,6 +23,8 @@ RAYS = 24
 """Directions in each silhouette."""
 STEPS = 40
 """Places along a ray."""
+FAINT = 1e-7
+"""Opacity anywhere on a ray below which a Gaussian makes no difference there."""
 
 
 def opaque_hull(gaussians: Gaussians) -> Float64:
@@ -74,11 +76,21 @@ def _trace_silhouette(means: Float64, covariances: Float64, opacities: Float64, 
     floor = (1e-4 * reach) ** 2
     a, d = a + floor, d + floor
     determinant = np.maximum(a * d - b * b, floor**2)
+    inverse = np.stack([d, -b, -b, a], axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
+    # Squared distances at r along a ray: square r² - 2 cross r + whole.
+    towards = rays @ inverse
+    square = (towards * rays).sum(axis=2).T
+    cross = (towards * means[:, None]).sum(axis=2).T
+    whole = np.einsum("ni,nij,nj->n", means, inverse, means)
+    nearest = np.clip(cross / square, 0, reach)
+    shown = opacities * np.exp(-0.5 * ((square * nearest - 2 * cross) * nearest + whole)) > FAINT
     ends = np.zeros_like(rays)
     for number, ray in enumerate(rays):
-        x, y = ((radii[:, None] * ray[k]) - means[None, :, k] for k in (0, 1))
-        distances = (d * x * x - 2 * b * x * y + a * y * y) / determinant
-        light = np.log1p(-opacities * np.exp(-0.5 * distances)).sum(axis=1)
+        own = shown[number]
+        distances = np.multiply.outer(radii**2, square[number, own])
+        distances -= np.multiply.outer(2 * radii, cross[number, own])
+        distances += whole[own]
+        light = np.log1p(-opacities[own] * np.exp(-0.5 * distances)).sum(axis=1)
         opaque = 1 - np.exp(light) - OPAQUE
         inside = np.flatnonzero(opaque >= 0)
         if len(inside):

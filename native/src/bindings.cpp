@@ -1,5 +1,5 @@
-// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py; that of the
-// matching of descriptors is cotton3dg/capture/matching.py.
+// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py; those of
+// the matching of descriptors and of thin lines in photos are cotton3dg/capture/matching.py and mapping/photo_lines.py.
 #include "bindings.h"
 
 #include "dispatch.h"
@@ -171,5 +171,6 @@ PYBIND11_MODULE(_native, m) {
     m.def("ray_weights", ray_weights_of, "gaussians"_a, "view"_a, "pixels"_a, "threads"_a);
     bind_training(m);
     bind_matching(m);
+    bind_lines(m);
     bind_for_tests(m);
 }

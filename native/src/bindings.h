@@ -96,6 +96,7 @@ py::dict counts(const Frame<Real>& frame) {
 
 void bind_training(py::module_& m);
 void bind_matching(py::module_& m);
+void bind_lines(py::module_& m);
 void bind_for_tests(py::module_& m);
 
 }  // namespace cotton

@@ -1,0 +1,30 @@
+// What photos show along thin lines: how much of each piece something of a known colour covers. What it is for, and the
+// equation, stand in cotton3dg/mapping/photo_lines.py.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "scene.h"
+
+namespace cotton {
+
+// (H, W, 4), rows first: colour, and more than 0 where nothing is to be seen.
+struct Photo {
+    const uint8_t* pixels;
+    View view;
+    double colour[3];  // of the wood
+};
+
+struct LineModel {
+    std::vector<double> aside_px;  // at either side of a line, where the photo shows what is behind
+    double noise;                  // of a pixel, grey levels
+    double colour_share;           // of its contrast by which the colour of what covers may differ
+};
+
+// Sums over colours of (I - B)(W - B) and of (W - B)², weighted by their variance, of each of `count` pieces of lines;
+// both are 0 where the photo does not show the piece. Places and directions are (N, 3).
+void line_evidence(const Photo& photo, const LineModel& model, const double* places, const double* directions,
+                   int64_t count, double* above, double* below);
+
+}  // namespace cotton

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.mapping.photo_lines import ASIDE_PX, COLOUR_SHARE, NOISE, PhotoLines
-from tests.reference.photo_lines import line_evidence
+from cotton3dg.mapping.photo_lines import COLOUR_SHARE, NOISE, PhotoLines
 
 AHEAD = Camera("a", 60, 40, 50.0, 50.0, 30.0, 20.0, np.eye(4)[:3])
 """Shows z = 1 at 50 px a unit."""
@@ -83,44 +82,6 @@ def test_what_no_photo_shows_has_no_colour():
     places = np.array([place(25, 20), place(-50, 20), -place(25, 20)])
     assert lines(striped(1.0)).colours(places) == pytest.approx(WOOD[None], abs=1)
     assert lines(striped(1.0)).colours(places[1:]).tolist() == [[0, 0, 0]]
-
-
-def test_it_is_what_numpy_computes():
-    """On noise, with hidden parts, pieces at the rims, outside and behind."""
-    rng = np.random.default_rng(0)
-    photos = rng.integers(0, 256, (2, 40, 60, 3), dtype=np.uint8)
-    hidden = np.zeros((40, 60), bool)
-    hidden[5:9, 30:44] = True
-    places = rng.normal([0, 0, 1], [0.5, 0.3, 0.7], (3000, 3))
-    directions, colours = rng.normal(size=(3000, 3)), rng.uniform(0, 255, (2, 3))
-    seen = lines(*photos, hidden=hidden)
-    expected = line_evidence(
-        seen.pictures, seen.cameras, places, directions, colours, ASIDE_PX, NOISE, COLOUR_SHARE
-    )  # fmt: skip
-    found = seen.evidence(places, directions, colours)
-    assert 300 < np.count_nonzero(expected[1]) < 0.8 * expected[1].size
-    # The twin takes directions from two places near each other, so its own error is the larger one.
-    assert found[0] == pytest.approx(expected[0], abs=0.01) and found[1] == pytest.approx(expected[1], abs=0.01)
-    assert (found[1] > 0).tolist() == (expected[1] > 0).tolist()
-
-
-def test_what_does_not_fit_is_an_error():
-    seen, at = lines(striped(0.5)), place(25, 20)[None]
-    with pytest.raises(ValueError, match="directions must have the shape"):
-        seen.evidence(at, np.zeros((2, 3)), WOOD[None])
-    with pytest.raises(ValueError, match="colours must have the shape"):
-        seen.evidence(at, UPWARDS, np.zeros((2, 3)))
-    with pytest.raises(ValueError, match="picture must have the shape"):
-        PhotoLines([AHEAD.resized(30, 20)], [striped(0.5)], [np.zeros((40, 60), bool)]).evidence(
-            at, UPWARDS, WOOD[None]
-        )
-
-
-def test_a_place_that_is_no_number_is_not_judged():
-    _, below = lines(striped(0.5)).evidence(
-        np.array([[np.nan, 0, 1], [0, 0, np.inf]]), UPWARDS.repeat(2, 0), WOOD[None]
-    )
-    assert below.tolist() == [[0, 0]]
 
 
 def test_many_places_at_once():

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 KINDS = ("stem", "fruiting", "vegetative")
+DOUBTFUL = 0.7
+"""Less confidence than this is worth a look."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,13 @@ class BollOnMap:
     position_confidence: float
     """0..1; NaN where there is no position."""
     confidence: float
-    """0..1, that this is its branch, by how much longer the way over another one is."""
+    """0..1, that this is its branch: how much nearer to its foot that is than another one, and whether branches may
+    have been mixed up on the way there."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another branch may well be its own."""
+        return self.confidence < DOUBTFUL
 
 
 @dataclass(frozen=True)

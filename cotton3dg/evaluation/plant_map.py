@@ -48,6 +48,10 @@ class MapScores:
     """Bolls found that have a true branch."""
     bolls_on_branch: int
     """Of them, those on the right branch."""
+    doubtful: int
+    """Bolls that the map itself doubts the branch of."""
+    doubtful_on_branch: int
+    """Of them, those on the right branch."""
     positions: int
     """Bolls found that have a true fruiting position."""
     positions_right: int
@@ -180,6 +184,8 @@ def _scores(
     found = [(sites.get(ids[i]), true_sites[j + 1]) for i, j in match_bolls(centres_cm, true_cm, MATCH_DISTANCE_CM)
              if j + 1 in true_sites]  # fmt: skip
     rank_of = {0: 0} | {rank: axis.rank for rank, axis in true_of.items()}
+    on_branch = [mine is not None and rank_of.get(mine.branch) == theirs.branch for mine, theirs in found]
+    doubtful = [mine is not None and mine.doubtful for mine, _ in found]
     sited = [(mine, theirs) for mine, theirs in found if theirs.position]
     own, other = (summarise_map(each, clamp_cm, 0.0, 0.0) for each in (measured, true))
     return MapScores(
@@ -189,7 +195,9 @@ def _scores(
         angle_error_deg=float(np.mean(angles)) if angles else math.nan,
         length_error_pct=100 * float(np.mean(lengths)) if lengths else math.nan,
         bolls=len(found),
-        bolls_on_branch=sum(mine is not None and rank_of.get(mine.branch) == theirs.branch for mine, theirs in found),
+        bolls_on_branch=sum(on_branch),
+        doubtful=sum(doubtful),
+        doubtful_on_branch=sum(right for right, doubt in zip(on_branch, doubtful, strict=True) if doubt),
         positions=len(sited),
         positions_right=sum(mine is not None and mine.position == theirs.position for mine, theirs in sited),
         first_height_error_cm=own.first_fruiting_branch_height_cm - other.first_fruiting_branch_height_cm,

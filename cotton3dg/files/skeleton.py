@@ -50,7 +50,8 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     """The plant map as breeders draw it, an SVG that prints on one page.
 
     The stem is upright; branches leave it at their heights, by turns right and left in order of rank, as long as they
-    are; filled circles are bolls with their ids, the figure inside is the inferred fruiting position.
+    are; circles are bolls with their ids, open where another branch may be theirs, the figure inside is the inferred
+    fruiting position.
     """
     if not plant_map.axes:
         return ""
@@ -160,13 +161,14 @@ def _boll_place(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]]) -> 
 
 
 def _boll(boll: BollOnMap, x: float, y: float) -> list[str]:
+    inside, rim = ("#fff", BOLL) if boll.doubtful else (BOLL, "#fff")
     svg = [
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{BOLL_PX:g}" fill="{BOLL}" stroke="#fff"><title>boll {boll.boll_id}'
-        "</title></circle>"
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{BOLL_PX:g}" fill="{inside}" stroke="{rim}"><title>boll {boll.boll_id}'
+        f"{', its branch is doubtful' if boll.doubtful else ''}</title></circle>"
     ]
     if boll.position:
         figure = f"{boll.position}" if boll.position < 3 else "3+"
-        svg.append(_text((x, y + 4), figure, "middle", "#fff", 11))
+        svg.append(_text((x, y + 4), figure, "middle", rim, 11))
     return svg
 
 

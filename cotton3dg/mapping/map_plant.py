@@ -11,6 +11,7 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
+from .doubts import doubted
 from .loops import opened
 from .order import draw_map
 from .radii import radii_of
@@ -63,7 +64,7 @@ def map_places(places: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
     raw, meetings = extract_axes(cloud)
     if not raw:
         return PlantMap((), (), "no_stem")
-    return draw_map(cloud, opened(raw, meetings), stem_radius(raw[0].curve, places))
+    return doubted(draw_map(cloud, opened(raw, meetings), stem_radius(raw[0].curve, places)))
 
 
 def _surface_radii(curve: Float64, points: Float64) -> Float64:

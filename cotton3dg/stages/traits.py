@@ -302,4 +302,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 7.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=24, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=25, inputs=inputs, run=run, cost=_cost, named_files=named_files)

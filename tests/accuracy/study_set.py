@@ -106,6 +106,8 @@ def map_columns(scores: MapScores | None) -> dict[str, float]:
         "angle_deg": scores.angle_error_deg,
         "length_pct": scores.length_error_pct,
         "on_branch_pct": 100 * scores.bolls_on_branch / max(scores.bolls, 1),
+        "doubtful": scores.doubtful,
+        "doubtful_on_branch": scores.doubtful_on_branch,
         "position_pct": 100 * scores.positions_right / max(scores.positions, 1),
         "first_cm": scores.first_height_error_cm,
         "internode_pct": scores.internode_error_pct,

@@ -73,6 +73,15 @@ def test_the_drawing_has_every_branch_and_boll():
     assert draw_map(PlantMap((), (), "no_stem")) == ""
 
 
+def test_bolls_whose_branch_is_doubtful_are_open_circles():
+    doubtful = replace(mapped(), bolls=tuple(replace(boll, confidence=0.69) for boll in mapped().bolls))
+    for plant_map, fill, words in ((mapped(), "#1f5fa8", 0), (doubtful, "#fff", len(doubtful.bolls))):
+        root = ET.fromstring(draw_map(plant_map))
+        circles = [child for child in root if child.tag.endswith("circle")]
+        assert {circle.attrib["fill"] for circle in circles} == {fill}
+        assert sum("doubtful" in (circle[0].text or "") for circle in circles) == words
+
+
 @pytest.mark.parametrize("seed", [3, 8])
 def test_no_label_of_a_crowded_plant_hides_another(seed):
     options = SimulateOptions(seed=seed, architecture="natural", bolls=40, vegetative=1)
@@ -123,6 +132,12 @@ def test_missed_false_and_mistaken_branches_cost():
     assert scores.matched_branches == scores.true_branches - 1
     assert scores.precision == scores.recall < 1
     assert scores.bolls_on_branch == len(centres) - len(lost.bolls)
+    assert scores.doubtful == scores.doubtful_on_branch == 0
+    doubts = tuple(replace(boll, confidence=0.69 if boll.boll_id in lost.bolls[:1] else 1.0) for boll in true.bolls)
+    doubted = compare_maps(
+        replace(true, axes=kept, bolls=doubts), centres, list(range(1, len(centres) + 1)), true, centres
+    )
+    assert (doubted.doubtful, doubted.doubtful_on_branch) == (1, 0)
     nothing = compare_maps(PlantMap(true.axes[:1], ()), centres, list(range(1, 11)), true, centres)
     assert nothing.recall == 0
     assert nothing.bolls_on_branch == 0

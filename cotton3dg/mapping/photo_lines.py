@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .. import _native
 from ..core.scene import Camera, Float64
+from ..splat.rasterizer import view_of
 
 ASIDE_PX = (2.5, 3.5)
 """Where, at either side of a line, the photo shows what is behind."""
@@ -23,7 +24,7 @@ NOISE = 3.5
 COLOUR_SHARE = 0.35
 """By how much of its contrast to what is behind a twig's colour may differ from the wood's."""
 NEAREST_CM = 1e-9
-"""What lies behind the camera is not before it."""
+"""Depth from which a photo shows a place: all that is before the camera."""
 
 
 class PhotoLines:
@@ -39,7 +40,7 @@ class PhotoLines:
         """
         self.pictures = [_with_mask(photo, mask) for photo, mask in zip(photos, hidden, strict=True)]
         self.cameras = cameras
-        self.views = [_view(camera) for camera in cameras]
+        self.views = [view_of(camera, NEAREST_CM) for camera in cameras]
 
     def __len__(self) -> int:
         return len(self.pictures)
@@ -59,17 +60,12 @@ class PhotoLines:
         at, along, wood = (np.ascontiguousarray(rows, np.float64) for rows in (places, directions, colours))
         return _native.line_evidence(
             self.pictures, self.views, at, along, wood, ASIDE_PX, NOISE, COLOUR_SHARE, threads=0
-        )  # fmt: skip
+        )
 
     def _colour(self, view: int, places: NDArray) -> Float64:
         picture, pixels = self.pictures[view], self.cameras[view].project(places)[0]
         shown = pixels[((pixels >= 0) & (pixels < picture.shape[1::-1])).all(axis=1)].astype(int)
         return np.median(picture[shown[:, 1], shown[:, 0], :3], axis=0) if len(shown) else np.zeros(3)
-
-
-def _view(camera: Camera) -> _native.View:
-    pose = np.ascontiguousarray(camera.cam_from_scene, np.float64)
-    return _native.View(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, pose, NEAREST_CM)
 
 
 def _with_mask(photo: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

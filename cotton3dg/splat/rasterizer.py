@@ -240,10 +240,14 @@ def _contiguous(gaussians: Gaussians) -> _native.Arrays:
     return means, quats, log_scales, opacity_logits, sh
 
 
-def _view(gaussians: Gaussians, camera: Camera, near_su: float | None, window: Window | None = None) -> _native.View:
+def view_of(camera: Camera, near: float, window: Window | None = None) -> _native.View:
+    """A camera as the core takes it; `near`, in the unit of its scene, is the depth at which it begins to see."""
     pose = np.ascontiguousarray(camera.cam_from_scene, np.float64)
-    near = near_plane(gaussians, camera) if near_su is None else near_su
     return _native.View(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, pose, near, window)
+
+
+def _view(gaussians: Gaussians, camera: Camera, near_su: float | None, window: Window | None = None) -> _native.View:
+    return view_of(camera, near_plane(gaussians, camera) if near_su is None else near_su, window)
 
 
 def _within_memory(compute: Callable[[], T]) -> T:

@@ -10,17 +10,13 @@ import pytest
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera
+from cotton3dg.splat.rasterizer import view_of
 
 CAMERAS = [
     Camera("a", 60, 40, 50.0, 55.0, 30.0, 20.0, np.eye(4)[:3]),
     Camera("b", 33, 70, 40.0, 40.0, 15.0, 36.0, np.array([[0.8, 0, -0.6, 0.5], [0, 1, 0, 0.1], [0.6, 0, 0.8, 0.2]])),
 ]
 MODEL = {"aside_px": (2.5, 3.5), "noise": 3.5, "colour_share": 0.35}
-
-
-def view(camera: Camera) -> _native.View:
-    size, lens = (camera.width, camera.height), (camera.fx, camera.fy, camera.cx, camera.cy)
-    return _native.View(*size, *lens, camera.cam_from_scene.copy(), near_plane=1e-9)
 
 
 def pictures(rng: np.random.Generator) -> list[np.ndarray]:
@@ -32,7 +28,7 @@ def pictures(rng: np.random.Generator) -> list[np.ndarray]:
 
 
 def evidence(seen: list[np.ndarray], *lines: Any, threads: int = 1, **model: Any) -> tuple[np.ndarray, np.ndarray]:
-    views = [view(camera) for camera in CAMERAS]
+    views = [view_of(camera, 1e-9) for camera in CAMERAS]
     return _native.line_evidence(seen, views, *lines, threads=threads, **{**MODEL, **model})
 
 
@@ -63,9 +59,9 @@ def test_threads_change_no_bit() -> None:
 
 
 def test_the_last_pixels_are_seen_and_nothing_beyond() -> None:
-    """A level line's sides lie above and below it: at half a pixel more than they need they are inside."""
+    """A level line is judged while its sides, 3.5 px above and below it, lie between the middles of the outer rows."""
     seen = [np.full((camera.height, camera.width, 4), (90, 80, 70, 0), np.uint8) for camera in CAMERAS]
-    rows = np.array([4.0, 4.01, 35.99, 36.0])  # the middles of the first and last pixels are at 0.5 and 39.5
+    rows = np.array([4.0, 4.01, 35.99, 36.0])  # those middles are at 0.5 and 39.5
     places = np.array([[0.0, (row - 20) / 55, 1.0] for row in rows])
     _, below = evidence(seen, places, np.repeat([[1.0, 0, 0]], 4, axis=0), np.zeros((2, 3)))
     assert (below[0] > 0).tolist() == [True, True, True, True]

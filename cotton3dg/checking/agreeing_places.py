@@ -1,7 +1,8 @@
 """Places on level planes where photos from all sides show the same colour: there the plane is a surface.
 
 They stand in for the Gaussians of a model, which show how far the table reaches where structure from motion has too few
-points. It is plane sweeping (Collins 1996) over the few planes that the points themselves suggest.
+points. It is plane sweeping (Collins 1996) over the few planes that the points themselves suggest: those that they lie
+on, and, as the few things on a bare table may tell its height only, those as level as the floor.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import Orbit
-from ..geometry.planes import CELL, level_planes
+from ..geometry.planes import CELL, REACH, TOLERANCE, floor_normal, level_planes, parallel_planes
 
 SIDE_PX = 480
 """Longer side of the photos that are compared."""
@@ -35,11 +36,21 @@ def find_agreeing_places(
         photos: (H, W, 3) of the cameras, from all sides.
         tolerance: grey levels, largest median deviation of the views from their median colour.
     """
+    tracks = np.asarray(tracks, np.float64)
     small = [_shrink(photo) for photo in photos]
-    places = [
-        _agreeing(_grid(plane, orbit), cameras, small, tolerance) for plane in level_planes(np.asarray(tracks), orbit)
-    ]
+    planes = level_planes(tracks, orbit)
+    up = floor_normal(tracks, orbit)
+    if up is not None:
+        planes += [plane for plane in parallel_planes(tracks, orbit, up) if _is_new(plane, planes, orbit)]
+    places = [_agreeing(_grid(plane, orbit), cameras, small, tolerance) for plane in planes]
     return np.concatenate([*places, np.zeros((0, 3))])
+
+
+def _is_new(plane: Float64, planes: Sequence[Float64], orbit: Orbit) -> bool:
+    """Whether a plane is off all others, somewhere on a table, by more than counts as on it."""
+    grid = _grid(plane, orbit)
+    table = grid[np.linalg.norm(grid - grid.mean(axis=0), axis=1) < REACH * orbit.radius]
+    return all(np.abs(table @ other[:3] + other[3]).max() > TOLERANCE * orbit.radius for other in planes)
 
 
 def _shrink(photo: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -26,7 +26,7 @@ from .sights import Sight, see
 
 VIEWS = 12
 """Images in which bolls are looked for."""
-TOLERANCES = (6.0, 10.0)
+TOLERANCES = (3.0, 6.0, 10.0)
 """Grey levels by which photos may differ where they agree; a floor of one colour agrees with itself when it is lax."""
 
 

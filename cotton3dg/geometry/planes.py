@@ -16,7 +16,12 @@ TOLERANCE = 0.006
 CELL = 0.02
 """Cells in which covered area is counted, R."""
 REACH = 0.75
-"""Points farther from the orbit's axis are not looked at, R."""
+"""As far from the orbit's axis as a table reaches, R."""
+ROOM = 3.0
+"""As far from it a floor is looked at, R."""
+MOST_PARALLEL = 6
+LEAST_PARALLEL = 15
+"""Points at one height."""
 MAX_TILT = np.radians(25.0)
 """Between the table's normal and the orbit's axis: people raise and lower the phone while they walk."""
 MIN_AREA = 0.2
@@ -24,8 +29,10 @@ MIN_AREA = 0.2
 HYPOTHESES = 10_000
 
 
-def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:
+def level_planes(points: Float64, orbit: Orbit, seed: int = 0, reach: float = REACH) -> list[Float64]:
     """Planes (4,) of the level surfaces inside the orbit, highest first: a x + b y + c z + d = height, (a, b, c) up.
+
+    Points farther from the orbit's axis than `reach` are not looked at, R.
 
     RANSAC (Fischler and Bolles 1981) over triples of points of similar height, seeded and of a fixed length. Points are
     thinned to one a cell first, so that area counts and not texture.
@@ -33,7 +40,7 @@ def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:
     radius = orbit.radius
     height = (points - orbit.centre) @ orbit.axis
     outward = points - orbit.centre - height[:, None] * orbit.axis
-    near = (np.linalg.norm(outward, axis=1) < REACH * radius) & (np.abs(height) < 1.5 * radius)
+    near = (np.linalg.norm(outward, axis=1) < reach * radius) & (np.abs(height) < 1.5 * radius)
     points = _thin(points[near], CELL / 2 * radius)
     planes: list[tuple[int, float, Float64]] = []
     rng = np.random.default_rng(seed)
@@ -46,6 +53,32 @@ def level_planes(points: Float64, orbit: Orbit, seed: int = 0) -> list[Float64]:
         points = points[np.abs(points @ plane[:3] + plane[3]) > 3 * TOLERANCE * radius]
     # The distance of the orbit's centre from a plane is the smaller, the higher the plane lies.
     return [plane for _, _, plane in sorted(planes, key=lambda item: (item[1], *item[2]))]
+
+
+def floor_normal(points: Float64, orbit: Orbit) -> Float64 | None:
+    """(3,) up, of the lowest large level plane of the room; None without any."""
+    planes = level_planes(points, orbit, reach=ROOM)
+    return planes[-1][:3] if planes else None
+
+
+def parallel_planes(points: Float64, orbit: Orbit, up: Float64) -> list[Float64]:
+    """Planes (4,) with this normal at the heights where most points inside the orbit lie, fullest first.
+
+    A few small things on a bare table lie at one height, but too close together to tell its tilt.
+    """
+    outward = points - orbit.centre - ((points - orbit.centre) @ orbit.axis)[:, None] * orbit.axis
+    inside = points[np.linalg.norm(outward, axis=1) < REACH * orbit.radius]
+    heights = np.sort(_thin(inside, CELL / 2 * orbit.radius) @ up)
+    planes: list[Float64] = []
+    while len(planes) < MOST_PARALLEL:
+        counts = np.searchsorted(heights, heights + 2 * TOLERANCE * orbit.radius) - np.arange(len(heights))
+        if not len(counts) or counts.max() < LEAST_PARALLEL:
+            break
+        first = int(np.argmax(counts))
+        height = float(np.median(heights[first : first + counts[first]]))
+        planes.append(np.append(up, -height))
+        heights = heights[np.abs(heights - height) > 3 * TOLERANCE * orbit.radius]
+    return planes
 
 
 def _largest_plane(points: Float64, orbit: Orbit, rng: np.random.Generator) -> tuple[Float64, NDArray[np.bool_]] | None:

@@ -13,11 +13,12 @@ from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
 from ..documents.sfm import RescueStep
 from .agreement import contradicted_pct
-from .features import FeatureSettings, features_of_images
+from .features import Features, FeatureSettings, features_of_images
 from .keyframes import MODEL, Keyframes, keyframe_spacing, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
-from .matching import find_alike, match_pairs
+from .matching import PairMatches, find_alike, match_pairs
 from .rescue import Attempt, Task, rescued
+from .standing import require_walk, some_apart
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,8 @@ def reconstruct(
         pairs: indices into `names` of the images to match with each other.
         work_folder: empty; receives the database of matches.
         keyframes: what `place_keyframes` found with the same arguments; None = it is done here, if it is worth it.
+    Raises:
+        CaptureFailed: the camera stood still.
     """
     watch = watch or Stopwatch()
     if keyframes is None and has_keyframes(len(names), settings):
@@ -84,7 +87,7 @@ def reconstruct(
     seen = set(keyframes.images if keyframes else ())
     pairs = [pair for pair in pairs if not seen.issuperset(pair)]
     progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
-    matches = dict(sorted((matches | match_pairs(features, pairs)).items()))
+    matches = dict(sorted((matches | _match(features, pairs, len(names))).items()))
     watch.lap("matching")
     database = work_folder / "matches.db"
     write_database(database, image_folder, names, features, matches, settings.focal_length_px)
@@ -124,13 +127,15 @@ def place_keyframes(
 
     Args:
         folder: receives the model; made if needed.
+    Raises:
+        CaptureFailed: the camera stood still.
     """
     watch = watch or Stopwatch()
     chosen = range(0, len(names), keyframe_spacing(len(names)))
     features = features_of_images(image_folder, names, chosen, settings.features, progress)
     watch.lap("features")
     both = [pair for pair in pairs if pair[0] in chosen and pair[1] in chosen]
-    matches = match_pairs(features, both)
+    matches = _match(features, both, len(names))
     watch.lap("matching")
     folder.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as work:
@@ -143,6 +148,17 @@ def place_keyframes(
         drop_lost_images(models[0]).write_binary(folder / MODEL)
     watch.lap("mapping")
     return Keyframes(tuple(chosen), features, matches, folder)
+
+
+def _match(
+    features: dict[int, Features], pairs: list[tuple[int, int]], images: int
+) -> dict[tuple[int, int], PairMatches]:
+    """The pairs that fit together, in their order; where a few show that the camera stood, no more are matched."""
+    looked_at = some_apart(pairs, images)
+    first = match_pairs(features, looked_at)
+    require_walk(features, first)
+    found = first | match_pairs(features, sorted(set(pairs) - set(looked_at)))
+    return {pair: found[pair] for pair in pairs if pair in found}
 
 
 def _place_cameras(

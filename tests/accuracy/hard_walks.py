@@ -52,7 +52,7 @@ KINDS = {
     "cut": Kind({"cut": 0.3}, (RED,), "cut by the top"),
     "white_room": Kind({"white_room": True, "noise": 2.0}, (GREEN, YELLOW, RED)),
     "pale_table": Kind({"pale_table": True}, (GREEN, YELLOW)),
-    "turntable": Kind({"turntable": True}, (RED,)),
+    "turntable": Kind({"turntable": True}, (RED,), "stands still while the plant turns"),
     "blurred": Kind({"blur": 0.9, "frames": 60}, (GREEN, YELLOW)),
 }
 

@@ -10,9 +10,11 @@ from scenes.tiny_plant import in_shell
 
 from cotton3dg import pipeline
 from cotton3dg.commands.check import check, plant_of
+from cotton3dg.commands.simulate import simulate
 from cotton3dg.documents.check import CheckInfo
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files import video
+from cotton3dg.options import resolve
 from cotton3dg.stages import sfm
 from cotton3dg.workspace import Workspace
 
@@ -68,6 +70,15 @@ def test_what_was_begun_with_other_options_is_not_used(checked, tmp_path):
     damaged = Workspace(shutil.copytree(workspace.root, tmp_path / "damaged"))
     (damaged.sfm_begun / "features.npz").write_bytes(b"PK nonsense")
     assert sfm._begun(damaged, same["sfm"]) is None
+
+
+def test_a_film_of_a_turntable_is_red_before_cameras_are_placed(tmp_path):
+    film = {"frames": 64, "width": 320, "height": 180, "supersampling": 1, "turntable": True, "seed": 3}
+    simulate(tmp_path, resolve("simulate", film))
+    workspace = Workspace(tmp_path)
+    info = check(workspace, pipeline.stage_options(workspace, "draft"), pipeline.Watcher())
+    assert info.verdict == "red"
+    assert "stands still while the plant turns" in info.line
 
 
 def test_a_film_of_a_still_camera_is_red_and_exits_4(tmp_path):

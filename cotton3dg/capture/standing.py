@@ -1,0 +1,69 @@
+"""Whether a camera stood still: then most of what its images have in common stays where it is, and what moves turned.
+
+Structure from motion would try for a quarter of an hour to place cameras that are all one, and give up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CaptureFailed
+from .features import Features
+from .matching import PairMatches
+
+MAX_STANDING_PCT = 50.0
+"""Of walks it was 0 to 15 % (a bare room, in which little but the plant is matched), of a turntable 99 %."""
+APART = 3
+"""Images on, at least: neighbours may have been taken from nearly one place."""
+LOOKED_AT = 12
+"""Pairs, about."""
+TREMBLE = 0.05
+"""Of the longer side, by which the picture of a camera that is held, but stands, moves in all."""
+TOLERANCE = 0.003
+"""Of the longer side, by which a place that stands is off the motion of the picture as a whole."""
+
+
+def some_apart(pairs: Sequence[tuple[int, int]], images: int) -> list[tuple[int, int]]:
+    """A few of the pairs of a capture of so many images, whose images are some way apart."""
+    apart = [pair for pair in pairs if APART <= abs(pair[0] - pair[1]) <= images - APART]
+    return apart[:: max(1, len(apart) // LOOKED_AT)]
+
+
+def require_walk(features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]) -> None:
+    """The gate before cameras are placed.
+
+    Args:
+        features: by number of the image. matches: of `some_apart`.
+    Raises:
+        CaptureFailed: the camera stood.
+    """
+    standing = standing_pct(features, matches)
+    if standing is not None and standing > MAX_STANDING_PCT:
+        raise CaptureFailed(
+            f"the camera stands still while the plant turns ({standing:.0f} % of what two images have in common is at"
+            " the same place in both); film one slow full turn, walking around the plant"
+        )
+
+
+def standing_pct(features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]) -> float | None:
+    """Share of the matches that stay where they are, but for a tremble of the whole picture: the middle one of the
+    pairs; None without any."""
+    side_px = max((float(of_image.places_px.max(initial=0)) for of_image in features.values()), default=0.0)
+    shares = [
+        _share(features[i].places_px[found.rows[:, 0]], features[j].places_px[found.rows[:, 1]], side_px)
+        for (i, j), found in matches.items()
+    ]
+    return 100 * float(np.median(shares)) if shares else None
+
+
+def _share(first: NDArray[np.float32], second: NDArray[np.float32], side_px: float) -> float:
+    found, _ = cv2.estimateAffinePartial2D(first, second, ransacReprojThreshold=TOLERANCE * side_px)
+    if found is None:
+        return 0.0
+    moved = first @ found[:, :2].T + found[:, 2]
+    stays = np.linalg.norm(moved - first, axis=1) < TREMBLE * side_px
+    return float((stays & (np.linalg.norm(moved - second, axis=1) < TOLERANCE * side_px)).mean())

@@ -13,7 +13,9 @@ from ..options import SimulateOptions
 from .camera import Orbit
 from .render import Float32, RenderScene, develop, instance_ids, render
 
-SUBFRAMES = 8
+LEAST_SUBFRAMES, MOST_SUBFRAMES = 8, 64
+SUBFRAME_PX = 1.5
+"""What lies far away moves at most so far from one to the next, or blur would be a row of sharp edges."""
 BAND_ROWS = 4
 """Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
@@ -28,8 +30,9 @@ def film(
     """
     if options.blur:
         # Each sub-frame sees the pixel at another place (Roberts' R2 sequence), so that one ray each suffices.
-        places = (np.arange(1, SUBFRAMES + 1)[:, None] * (0.7548776662466927, 0.5698402909980532) + 0.5) % 1 - 0.5
-        times = frame + options.blur * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
+        n = _subframes(path, frame, options.blur)
+        places = (np.arange(1, n + 1)[:, None] * (0.7548776662466927, 0.5698402909980532) + 0.5) % 1 - 0.5
+        times = frame + options.blur * ((np.arange(n) + 0.5) / n - 0.5)
         light = np.mean(
             [
                 _read_out(
@@ -50,6 +53,13 @@ def film(
         light = _read_out(scene, path, frame, options, supersampling=options.supersampling, behind=behind)
     rng = np.random.default_rng([options.seed, 4, frame]) if options.noise else None
     return develop(light, exposure_ev=exposure_ev(frame, options), noise=options.noise, rng=rng)
+
+
+def _subframes(path: Orbit, frame: int, open_frames: float) -> int:
+    """So many renders make the light of a shutter that is open for this share of a frame."""
+    first, last = (path.at(frame + side * open_frames / 2) for side in (-1, 1))
+    turned_rad = np.arccos(np.clip(first.rotation[2] @ last.rotation[2], -1, 1))
+    return int(np.clip(np.ceil(turned_rad * first.fx / SUBFRAME_PX), LEAST_SUBFRAMES, MOST_SUBFRAMES))
 
 
 def film_ids(scene: RenderScene, path: Orbit, frame: int, options: SimulateOptions) -> NDArray[np.uint16]:

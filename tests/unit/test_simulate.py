@@ -247,6 +247,13 @@ def test_blur_is_the_mean_of_the_light_while_the_shutter_is_open():
     assert errors[0] < 0.5 * errors[1]
 
 
+def test_much_blur_is_no_row_of_sharp_edges():
+    _, scene, path = small()
+    blurred = film(scene, path, 8, replace(SMALL, blur=1.0)).astype(float)
+    exact = develop(np.mean([render(scene, path.at(8 + t)) for t in np.linspace(-0.5, 0.5, 121)], axis=0))
+    assert np.sqrt(((blurred - exact) ** 2).mean()) < 3  # grey levels; with 8 renders it is 6
+
+
 def test_a_rolling_shutter_reads_each_row_at_its_own_time():
     _, scene, path = small()
     options = replace(SMALL, rolling_shutter=0.5)

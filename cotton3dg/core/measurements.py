@@ -63,7 +63,8 @@ class PlantFrame:
 
 NO_SCALE = "no scale"
 NO_PLANT = "no scale; no plant on the table"
-NO_SIZE = f"{NO_PLANT}; cut by the frame nearly everywhere (flagged)"
+NEVER_WHOLE = "cut by the frame nearly everywhere (flagged)"
+NO_SIZE = f"{NO_PLANT}; {NEVER_WHOLE}"
 NO_BODY = "no scale; too few Gaussians for a body (flagged)"
 NO_WEIGHT = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
 NOT_CORRECTED = "not corrected"
@@ -203,14 +204,14 @@ class PlantTraits:
         "1",
         "standard error of boll_count, of the bolls' confidence and of touching bolls",
         2,
-        blank_when="no bolls",
+        blank_when=f"no bolls; {NEVER_WHOLE}",
         later=True,
     )
     boll_volume_error_cm3: float = column(
         "cm3",
-        "standard error of boll_volume_cm3, of scale, edges, shape and neighbours",
+        "standard error of boll_volume_cm3, of scale, edges, shape, neighbours and sides that were not filmed",
         2,
-        blank_when=NO_VOLUME,
+        blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
         later=True,
     )
     plant_height_error_cm: float = column(
@@ -281,7 +282,7 @@ class PlantTraits:
             "boll_count_high": "upper end of it",
         },
         "1",
-        blank_when="no bolls",
+        blank_when=f"no bolls; {NEVER_WHOLE}",
         later=True,
         default=None,
     )
@@ -292,7 +293,7 @@ class PlantTraits:
         },
         "cm3",
         2,
-        blank_when=NO_VOLUME,
+        blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
         later=True,
         default=None,
     )

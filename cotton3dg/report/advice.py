@@ -93,7 +93,8 @@ FLAGS = {
     "plant_cut": Meaning(
         "The frame cuts the plant",
         "In more than a quarter of the images a part of the plant lies beyond the edge, so height and canopy may be too"
-        " small, and bolls there are seen by few images. Where nearly all images cut it, height and canopy are blank.",
+        " small, and bolls there are seen by few images. Where nearly all images cut it, height, canopy and the"
+        " intervals of count and volume are blank.",
         "Step back, or hold the phone upright, until the whole plant is in view.",
     ),
     "gaussians_culled": Meaning(

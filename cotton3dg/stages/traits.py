@@ -35,12 +35,14 @@ from ..files.ply import read_gaussians
 from ..files.saving import write_text_atomically
 from ..files.skeleton import draw_map, skeleton_ply
 from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
+from ..geometry.camera_orbit import fit_orbit
 from ..mapping.edges import edge_opacity
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..mapping.thin_twigs import Trail, follow_thin_twigs
 from ..options import TraitsOptions
 from ..traits.corrections import Corrected, apply_corrections
+from ..traits.error_model import Filming
 from ..traits.isolate import Plant
 from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from ..traits.measure import Measured, mark_corrections, measure_plant
@@ -131,13 +133,13 @@ def _measure(
     masks = MasksInfo.load_if_there(workspace.masks_json)
     halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
     cameras = _cameras(workspace)
-    blur_px = _blur_px(workspace)
+    filming = _filming(workspace, cameras)
 
     def measure(
         some: list[BollInstance], by: Scale | None, counts: tuple[int, int] | None, ends: Sequence[NDArray]
     ) -> Measured:
         clamp_cm = options.tube_height_cm
-        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, blur_px, ends)
+        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, filming, ends)
 
     def measure_all(ends: Sequence[NDArray] = ()) -> tuple[Measured, Corrected | None]:
         measured = measure(bolls, found, halves, ends)
@@ -266,11 +268,12 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
     )
 
 
-def _blur_px(workspace: Workspace) -> float:
-    """Motion blur of the training images; 0 where the trainer found none, or of a model that came without images."""
+def _filming(workspace: Workspace, cameras: list[Camera]) -> Filming:
+    """Blur where the trainer found it, and what the walk left out; nothing of a model that came without images."""
     effects = Effects.load_if_there(workspace.effects_json)
     found = effects.motion_blur if effects else None
-    return found.median_px if found and found.found else 0.0
+    blur_px = found.median_px if found and found.found else 0.0
+    return Filming(blur_px, fit_orbit(cameras).largest_gap_deg if cameras else 0.0)
 
 
 def _cameras(workspace: Workspace) -> list[Camera]:
@@ -302,4 +305,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 7.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=25, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=26, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -16,6 +16,8 @@ from .corrections import Corrected
 from .error_model import (
     AS_IF_NEAR,
     CROWDED_SHARE,
+    WELL_FILMED,
+    Filming,
     blurs_bolls,
     boll_volume_error,
     bridged_share,
@@ -72,7 +74,7 @@ def measure_plant(
     halves: tuple[int, int] | None = None,
     cameras: Sequence[Camera] = (),
     by_colour: bool = False,
-    blur_px: float = 0.0,
+    filming: Filming = WELL_FILMED,
     thin_ends: Sequence[NDArray] = (),
 ) -> Measured:
     """All traits of a plant and of its bolls.
@@ -83,7 +85,7 @@ def measure_plant(
         halves: bolls that either half of the images counts, where that is known.
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
         by_colour: whether the masks are by colour alone, without a network.
-        blur_px: how far the picture moved while a photo was taken, px of the training images.
+        filming: how the plant was filmed; whether whole is found here.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """
     concerns: dict[str, str] = {}
@@ -101,6 +103,7 @@ def measure_plant(
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
     cut, lost = doubt_whole(gaussians.means[plant.rows], cameras) if plant else ("", False)
+    filming = replace(filming, whole=not lost)
     if cut:
         concerns["plant_cut"] = cut
     drawn = as_drawn(gaussians, pixel_su)
@@ -110,7 +113,7 @@ def measure_plant(
             f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem; look"
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, blur_px)
+    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, filming)
     sized = size_plant(drawn, plant, scale, clamp_cm, thin_ends) if plant and scale and not lost else Sized()
     concerns |= sized.concerns
     if halves and halves_disagree(halves):
@@ -122,12 +125,12 @@ def measure_plant(
             "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
         )
     diameters_cm = np.array([boll.diameter_cm for boll in boll_traits])
-    if scale and blurs_bolls(blur_px, pixel_su * scale.cm_per_su, diameters_cm):
+    if scale and blurs_bolls(filming.blur_px, pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
-            f"motion blurs the images by {blur_px:.0f} px, much of a boll's width, so that bolls swell and merge; walk"
-            " more slowly, or film with more light"
+            f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
+            " merge; walk more slowly, or film with more light"
         )
-    traits = summarise_plant(boll_traits, sized.size, scale, pixel_su, halves, sized.other, by_colour, blur_px)
+    traits = summarise_plant(boll_traits, sized.size, scale, pixel_su, halves, sized.other, by_colour, filming)
     return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
 
 
@@ -171,7 +174,7 @@ def measure_bolls(
     pixel_su: float = 0.0,
     clamp_cm: float = 0.0,
     apart: Collection[int] = (),
-    blur_px: float = 0.0,
+    filming: Filming = WELL_FILMED,
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
 
@@ -180,7 +183,7 @@ def measure_bolls(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         apart: ids of bolls that do not hang on the plant.
-        blur_px: motion blur of the training images.
+        filming: how the plant was filmed.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`), the volume without
     what bodies that touch have too much (`bridged_share`). For the alpha volume the Gaussians' ellipsoids are blown up
@@ -213,7 +216,7 @@ def measure_bolls(
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
-        error = boll_volume_error(diameter.value, whole.value, len(boll.views), scale, pixel_su, away, blur_px)
+        error = boll_volume_error(diameter.value, whole.value, len(boll.views), scale, pixel_su, away, filming)
         traits.append(
             BollTraits(
                 boll_id=boll.boll_id,
@@ -241,12 +244,12 @@ def summarise_plant(
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
     by_colour: bool = False,
-    blur_px: float = 0.0,
+    filming: Filming = WELL_FILMED,
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
     Args:
-        pixel_su, halves, by_colour, blur_px: as for `measure_plant`.
+        pixel_su, halves, by_colour, filming: as for `measure_plant`.
         perhaps: another size that the plant may have; its difference is an error.
 
     What its traits may be off by is in error_model.py.
@@ -280,11 +283,11 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()))
-    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, blur_px) if measured else np.nan
+    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()), filming.whole)
+    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]
-    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, blur_px)
+    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, filming.blur_px)
     return PlantTraits(
         boll_count=len(bolls),
         boll_volume_cm3=volume_cm3,

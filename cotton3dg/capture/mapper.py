@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from ..files.images import read_image
 from .features import Features
 from .matching import MIN_MATCHES, PairMatches
 
 CAMERA_MODEL = "SIMPLE_RADIAL"
 """One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
+UNKNOWN_FOCAL = 1.2
+"""Focal length to begin with, in longer sides of the image, as COLMAP has it."""
 FINAL_TOLERANCE = 1e-6
 """Relative change of the cost at which the last adjustments stop. (One of them leaves cameras 1.5 mm off, two 0.8.)"""
 OUTLIER = 3.0
@@ -32,16 +35,22 @@ def write_database(
     import pycolmap
 
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = CAMERA_MODEL
-    pycolmap.Database.open(path).close()
-    pycolmap.import_images(path, image_folder, pycolmap.CameraMode.SINGLE, names, reader)
+    # COLMAP's own import decodes each image to learn its size; all have that of the first.
+    height, width = read_image(image_folder / names[0]).shape[:2]
+    focal = focal_length_px or UNKNOWN_FOCAL * max(width, height)
+    camera = pycolmap.Camera(
+        model=CAMERA_MODEL,
+        width=width,
+        height=height,
+        params=[focal, width / 2, height / 2, 0.0],
+        has_prior_focal_length=focal_length_px is not None,
+    )
     with pycolmap.Database.open(path) as database:
-        for camera in database.read_all_cameras() if focal_length_px else ():
-            camera.focal_length = focal_length_px
-            camera.has_prior_focal_length = True
-            database.update_camera(camera)
-        ids = [database.read_image_with_name(name).image_id for name in names]
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(camera.sensor_id)
+        rig.rig_id = database.write_rig(rig)
+        ids = [_write_image(database, name, camera, rig) for name in names]
         for number, found in features.items():
             database.write_keypoints(ids[number], found.places_px)
         for (i, j), pair in matches.items():
@@ -50,6 +59,19 @@ def write_database(
             geometry.F = pair.fundamental
             geometry.inlier_matches = pair.rows
             database.write_two_view_geometry(ids[i], ids[j], geometry)
+
+
+def _write_image(database: Any, name: str, camera: Any, rig: Any) -> int:
+    """An image in a frame of its own, as COLMAP has it since there are rigs; its number."""
+    import pycolmap
+
+    image = pycolmap.Image(name=name, camera_id=camera.camera_id)
+    image.image_id = database.write_image(image)
+    frame = pycolmap.Frame()
+    frame.rig_id = rig.rig_id
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame)
+    return int(image.image_id)
 
 
 def map_images(

@@ -44,8 +44,8 @@ def require_walk(features: Mapping[int, Features], matches: Mapping[tuple[int, i
     standing = standing_pct(features, matches)
     if standing is not None and standing > MAX_STANDING_PCT:
         raise CaptureFailed(
-            f"the camera stands still while the plant turns ({standing:.0f} % of what two images have in common is at"
-            " the same place in both); film one slow full turn, walking around the plant"
+            f"the camera stands still, though the plant may turn ({standing:.0f} % of what two images have in common is"
+            " at the same place in both); film one slow full turn, walking around the plant"
         )
 
 

@@ -113,6 +113,13 @@ class RimFit:
     """Photos that show each edge as a silhouette."""
 
 
+def smoothed(images: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+    """(H, W, 3) photos without the finest noise, which would pass for edges."""
+    import cv2
+
+    return [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
+
+
 def fit_rim(
     first: Rectangle,
     cameras: Sequence[Camera],
@@ -129,16 +136,13 @@ def fit_rim(
 
     Args:
         first: the rectangle as points give it.
-        images: (H, W, 3) of the cameras.
+        images: (H, W, 3) of the cameras, as `smoothed` makes them.
         plane_error: standard error of the plane of `first`, in widths of the table.
         narrow: a line beside an edge misleads: seek edges only a quarter as far from `first`, and take weaker ones.
     Returns:
         None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
-    import cv2
-
-    smooth = [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
-    views = list(zip(cameras, smooth, strict=True))
+    views = list(zip(cameras, images, strict=True))
     search, rounds, least = (SEARCH / 4, ROUNDS[1:], WEAK) if narrow else (SEARCH, ROUNDS, STRONG)
     rectangle = _fit_roughly(first, views, search * first.width, TURN, least)
     rectangle = rectangle and _fit_roughly(rectangle, views, search / 4 * first.width, TURN / 4, least)
@@ -323,11 +327,11 @@ def _residuals(rectangle: Rectangle, anchor: Rectangle, cameras: Sequence[Camera
 def _distances(rectangle: Rectangle, edge: int, cameras: Sequence[Camera], found: _Maxima) -> Float64:
     """(n,) px between the edge and each maximum, along the edge's normal in the photo."""
     points = rectangle.points(rectangle.edge_places(edge, found.along))
-    pixels = np.zeros((len(points), 2))
-    # `_find_maxima` lists the views one after the other.
-    starts = np.flatnonzero(np.diff(found.view, prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(points)], strict=True):
-        pixels[start:stop] = cameras[found.view[start]].project(points[start:stop])[0]
+    # All at once, each by its own camera: this is the innermost loop of the fit.
+    poses = np.stack([camera.cam_from_scene for camera in cameras])[found.view]
+    lenses = np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras])[found.view]
+    in_camera = np.einsum("nij,nj->ni", poses[:, :, :3], points) + poses[:, :, 3]
+    pixels = in_camera[:, :2] / in_camera[:, 2:] * lenses[:, :2] + lenses[:, 2:]
     return np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
 
 

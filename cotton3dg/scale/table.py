@@ -17,7 +17,7 @@ from ..core.scene import Camera, Float64
 from ..geometry.boxes import min_area_rectangle
 from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..geometry.planes import CELL, TOLERANCE, level_planes
-from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fit_rim
+from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fit_rim, smoothed
 
 ASPECT_TOLERANCE = 0.05
 USUAL_ASPECT_ERROR = 0.01
@@ -103,6 +103,7 @@ def find_table(
     if not planes:
         return NoTable("no level plane lies below the cameras")
     refused = NoTable("")
+    photos = smoothed(images)
     for plane in planes:
         first = find_first_rectangle(points, plane, orbit)
         if first is None:
@@ -110,14 +111,14 @@ def find_table(
         first, plane_error = _level(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
         # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly right,
         # and the edges are sought again close to where the points end; of any other plane texture would do.
-        guesses = [first, first, *_complete(first, aspect)] if images else [first]
+        guesses = [first, first, *_complete(first, aspect)] if photos else [first]
         fits: list[TableFit] = []
         off = np.inf  # the last fit's shape from the known one
         for number, guess in enumerate(guesses):
             if (number == 1 and not USUAL_ASPECT_ERROR < off < 2 * SEARCH) or (number > 1 and fits):
                 continue
-            rim = fit_rim(guess, image_cameras, images, plane_error, narrow=number == 1) if images else None
-            if images and rim is None:
+            rim = fit_rim(guess, image_cameras, photos, plane_error, narrow=number == 1) if photos else None
+            if photos and rim is None:
                 refused = refused if refused.reason else NoTable("the photos do not show all edges of the plane")
                 continue
             rectangle = turn_along_long_side(rim.rectangle if rim else guess, cameras)

@@ -53,7 +53,7 @@ KINDS = {
     "cut": Kind({"cut": 0.3}, (RED,), "cut by the top"),
     "white_room": Kind({"white_room": True, "noise": 2.0}, (GREEN, YELLOW, RED)),
     "pale_table": Kind({"pale_table": True}, (GREEN, YELLOW)),
-    "turntable": Kind({"turntable": True}, (RED,), "stands still while the plant turns"),
+    "turntable": Kind({"turntable": True}, (RED,), "stands still, though the plant may turn"),
     "blurred": Kind({"blur": 0.9, "frames": 150}, (GREEN, YELLOW)),
 }
 

@@ -8,6 +8,7 @@ is left out:
 - `pineapple/images/`: photos of a fruit on a board of ArUco markers; half of the markers give the scale, the other half
   judges it, and the distances from marker to marker do.
 - `banana/`: photos of a thing without any reference.
+- `fox/images/`: frames of a phone's walk half around a stuffed fox.
 - `romi/images/`, `romi/metadata/images/`: photos of a thin plant by an arm whose positions are known in mm.
 - `cotton_1/frames/`, `cotton_1/depth/`, also `cotton_2`: frames of a film with the depth in mm that a sensor measured.
 - `clips/`: phone clips with rotation tags, edit lists, HDR colours; only decoded.
@@ -162,6 +163,7 @@ def cotton(workspace: Workspace, source: Path) -> dict[str, Any]:
 TRUTHS: dict[str, Callable[[Workspace, Path], dict[str, Any]]] = {
     "pineapple": pineapple,
     "banana": lambda *_: {},
+    "fox": lambda *_: {},
     "romi": romi,
     "cotton_1": cotton,
     "cotton_2": cotton,

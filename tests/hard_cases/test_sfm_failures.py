@@ -131,7 +131,7 @@ def test_case_37_a_scene_that_is_one_plane_is_right_or_refused(tmp_path: Path) -
 
 def test_case_37_one_image_over_and_over(tmp_path: Path) -> None:
     workspace = frames(tmp_path, [render(textures(), 0.3)] * 10)
-    with pytest.raises(CaptureFailed, match=r"of 10 frames registered|degrees around|points that others show"):
+    with pytest.raises(CaptureFailed, match="the camera stands still"):
         run_sfm(workspace)
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes
-from cotton3dg.scale.rectangle import Rectangle, RimFit, fit_rim
+from cotton3dg.scale.rectangle import Rectangle, RimFit, fit_rim, smoothed
 from cotton3dg.scale.table import NoTable, TableFit, _doubt, find_table, outline_table, scale_from_table
 
 CAMERAS = orbit(20, 320, 180)
@@ -51,7 +51,7 @@ def test_photos_give_the_scale_to_three_parts_in_a_thousand(images):
 
 
 def test_the_rim_is_found_from_a_poor_start(images):
-    fit = fit_rim(rectangle_cm([-57, 63, -32, 29], turn_deg=1.5, lift_cm=0.2), CAMERAS, images)
+    fit = fit_rim(rectangle_cm([-57, 63, -32, 29], turn_deg=1.5, lift_cm=0.2), CAMERAS, smoothed(images))
     found = POSE.cm(fit.rectangle.corners)
     assert found == pytest.approx(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0]]), abs=0.4)
     assert max(fit.residual_px) < 0.5
@@ -61,7 +61,7 @@ def test_the_rim_is_found_from_a_poor_start(images):
 def test_a_rim_that_no_photo_shows_is_none(images):
     turned_away = [camera for camera in CAMERAS if POSE.cm(camera.centre[None])[0][0] > 65]
     seen = [image for camera, image in zip(CAMERAS, images, strict=True) if camera in turned_away]
-    assert fit_rim(rectangle_cm([-60, 60, -30, 30]), turned_away, seen) is None
+    assert fit_rim(rectangle_cm([-60, 60, -30, 30]), turned_away, smoothed(seen)) is None
 
 
 def test_the_floor_and_the_clamp_are_no_table():
@@ -100,8 +100,8 @@ def test_the_outline_is_drawn_on_the_rim(images):
 
 def test_a_far_start_settles_where_a_near_one_does(images):
     """The rim is followed until it rests, not for a number of rounds."""
-    near = fit_rim(rectangle_cm([-60, 60, -30, 30]), CAMERAS, images).rectangle
-    far = fit_rim(rectangle_cm([-62, 63, -32, 31.5], turn_deg=1.0, lift_cm=-0.4), CAMERAS, images).rectangle
+    near = fit_rim(rectangle_cm([-60, 60, -30, 30]), CAMERAS, smoothed(images)).rectangle
+    far = fit_rim(rectangle_cm([-62, 63, -32, 31.5], turn_deg=1.0, lift_cm=-0.4), CAMERAS, smoothed(images)).rectangle
     assert far.length == pytest.approx(near.length, rel=0.001)
     assert far.width == pytest.approx(near.width, rel=0.001)
 

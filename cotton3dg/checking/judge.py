@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..capture.frame_quality import BLURRED, raise_concerns
 from ..capture.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
 from ..documents.check import GREEN, RED, VERDICTS, YELLOW, CheckInfo, Finding
 from ..geometry.camera_orbit import find_out_of_view
+from ..traits.error_model import blurs_bolls
 from .first_count import n_sure
 from .in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
 from .look import Look
@@ -42,7 +44,14 @@ def judge(look: Look, train_side_px: int, seconds: float) -> CheckInfo:
     Args:
         train_side_px: longer side of the images that bolls will be measured in.
     """
-    found = [_walk(look), _placed(look), _sharp(look), _light(look), _plant(look), _bolls(look, train_side_px)]
+    found = [
+        _walk(look),
+        _placed(look),
+        _sharp(look, train_side_px),
+        _light(look),
+        _plant(look),
+        _bolls(look, train_side_px),
+    ]
     found.append(_scale(look))
     findings = [finding for part, _ in found for finding in part]
     figures = {name: value for _, part in found for name, value in part.items()}
@@ -103,16 +112,19 @@ def _placed(look: Look) -> _Part:
     return [Finding(YELLOW, "Placed frames", text, remedy)], figures
 
 
-def _sharp(look: Look) -> _Part:
+def _sharp(look: Look, train_side_px: int) -> _Part:
     images = look.frames.images
     blurred = {image.name for image in images if image.blur > BLURRED}
     median = float(np.median([image.blur for image in images]))
     share = len(blurred) / len(images)
-    figures = {"blur": round(median, 3), "blurred_share": round(share, 3)}
-    if median <= BLURRED:
-        return [Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp")], figures
-    text = f"{share:.0%} of the frames are blurred"
-    return [Finding(YELLOW, "Sharpness", text, "walk more slowly, or film with more light")], figures
+    figures = {"blur": round(median, 3), "blurred_share": round(share, 3), "motion_blur_px": look.blur_px}
+    remedy = "walk more slowly, or film with more light"
+    if median > BLURRED:
+        return [Finding(YELLOW, "Sharpness", f"{share:.0%} of the frames are blurred", remedy)], figures
+    if blurs_bolls(look.blur_px, 1.0, _boll_widths_px(look, train_side_px)):
+        text = f"motion blurs the images by {look.blur_px:.0f} px, much of a boll's width"
+        return [Finding(YELLOW, "Sharpness", text, remedy)], figures
+    return [Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp")], figures
 
 
 def _light(look: Look) -> _Part:
@@ -170,14 +182,18 @@ def _bolls(look: Look, train_side_px: int) -> _Part:
     if not count:
         remedy = "if it has open bolls, film closer and with the lint lit"
         return [Finding(YELLOW, "Bolls", "no boll was found", remedy)], figures
-    shown = min(1.0, train_side_px / max(look.cameras[0].width, look.cameras[0].height))
-    sizes = np.concatenate([sight.diameters_px for sight in look.sights])
-    width = float(np.median(sizes)) * shown
+    width = float(np.median(_boll_widths_px(look, train_side_px)))
     figures["boll_px"] = round(width, 1)
     if width < SMALL_BOLL_PX:
         text = f"bolls are {width:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
         return [Finding(YELLOW, "Bolls", text, "film closer")], figures
     return [Finding(GREEN, "Bolls", f"about {count} bolls")], figures
+
+
+def _boll_widths_px(look: Look, train_side_px: int) -> NDArray[np.float64]:
+    """Of all bolls of all sights, in the images that `run` trains on."""
+    shown = min(1.0, train_side_px / max(look.cameras[0].width, look.cameras[0].height))
+    return shown * np.concatenate([np.zeros(0), *(sight.diameters_px for sight in look.sights)])
 
 
 def _scale(look: Look) -> _Part:

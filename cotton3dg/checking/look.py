@@ -9,16 +9,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
 from ..documents.frames import FramesInfo
-from ..files.colmap import read_cameras, read_points
+from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..files.images import read_image
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..splat.views import View
 from ..stages.scale import load_plant
+from ..training.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace
 from .agreeing_places import find_agreeing_places
 from .first_count import FoundBoll, find_bolls_in_space
@@ -45,16 +48,24 @@ class Look:
     sights: Sequence[Sight]
     bolls: Sequence[FoundBoll]
     scale: FoundScale
+    blur_px: float = 0.0
+    """Motion blur in images of the size that `run` trains on; 0 where none is found."""
 
 
 def look_at(
-    workspace: Workspace, names: Sequence[str], undistorted: Path, options: ScaleOptions, progress: Progress = silent
+    workspace: Workspace,
+    names: Sequence[str],
+    undistorted: Path,
+    options: ScaleOptions,
+    train_side_px: int,
+    progress: Progress = silent,
 ) -> Look:
-    """Look for bolls and for things of known size.
+    """Look for bolls, for things of known size, and for motion blur.
 
     Args:
         names: images that were to be placed.
         undistorted: folder with `images/` and the COLMAP model `sparse/` of those that were.
+        train_side_px: longer side of the images that `run` trains on.
     """
     cameras = read_cameras(undistorted / "sparse")
     orbit = fit_orbit(cameras)
@@ -68,8 +79,9 @@ def look_at(
     progress(len(chosen), len(chosen) + 1, "looking for the table")
     tracks = read_points(undistorted / "sparse")[0]
     plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
+    frames = FramesInfo.load(workspace.frames_json)
     return Look(
-        frames=FramesInfo.load(workspace.frames_json),
+        frames=frames,
         names=tuple(names),
         images=undistorted / "images",
         cameras=cameras,
@@ -77,7 +89,18 @@ def look_at(
         sights=sights,
         bolls=find_bolls_in_space(sights, orbit),
         scale=_seek_scale(plant, orbit, chosen, photos, options),
+        blur_px=_blur_px(undistorted, cameras, frames, train_side_px),
     )
+
+
+def _blur_px(undistorted: Path, cameras: Sequence[Camera], frames: FramesInfo, side_px: int) -> float:
+    """Motion blur as `run` will find it; 0 where it will find none."""
+    sparse = undistorted / "sparse"
+    model = SparseModel(cameras, read_tracks(sparse), read_positions(sparse))
+    photos = on_all_cores(lambda camera: read_image(undistorted / "images" / camera.name), cameras)
+    views = [View(camera, photo).limited(side_px) for camera, photo in zip(cameras, photos, strict=True)]
+    blur = motion_blur_of(views, model, frames)
+    return blur.median_px if blur and blur.found else 0.0
 
 
 def _seek_scale(

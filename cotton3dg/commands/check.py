@@ -44,8 +44,9 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> Ch
         frames = FramesInfo.load(workspace.frames_json)
         with tempfile.TemporaryDirectory(dir=workspace.root, prefix=".check.") as scratch:
             names, undistorted = _place(workspace, options, watcher, Path(scratch))
-            look = look_at(workspace, names, undistorted, options["scale"], watcher.watched("check"))
-            info = judge(look, options["train"].max_side, time.perf_counter() - start)
+            side_px = options["train"].max_side
+            look = look_at(workspace, names, undistorted, options["scale"], side_px, watcher.watched("check"))
+            info = judge(look, side_px, time.perf_counter() - start)
             return _save(workspace, info, look, frames)
     except MissingInput:
         raise

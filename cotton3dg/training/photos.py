@@ -17,7 +17,7 @@ from ..options import TrainOptions
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.exposure import VISIBLE, correct, estimate_exposure
-from ..splat.motion import find_longest_tracks
+from ..splat.motion import Tracks, find_longest_tracks
 from ..splat.views import View, hold_out
 
 MOTION_POINTS = 600
@@ -107,13 +107,27 @@ def _motion(
     """What the camera's motion did to the images of a video: reported, never modelled (docs/training.md says why)."""
     if times is None:
         return None, None
-    tracks = find_longest_tracks(model.cameras, times, model.tracks, model.positions, MOTION_POINTS)
+    tracks = _tracks(model, times)
     blur, shutter = blurring.estimate_motion_blur(views, tracks), rolling.estimate_rolling_shutter(tracks)
     lengths_px = {view.camera.name: length for view, length in zip(views, blur.lengths_px.tolist(), strict=True)}
     return (
         _found(MotionBlurFound, blur, visible_from_px=blurring.VISIBLE_PX, lengths_px=lengths_px),
         _found(RollingShutterFound, shutter, visible_from_px=rolling.VISIBLE_PX),
     )
+
+
+def motion_blur_of(views: list[View], model: SparseModel, frames: FramesInfo) -> blurring.MotionBlur | None:
+    """Of images alone, as `capture_of` finds it; None of photos.
+
+    Args:
+        views: of the model's cameras, in order of name.
+    """
+    times = _times(frames, views)
+    return None if times is None else blurring.estimate_motion_blur(views, _tracks(model, times))
+
+
+def _tracks(model: SparseModel, times: Float64) -> Tracks:
+    return find_longest_tracks(model.cameras, times, model.tracks, model.positions, MOTION_POINTS)
 
 
 def _found(kind: type[Found], estimate: object, **others: Any) -> Found:

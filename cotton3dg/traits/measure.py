@@ -283,7 +283,7 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()), filming.whole)
+    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()), filming)
     of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]

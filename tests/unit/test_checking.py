@@ -185,6 +185,16 @@ def test_a_plant_cut_nearly_everywhere_is_red(cameras: list[Camera]) -> None:
     assert "step back" in info.line
 
 
+def test_motion_that_blurs_bolls_is_yellow_and_a_little_is_not(cameras: list[Camera]) -> None:
+    look = look_of(cameras)
+    width_px = float(np.median(np.concatenate([sight.diameters_px for sight in look.sights])))
+    assert judge(replace(look, blur_px=0.2 * width_px), WIDTH, 1.0).verdict == GREEN
+    info = judge(replace(look, blur_px=0.3 * width_px), WIDTH, 1.0)
+    assert info.verdict == YELLOW
+    assert "much of a boll's width; walk more slowly" in info.line
+    assert info.figures["motion_blur_px"] == 0.3 * width_px
+
+
 def test_the_worst_comes_first_and_the_others_are_counted(tmp_path: Path) -> None:
     found = [Finding(GREEN, "a", "good"), Finding(YELLOW, "b", "dark", "lamp"), Finding(RED, "c", "cut", "step back")]
     info = conclude(found, {"placed": 3}, 1.0)

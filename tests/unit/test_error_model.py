@@ -108,8 +108,15 @@ def test_sides_that_no_image_shows_make_all_volumes_less_sure() -> None:
     assert of_plant == pytest.approx(400 * 8.0 * error_model.UNSEEN, rel=0.05)
 
 
+def test_bolls_may_hide_behind_others_from_a_short_arc() -> None:
+    assert count_error(np.ones(16), 0, filming=Filming(gap_deg=160.0)) == 0
+    error = count_error(np.ones(16), 0, filming=Filming(gap_deg=280.0))
+    assert error == pytest.approx(np.sqrt(16 * error_model.BEHIND))
+    assert count_interval(15, error) == (14, 16)
+
+
 def test_of_a_plant_that_is_never_whole_in_view_no_error_is_known() -> None:
-    assert np.isnan(count_error(np.ones(9), 0, whole=False))
+    assert np.isnan(count_error(np.ones(9), 0, filming=Filming(whole=False)))
     bolls = [boll(8.0, 0.2)]
     assert np.isnan(plant_volume_error_cm3(bolls, np.array([np.inf]), scale(0.0), 0.3, filming=Filming(whole=False)))
 

@@ -29,6 +29,8 @@ from .sights import Sight, see
 
 VIEWS = 12
 """Images in which bolls are looked for."""
+TABLE_VIEWS = 20
+"""... and in which the rim of the table is measured: half of those of `run`."""
 TOLERANCES = (3.0, 6.0, 10.0)
 """Grey levels by which photos may differ where they agree; a floor of one colour agrees with itself when it is lax."""
 
@@ -107,10 +109,14 @@ def _seek_scale(
     plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
 ) -> FoundScale:
     """The scale by the points of structure from motion; where these are too few, by places at which photos agree."""
-    first = found = no_scale("no reference was asked for") if options.method == "none" else seek_scale(plant, options)
+
+    def seek(plant: Plant) -> FoundScale:
+        return seek_scale(plant, options, views=TABLE_VIEWS)
+
+    first = found = no_scale("no reference was asked for") if options.method == "none" else seek(plant)
     for tolerance in TOLERANCES if options.method != "none" else ():
         if found.info.scale is not None:
             return found
         places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
-        found = seek_scale(replace(plant, solid=places.astype(np.float32)), options)
+        found = seek(replace(plant, solid=places.astype(np.float32)))
     return first if found.info.scale is None else found

@@ -88,12 +88,16 @@ class _Scene:
         return [(self.chosen[i], self.photos[i]) for i in (n * len(self.chosen) // PICTURES for n in range(PICTURES))]
 
 
-def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent) -> FoundScale:
-    """Seek the references that the method names, and reconcile what they say."""
+def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent, views: int = VIEWS) -> FoundScale:
+    """Seek the references that the method names, and reconcile what they say.
+
+    Args:
+        views: photos in which the rim of the table is measured, at most.
+    """
     wanted = [options.method]
     if options.method == "all":
         wanted = ["table", "aruco", "card", *(["distance"] if plant.picks is not None else [])]
-    scene = _scene(plant, options, progress)
+    scene = _scene(plant, options, progress, views)
     references: list[Reference] = []
     refused: dict[str, str] = {}
     pictures: Pictures = {}
@@ -130,10 +134,10 @@ def no_scale(reason: str, *warnings: str) -> FoundScale:
     return FoundScale(ScaleInfo(NO_SOURCE, reason), StageOutcome({"source": NO_SOURCE}, ("no_scale",), warnings))
 
 
-def _scene(plant: Plant, options: ScaleOptions, progress: Progress) -> _Scene:
+def _scene(plant: Plant, options: ScaleOptions, progress: Progress, views: int) -> _Scene:
     cameras = plant.cameras
     points = np.concatenate([plant.tracks, plant.solid]).astype(np.float64)
-    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, fit_orbit(cameras)), VIEWS)]
+    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, fit_orbit(cameras)), views)]
     photos = []
     for number, camera in enumerate(chosen):
         progress(number, len(chosen) + 1, "photos of the table")

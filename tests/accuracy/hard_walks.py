@@ -95,7 +95,8 @@ def measure(workspace: Workspace, options: dict[str, Any], truth: dict[str, Any]
     found = judged(workspace, workspace.root / "truth.json")
     off = {trait: 100 * (found[trait] / found[f"true_{trait}"] - 1) for trait in TRAITS if trait != "count"}
     told = [f"{found['count']:.0f} bolls"] + [f"{trait} {pct:+.1f} %" for trait, pct in off.items() if np.isfinite(pct)]
-    held = {trait: bool(holds(pd.DataFrame([found]), trait).all()) for trait in TRAITS if np.isfinite(found[trait])}
+    stated = [trait for trait in TRAITS if np.isfinite(found[f"{trait}_low"])]
+    held = {trait: bool(holds(pd.DataFrame([found]), trait).all()) for trait in stated}
     told += [f"{trait} not held" for trait, holds_it in held.items() if not holds_it]
     good = abs(found["count"] - truth["boll_count"]) <= 1 and abs(off["height"]) <= 2 and abs(off["canopy"]) <= 2
     outcome = {"outcome": ", ".join([*told, found["flags"]]), "held": f"{sum(held.values())} of {len(held)}"}

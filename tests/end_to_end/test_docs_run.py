@@ -64,6 +64,7 @@ ELSEWHERE = {
     "evaluate-weights": "test_weights.py",
     "--weight-model": "test_weights.py",
     "real_captures.py": "test_accuracy_tools.py",
+    "hard_walks.py": "test_accuracy_tools.py, that it starts",
     "real_clouds.py": "test_accuracy_tools.py",
     "real_internodes.py": "test_accuracy_tools.py",
     "--architecture natural": "test_architecture.py",

@@ -19,9 +19,8 @@ REACH = 0.75
 """As far from the orbit's axis as a table reaches, R."""
 ROOM = 3.0
 """As far from it a floor is looked at, R."""
-MOST_PARALLEL = 6
-LEAST_PARALLEL = 15
-"""Points at one height."""
+MOST_PARALLEL, LEAST_PARALLEL = 6, 15
+"""Heights that are looked at, and points that make one."""
 MAX_TILT = np.radians(25.0)
 """Between the table's normal and the orbit's axis: people raise and lower the phone while they walk."""
 MIN_AREA = 0.2

@@ -34,11 +34,11 @@ SHARED_EDGE_PX = 0.02
 """Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
 SHARED_BLUR = 0.004
 """... and by how much of the motion blur the edges lie farther out. Both fitted."""
-UNSEEN = 0.04
-"""Relative standard error of all volumes by sides that no image shows, where the walk lacks 100 degrees more than ...
-Fitted to five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume. ..."""
 SEEN_ALL_ROUND_DEG = 60.0
-"""... this, from which the plant has a flag."""
+"""A walk that lacks no more than this has seen all sides."""
+UNSEEN = 0.04
+"""Relative standard error of all volumes by sides that no image shows, where the walk lacks 100 degrees more. Fitted to
+five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
 BEHIND = 0.03
 """Probability that a boll is hidden behind others all along a walk that lacks 280 degrees, and is not counted: of two
 simulated plants filmed so, one lost one of 16. Walks that lack 160 degrees lost none of 77."""

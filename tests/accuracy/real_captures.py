@@ -8,7 +8,7 @@ is left out:
 - `pineapple/images/`: photos of a fruit on a board of ArUco markers; half of the markers give the scale, the other half
   judges it, and the distances from marker to marker do.
 - `banana/`: photos of a thing without any reference.
-- `fox/images/`: frames of a phone's walk half around a stuffed fox.
+- `fox/images/`: frames of a phone's walk, a third of a turn around a stuffed fox.
 - `romi/images/`, `romi/metadata/images/`: photos of a thin plant by an arm whose positions are known in mm.
 - `cotton_1/frames/`, `cotton_1/depth/`, also `cotton_2`: frames of a film with the depth in mm that a sensor measured.
 - `clips/`: phone clips with rotation tags, edit lists, HDR colours; only decoded.

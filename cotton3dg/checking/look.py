@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,13 +75,16 @@ def look_at(
     network = open_bolls()
     chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), VIEWS)]
     photos = [read_image(undistorted / "images" / camera.name) for camera in chosen]
-    sights = []
-    for number, (camera, photo) in enumerate(zip(chosen, photos, strict=True)):
-        progress(number, len(chosen) + 1, "looking for bolls")
-        sights.append(see(photo, camera, network))
-    progress(len(chosen), len(chosen) + 1, "looking for the table")
     tracks = read_points(undistorted / "sparse")[0]
     plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
+    # The search for the table keeps one core busy and leaves the others to the network.
+    with ThreadPoolExecutor(1) as beside:
+        scale = beside.submit(_seek_scale, plant, orbit, chosen, photos, options)
+        sights = []
+        for number, (camera, photo) in enumerate(zip(chosen, photos, strict=True)):
+            progress(number, len(chosen) + 1, "looking for bolls")
+            sights.append(see(photo, camera, network))
+        progress(len(chosen), len(chosen) + 1, "looking for the table")
     frames = FramesInfo.load(workspace.frames_json)
     return Look(
         frames=frames,
@@ -90,7 +94,7 @@ def look_at(
         orbit=orbit,
         sights=sights,
         bolls=find_bolls_in_space(sights, orbit),
-        scale=_seek_scale(plant, orbit, chosen, photos, options),
+        scale=scale.result(),
         blur_px=_blur_px(undistorted, cameras, frames, train_side_px),
     )
 

@@ -21,7 +21,7 @@ from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits import measure
-from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX
+from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, measure_plant, summarise_plant
 from cotton3dg.traits.plant_size import measure_places, measure_silhouette
@@ -90,6 +90,34 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
         assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
     assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
     assert both.traits.boll_count_interval[0] <= 4
+
+
+def test_a_plant_that_no_image_shows_whole_has_no_interval(monkeypatch):
+    places, labels = plant_points_cm(np.random.default_rng(0))
+    gaussians = gaussians_at(places, 0.2)
+    bolls = bolls_of(gaussians, labels)
+    for lost in (False, True):
+        monkeypatch.setattr(measure, "doubt_whole", lambda *_, lost=lost: ("the frame cuts the plant", lost))
+        found = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0)
+        assert "plant_cut" in found.flags and found.traits.boll_count == 4 and found.traits.boll_volume_cm3 > 0
+        intervals = found.traits.boll_count_interval, found.traits.boll_volume_interval_cm3
+        assert (intervals == (None, None)) == lost
+        assert np.isnan(found.traits.boll_count_error) == np.isnan(found.traits.boll_volume_error_cm3) == lost
+
+
+def test_a_side_that_was_not_filmed_widens_the_volumes_of_plant_and_bolls():
+    places, labels = plant_points_cm(np.random.default_rng(0))
+    gaussians = gaussians_at(places, 0.2)
+    whole, half = (
+        measure_plant(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0, filming=Filming(gap_deg=gap))
+        for gap in (20.0, 160.0)
+    )
+    volume, more = whole.traits.boll_volume_cm3, UNSEEN * whole.traits.boll_volume_cm3
+    assert half.traits.boll_volume_cm3 == volume
+    assert half.traits.boll_volume_error_cm3 == pytest.approx(np.hypot(whole.traits.boll_volume_error_cm3, more))
+    for boll, seen in zip(half.bolls, whole.bolls, strict=True):
+        expected = np.hypot(seen.volume_error_cm3, UNSEEN * seen.volume_cm3)
+        assert boll.volume_error_cm3 == pytest.approx(expected)
 
 
 def test_specks_beyond_a_lost_twig_are_flagged_and_widen_the_interval():

@@ -1,12 +1,17 @@
-"""The last adjustment of cameras and points."""
+"""The database that COLMAP starts from, and the last adjustment of cameras and points."""
 
 from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
 
-from cotton3dg.capture.mapper import settle
+from cotton3dg.capture.mapper import CAMERA_MODEL, settle, write_database
+from cotton3dg.files.images import write_image
 
 
 @pytest.fixture
@@ -44,6 +49,30 @@ def test_settling_a_model_without_points_changes_nothing() -> None:
     model = pycolmap.Reconstruction()
     settle(model)
     assert model.num_points3D() == 0
+
+
+@pytest.mark.parametrize("focal_length_px", [None, 300.0])
+def test_the_database_is_that_of_colmaps_own_import(tmp_path: Path, focal_length_px: float | None) -> None:
+    names = [f"{number}.jpg" for number in range(3)]
+    for number, name in enumerate(names):
+        write_image(tmp_path / name, np.full((48, 64, 3), 50 * number, np.uint8))
+    write_database(tmp_path / "ours.db", tmp_path, names, {}, {}, focal_length_px)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = CAMERA_MODEL
+    pycolmap.Database.open(tmp_path / "theirs.db").close()
+    pycolmap.import_images(tmp_path / "theirs.db", tmp_path, pycolmap.CameraMode.SINGLE, names, reader)
+    if focal_length_px:
+        with pycolmap.Database.open(tmp_path / "theirs.db") as database:
+            (camera,) = database.read_all_cameras()
+            camera.focal_length, camera.has_prior_focal_length = focal_length_px, True
+            database.update_camera(camera)
+    assert _tables(tmp_path / "ours.db") == _tables(tmp_path / "theirs.db")
+
+
+def _tables(database: Path) -> dict[str, list[tuple]]:
+    with closing(sqlite3.connect(database)) as opened:
+        names = [name for (name,) in opened.execute("select name from sqlite_master where type = 'table'")]
+        return {name: opened.execute(f"select * from {name}").fetchall() for name in names}
 
 
 def _centres(model: pycolmap.Reconstruction) -> np.ndarray:

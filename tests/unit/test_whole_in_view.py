@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
+from cotton3dg.stages.traits import _filming
 from cotton3dg.traits.whole_in_view import doubt_whole, find_cut
+from cotton3dg.workspace import Workspace
 
 
 def look(azimuth_deg: float, aim: float) -> Camera:
@@ -55,3 +59,9 @@ def test_a_foot_below_the_frame_leaves_the_size_known(stem: np.ndarray) -> None:
     cameras = [look(azimuth, 0.75) for azimuth in range(0, 360, 30)]
     assert len(find_cut(stem, cameras)) == 12
     assert not doubt_whole(stem, cameras)[1]
+
+
+def test_the_walk_tells_the_errors_what_it_left_out(tmp_path: Path) -> None:
+    half = [look(azimuth, 0.35) for azimuth in range(0, 201, 10)]
+    assert _filming(Workspace(tmp_path), half).gap_deg == pytest.approx(160, abs=2)
+    assert _filming(Workspace(tmp_path), []).gap_deg == 0

@@ -21,6 +21,7 @@ gives features, and where light is plenty `max_features` is the limit anyway."""
 OCTAVE_LAYERS = 3
 ROOT_SIFT_NORM = 512
 """Length of a descriptor."""
+NOTHING: tuple[list[cv2.KeyPoint], NDArray[np.float32]] = ([], np.zeros((0, 128), np.float32))
 
 
 @dataclass(frozen=True)
@@ -82,19 +83,36 @@ def find_features(image: NDArray[np.uint8], settings: FeatureSettings) -> Featur
     height, width = image.shape
     scale = min(1.0, 0.5 * settings.max_side / max(width, height))
     size = max(1, round(scale * width)), max(1, round(scale * height))
-    detector = cv2.SIFT.create(
-        nOctaveLayers=OCTAVE_LAYERS, contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD, enable_precise_upscale=True
-    )
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    by_size = settings.far_apart
-    points = sorted(detector.detect(small), key=lambda point: point.size if by_size else point.response, reverse=True)
-    points = points[: settings.most]
+    points, descriptors = _largest(small, settings.most) if settings.far_apart else _strongest(small, settings.most)
     if not points:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
-    points, descriptors = detector.compute(small, points)
     # OpenCV's (0, 0) is the middle of the first pixel.
     places = (np.asarray(cv2.KeyPoint.convert(points)) + 0.5) * np.array([width, height]) / size
     return Features(places.astype(np.float32), root_sift(descriptors))
+
+
+def _strongest(image: NDArray[np.uint8], most: int) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.float32]]:
+    """Features with the most contrast, in falling order. Found and described at once, they take a fifth less time."""
+    points, descriptors = _detector(most).detectAndCompute(image, None)
+    order = sorted(range(len(points)), key=lambda row: points[row].response, reverse=True)[:most]
+    return ([points[row] for row in order], descriptors[order]) if order else NOTHING
+
+
+def _largest(image: NDArray[np.uint8], most: int) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.float32]]:
+    detector = _detector(0)
+    points = sorted(detector.detect(image), key=lambda point: point.size, reverse=True)[:most]
+    return detector.compute(image, points) if points else NOTHING
+
+
+def _detector(most: int) -> cv2.SIFT:
+    """Of all features, or of those with the most contrast."""
+    return cv2.SIFT.create(
+        nfeatures=most,
+        nOctaveLayers=OCTAVE_LAYERS,
+        contrastThreshold=OCTAVE_LAYERS * PEAK_THRESHOLD,
+        enable_precise_upscale=True,
+    )
 
 
 def root_sift(descriptors: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -166,6 +166,7 @@ def _mapping_options(seed: int) -> Any:
     # The order of sums in bundle adjustment depends on threads; one is hardly slower and gives the same bits each time.
     options.num_threads = 1
     options.random_seed = seed
+    options.extract_colors = False  # `colours` gives all points theirs in the end
     options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.8
     options.ba_global_max_refinements = 2
     options.ba_global_function_tolerance = 1e-5

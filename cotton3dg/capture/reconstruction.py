@@ -13,6 +13,7 @@ from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
 from ..documents.sfm import RescueStep
 from .agreement import contradicted_pct
+from .colours import colour_points
 from .features import Features, FeatureSettings, features_of_images
 from .keyframes import MODEL, Keyframes, keyframe_spacing, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
@@ -46,8 +47,8 @@ class Reconstructed:
     """The cameras of images and a sparse cloud of points."""
 
     models: list[Any]
-    """pycolmap.Reconstructions, the one with the most images (then points) first; images without a finite pose are
-    taken out. Empty when no two images fit together."""
+    """pycolmap.Reconstructions, the one with the most images (then points) first, its points in colour; images without
+    a finite pose are taken out. Empty when no two images fit together."""
     rescue: tuple[RescueStep, ...] = ()
     """What was tried because too few images were placed at first."""
     contradicted_pct: float | None = None
@@ -105,6 +106,9 @@ def reconstruct(
         settle(model)
     watch.lap("mapping")
     kept.sort(key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+    if kept:
+        colour_points(kept[0], image_folder)
+        watch.lap("colours")
     contradicted = contradicted_pct(kept[0], names, best.features, best.matches) if kept else None
     return Reconstructed(kept, steps, contradicted)
 

@@ -26,7 +26,7 @@ MIN_FRAMES = 20
 MIN_INTACT_SHARE = 0.8
 HELD_A_FRAME = 2
 """Frames held for each that is wanted."""
-LOOKED_AT = 6
+LOOKED_AT = 4
 """Frames looked at for each that is wanted, at least: of a long film or a fast one only every n-th is, ..."""
 LEAST_FPS = 12.0
 """... but never fewer a second, or corners could not be followed."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import stream_on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo
@@ -21,7 +22,9 @@ Keep = Callable[[str, Picture], None]
 """Saves an image under a name."""
 
 SCAN_SIDE = 640
-"""Images are judged at this size, px."""
+"""Images are judged at this size, px, ..."""
+MOTION_SIDE = 320
+"""... and motion from one to the next is looked for at this one."""
 STANDS_STILL = "the camera stands still; film one slow full turn around the plant"
 ORIENTATION_RULE = "rotation tags and EXIF orientation are applied to the pixels; the images carry no tag"
 
@@ -40,34 +43,39 @@ class Taken:
 def keep_all(
     pictures: Iterator[Picture], indices: list[int], keep: Keep, progress: Progress
 ) -> tuple[list[FrameInfo], tuple[float, ...]]:
-    """Keep RGB images one by one; what there is to know of each, and the motion from each to the next."""
-    import cv2
-
+    """Keep RGB images as they come; what there is to know of each, and the motion from each to the next."""
     entries: list[FrameInfo] = []
     motions: list[float] = []
     before: Picture | None = None
-    for number, (index, picture) in enumerate(zip(indices, pictures, strict=True)):
-        name = f"{number:06d}.jpg"
-        keep(name, picture)
-        grey = cv2.cvtColor(scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
-        luminance, highlight, black, white = frame_quality.measure_exposure(grey)
-        entries.append(
-            FrameInfo(
-                name,
-                source_index=index,
-                sharpness=round(frame_quality.sharpness(grey), 3),
-                blur=round(frame_quality.blur(grey), 4),
-                mean_luminance=round(luminance, 4),
-                highlight=round(highlight, 4),
-                black_share=round(black, 4),
-                white_share=round(white, 4),
-            )
-        )
+    names = (f"{number:06d}.jpg" for number in range(len(indices)))
+    taken = stream_on_all_cores(lambda given: _kept(*given, keep), zip(names, indices, pictures, strict=True))
+    for entry, small in taken:
+        entries.append(entry)
         if before is not None:
-            motions.append(frame_quality.measure_displacement(before, grey))
-        before = grey
-        progress(number + 1, len(indices), "saving frames")
+            motions.append(frame_quality.measure_displacement(before, small))
+        before = small
+        progress(len(entries), len(indices), "saving frames")
     return entries, tuple(motions)
+
+
+def _kept(name: str, index: int, picture: Picture, keep: Keep) -> tuple[FrameInfo, Picture]:
+    """What there is to know of an image that is kept, and the image, grey and small, in which motion is looked for."""
+    import cv2
+
+    keep(name, picture)
+    grey = cv2.cvtColor(scale_down(picture, SCAN_SIDE), cv2.COLOR_RGB2GRAY)
+    luminance, highlight, black, white = frame_quality.measure_exposure(grey)
+    entry = FrameInfo(
+        name,
+        source_index=index,
+        sharpness=round(frame_quality.sharpness(grey), 3),
+        blur=round(frame_quality.blur(grey), 4),
+        mean_luminance=round(luminance, 4),
+        highlight=round(highlight, 4),
+        black_share=round(black, 4),
+        white_share=round(white, 4),
+    )
+    return entry, scale_down(grey, MOTION_SIDE)
 
 
 def outcome_of(taken: Taken) -> StageOutcome:

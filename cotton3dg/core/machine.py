@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -36,3 +37,16 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> l
     """Of each item, in their order. Threads: for work of OpenCV and of our own core, which let others run meanwhile."""
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         return list(threads.map(function, items))
+
+
+def stream_on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """As `on_all_cores`, for items that are too large to be held together: one or two more than there are cores are."""
+    cores = len(usable_cores())
+    with one_thread_each(), ThreadPoolExecutor(cores) as threads:
+        begun: deque[Future[Result]] = deque()
+        for item in items:
+            begun.append(threads.submit(function, item))
+            if len(begun) > cores:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()

@@ -56,7 +56,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "frames",
-    version=4,
+    version=5,
     inputs=inputs,
     run=run,
     cost=_cost,

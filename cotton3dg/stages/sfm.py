@@ -155,7 +155,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=10,
+    version=11,
     inputs=inputs,
     run=run,
     begin=begin,

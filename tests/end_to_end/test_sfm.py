@@ -10,9 +10,10 @@ from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
+from cotton3dg.capture import keyframes
 from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
 from cotton3dg.files import video
-from cotton3dg.files.colmap import read_cameras, read_points
+from cotton3dg.files.colmap import read_cameras, read_points, read_positions, read_tracks
 from cotton3dg.files.images import read_image, write_image
 from cotton3dg.workspace import Workspace
 
@@ -78,7 +79,7 @@ def test_sfm_json_tells_the_truth(plant):
     assert told["mean_reprojection_error_px"] < 0.8
     record = plant.read_record("sfm")
     assert record.flags == () and record.warnings == ()
-    assert set(record.parts_s) == {"features", "matching", "mapping", "deciding the lens", "undistorting"}
+    assert set(record.parts_s) == {"features", "matching", "mapping", "colours", "deciding the lens", "undistorting"}
     assert sum(record.parts_s.values()) == pytest.approx(record.seconds, rel=0.1, abs=0.5)
 
 
@@ -105,6 +106,22 @@ def test_other_programs_find_their_files(plant):
     assert np.load(plant.sfm_model / "poses_bounds.npy", allow_pickle=False).shape == (N_TAKEN, 17)
     left_over = {path.name for path in plant.sfm_model.iterdir()} | {path.name for path in plant.undistorted.iterdir()}
     assert not [name for name in left_over if name.endswith((".db", ".sh", ".txt")) or name == "stereo"]
+
+
+def test_points_have_the_colours_of_the_images(tmp_path, angles, monkeypatch):
+    """Those of keyframes and those that the other images have added."""
+    monkeypatch.setattr(keyframes, "KEYFRAMES", N_FILMED // 2)
+    faces = textures()
+    workspace = frames_only(tmp_path, [render(faces, angle) for angle in angles])
+    run_sfm(workspace, overlap=12)
+    sparse = workspace.undistorted / "sparse"
+    ids, colours = read_positions(sparse)[0], read_points(sparse)[1].astype(float)
+    differences = []
+    for name, (places_px, points) in read_tracks(sparse).items():
+        x, y = places_px.astype(int).T
+        shown = read_image(workspace.undistorted_image(name))[y, x]
+        differences.append(np.abs(shown - colours[np.searchsorted(ids, points)]))
+    assert np.concatenate(differences).mean() < 8
 
 
 def test_the_same_bits_again(plant):

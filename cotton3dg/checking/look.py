@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +114,7 @@ def _seek_scale(
     plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
 ) -> FoundScale:
     """The scale by the points of structure from motion; where these are too few, by places at which photos agree."""
+    plant = replace(plant, photo=cache(plant.photo))  # each search looks at the same ones
 
     def seek(plant: Plant) -> FoundScale:
         return seek_scale(plant, options, views=TABLE_VIEWS)

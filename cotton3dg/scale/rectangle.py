@@ -209,19 +209,22 @@ def _fit_roughly(first: Rectangle, views: list[_View], reach: float, most: float
         ways = (_along() - 0.5) * (high - low)
         # Turning counter-clockwise moves an edge outwards at one end and inwards at the other.
         sign = -1 if edge in (1, 2) else 1
-        sheared = [
-            np.quantile(
-                [np.interp(steps + sign * turn * way, steps, row) for way, row in zip(ways, contrast, strict=True)],
-                ALONG,
-                axis=0,
-            )
-            for turn in turns
-        ]
-        profiles.append(np.array(sheared))
+        sheared = _shifted(contrast, sign * turns[:, None] * ways, float(steps[1] - steps[0]))
+        profiles.append(np.quantile(sheared, ALONG, axis=1))
     best = int(np.argmax(sum(profile.max(axis=1) for profile in profiles)))
     outwards = [steps[_find_outermost(profile[best], least)] for profile in profiles]
     centred = Rectangle(first.axes, first.points(first.middle), first.sides - np.repeat(first.middle, 2))
     return centred.moved(np.array([0, 0, turns[best], 0, -outwards[0], outwards[1], -outwards[2], outwards[3]]))
+
+
+def _shifted(rows: Float64, ways: Float64, step: float) -> Float64:
+    """(T, P, S) of rows (P, S) of samples `step` apart: what they are `ways` (T, P) further on, or at their end."""
+    last = rows.shape[1] - 1
+    places = np.clip(np.arange(last + 1) + ways[..., None] / step, 0, last)
+    before = np.minimum(places.astype(np.int64), last - 1)
+    share = places - before
+    row = np.arange(len(rows))[:, None]
+    return rows[row, before] * (1 - share) + rows[row, before + 1] * share
 
 
 def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Float64) -> Float64 | None:

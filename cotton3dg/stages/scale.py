@@ -139,4 +139,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=9, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)
+STAGE = Stage("scale", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)

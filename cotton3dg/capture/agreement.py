@@ -17,19 +17,24 @@ from .matching import PairMatches
 
 MAX_ERROR_PX = 8.0
 """Median distance of a pair's matches from their epipolar lines; twice what made them matches."""
+FULL_WITNESS = 100
+"""Matches from which on a pair's word has full weight; that of others has less in proportion. Things that look alike
+agree by chance, but in few places: of 190 pairs of photos of a board of markers, placed to a seventh of a per cent, 58
+were contradicted, with 22 matches in the middle, where the others had 126."""
 
 
 def contradicted_pct(
     model: Any, names: list[str], features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]
 ) -> float | None:
-    """Share of the pairs, both of whose images are placed, whose matches the cameras contradict; None without any.
+    """Share of the pairs, both of whose images are placed, whose matches the cameras contradict, those with few matches
+    counting less; None without any.
 
     Args:
         model: a pycolmap.Reconstruction. features, matches: of the images, by their numbers in `names`.
     """
     images = {model.image(i).name: model.image(i) for i in model.reg_image_ids()}
     rays: dict[int, Float64] = {}
-    errors = []
+    errors, weights = [], []
     for pair, found in matches.items():
         if not all(names[number] in images for number in pair):
             continue
@@ -42,7 +47,8 @@ def contradicted_pct(
         between = second.cam_from_world() * first.cam_from_world().inverse()
         both = (rays[number][found.rows[:, k]] for k, number in enumerate(pair))
         errors.append(focal_px * float(np.median(sampson(between, *both))))
-    return 100 * float(np.mean(np.array(errors) > MAX_ERROR_PX)) if errors else None
+        weights.append(min(len(found.rows), FULL_WITNESS))
+    return 100 * float(np.average(np.array(errors) > MAX_ERROR_PX, weights=weights)) if errors else None
 
 
 def sampson(between: Any, first: Float64, second: Float64) -> Float64:

@@ -25,8 +25,8 @@ MAX_GAP_DEG = 60.0
 """Beyond this gap in the orbit, sides of bolls were never seen."""
 
 CONTRADICTED_PCT, MAX_CONTRADICTED_PCT = 5.0, 25.0
-"""Of the pairs of images whose matches the cameras contradict: doubtful, and refused. Of films that were filmed well it
-is 0.0 %."""
+"""Of what pairs of images have in common, contradicted by the cameras: doubtful, and refused. Of films that were filmed
+well it is 0.0 %."""
 
 
 def require_images(names: Sequence[str]) -> None:
@@ -53,9 +53,10 @@ def require_agreement(contradicted_pct: float | None) -> None:
     """
     if contradicted_pct is not None and contradicted_pct > MAX_CONTRADICTED_PCT:
         raise CaptureFailed(
-            f"the cameras contradict {contradicted_pct:.0f} % of the pairs of images ({MAX_CONTRADICTED_PCT:.0f} % at"
-            " most): something moved while filming, or too much of the scene looks alike; film one slow full turn with"
-            " everything but you at rest, and with things on or around the table that differ from each other"
+            f"the cameras contradict {contradicted_pct:.0f} % of what images have in common"
+            f" ({MAX_CONTRADICTED_PCT:.0f} % at most): something moved while filming, or too much of the scene looks"
+            " alike; film one slow full turn with everything but you at rest, and with things on or around the table"
+            " that differ from each other"
         )
 
 
@@ -131,7 +132,7 @@ def outcome_of(info: SfmInfo) -> StageOutcome:
     if info.contradicted_pct is not None and info.contradicted_pct > CONTRADICTED_PCT:
         flags.append("cameras_contradicted")
         warnings.append(
-            f"the cameras contradict {info.contradicted_pct:.0f} % of the pairs of images; something moved while"
+            f"the cameras contradict {info.contradicted_pct:.0f} % of what images have in common; something moved while"
             " filming, or much of the scene looks alike: film again with everything but you at rest"
         )
     lost = info.plant_out_of_view

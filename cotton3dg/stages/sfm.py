@@ -155,7 +155,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=11,
+    version=12,
     inputs=inputs,
     run=run,
     begin=begin,

@@ -14,7 +14,7 @@ from cotton3dg.capture.agreement import contradicted_pct, sampson
 from cotton3dg.capture.features import FeatureSettings, features_of_images
 from cotton3dg.capture.image_pairs import choose_pairs
 from cotton3dg.capture.mapper import map_images, write_database
-from cotton3dg.capture.matching import match_pairs
+from cotton3dg.capture.matching import PairMatches, match_pairs
 from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued
 from cotton3dg.capture.tracking import follow
 from cotton3dg.core.progress import silent
@@ -132,6 +132,21 @@ def test_a_wrong_pose_contradicts_the_matches(tmp_path: Path) -> None:
     of_image = np.mean([number in pair for pair in right.matches])
     assert share == pytest.approx(100 * of_image, rel=0.3)
     assert contradicted_pct(model, task.names, right.features, {}) is None
+
+
+def test_what_few_places_agree_in_by_chance_hardly_counts(tmp_path: Path) -> None:
+    """As many pairs with 16 matches by chance as there are true ones are no half of what images have in common."""
+    task, right, _ = walk(tmp_path, 24, range(0))
+    rng = np.random.default_rng(0)
+    strangers = [(i, j) for i in range(24) for j in range(i + 1, 24) if (i, j) not in right.matches]
+    by_chance = {
+        pair: PairMatches(np.eye(3), rng.integers(0, 100, (16, 2)).astype(np.uint32))
+        for pair in strangers[: len(right.matches)]
+    }
+    true = sum(min(len(found.rows), 100) for found in right.matches.values())
+    share = contradicted_pct(right.models[0], task.names, right.features, right.matches | by_chance)
+    assert share == pytest.approx(100 * 16 * len(by_chance) / (16 * len(by_chance) + true), rel=0.1)
+    assert share < 20
 
 
 def test_sampson_is_the_distance_from_the_epipolar_line() -> None:

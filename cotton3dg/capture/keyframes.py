@@ -5,7 +5,9 @@ They tell how good a film is in less than half of the time that all frames take,
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,9 +17,15 @@ from ..files.arrays import read_arrays
 from .features import Features
 from .matching import PairMatches
 
-KEYFRAMES = 50
-"""Of a film so many images, evenly spaced, are placed one after the other, each with an adjustment of its neighbours;
-the others are then placed by the points that these have given, and all are adjusted together."""
+KEYFRAMES = 32
+"""Of a film at least so many images, evenly spaced, are placed one after the other, each with an adjustment of its
+neighbours; the others are then placed by the points that these have given, and all are adjusted together."""
+UNUSUAL_SHARE = 0.4
+"""Where neighbouring keyframes have fewer matches than this share of what is usual in the film, the images between them
+become keyframes, too; ..."""
+TOO_LITTLE_IN_COMMON = (100, 200)
+"""... but always where they have fewer than the first, and never where they have more than the second. (A walk of uneven
+pace fell apart where 120 to 140 were left of 660, one in a bare room where 54 to 70 were left of 90.)"""
 LEAST_PLACED = 0.95
 """Share of the keyframes, and then of all images, below which all are placed one after the other."""
 MODEL = "model"
@@ -73,7 +81,29 @@ _OF_PAIR = ("fundamental", "rows")
 
 def keyframe_spacing(images: int) -> int:
     """Every how many-th image of a film is a keyframe."""
-    return max(1, round(images / KEYFRAMES))
+    return max(1, images // KEYFRAMES)
+
+
+def pairs_of_keyframes(
+    chosen: Sequence[int], new: Collection[int], pairs: Sequence[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """The pairs of which both images are chosen and one is new; neighbours, and their neighbours, are always matched.
+
+    Args:
+        chosen: in order of time.
+        pairs: of all images.
+    """
+    near = [*pairwise(chosen), *zip(chosen, chosen[2:], strict=False)]
+    both = set(near) | {(i, j) for i, j in pairs if i in chosen and j in chosen}
+    return sorted(pair for pair in both if pair[0] in new or pair[1] in new)
+
+
+def images_between(chosen: Sequence[int], matches: Mapping[tuple[int, int], PairMatches]) -> list[int]:
+    """The images between those neighbours among the chosen ones, in order of time, that have too little in common."""
+    common = {pair: len(matches[pair].rows) if pair in matches else 0 for pair in pairwise(chosen)}
+    usual = float(np.median(list(common.values()))) if common else 0.0
+    limit = np.clip(UNUSUAL_SHARE * usual, *TOO_LITTLE_IN_COMMON)
+    return [image for pair, n in common.items() if n < limit for image in range(pair[0] + 1, pair[1])]
 
 
 def will_do(model: Any | None, images: int) -> bool:

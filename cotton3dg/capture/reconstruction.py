@@ -15,7 +15,7 @@ from ..documents.sfm import RescueStep
 from .agreement import contradicted_pct
 from .colours import colour_points
 from .features import Features, FeatureSettings, features_of_images
-from .keyframes import MODEL, Keyframes, keyframe_spacing, will_do
+from .keyframes import MODEL, Keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
 from .matching import PairMatches, find_alike, match_pairs
 from .rescue import Attempt, Task, rescued
@@ -135,12 +135,18 @@ def place_keyframes(
         CaptureFailed: the camera stood still.
     """
     watch = watch or Stopwatch()
-    chosen = range(0, len(names), keyframe_spacing(len(names)))
-    features = features_of_images(image_folder, names, chosen, settings.features, progress)
-    watch.lap("features")
-    both = [pair for pair in pairs if pair[0] in chosen and pair[1] in chosen]
-    matches = _match(features, both, len(names))
-    watch.lap("matching")
+    chosen: list[int] = []
+    features: dict[int, Features] = {}
+    matches: dict[tuple[int, int], PairMatches] = {}
+    more = list(range(0, len(names), keyframe_spacing(len(names))))
+    while more:
+        features |= features_of_images(image_folder, names, more, settings.features, progress)
+        watch.lap("features")
+        chosen = sorted([*chosen, *more])
+        matches |= _match(features, pairs_of_keyframes(chosen, more, pairs), len(names))
+        watch.lap("matching")
+        more = images_between(chosen, matches)
+    matches = dict(sorted(matches.items()))
     folder.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as work:
         database = Path(work) / "matches.db"

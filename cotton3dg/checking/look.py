@@ -21,6 +21,7 @@ from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..splat.views import View
 from ..stages.scale import load_plant
 from ..training.photos import SparseModel, motion_blur_of
@@ -77,14 +78,15 @@ def look_at(
     chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), VIEWS)]
     photos = [read_image(undistorted / "images" / camera.name) for camera in chosen]
     tracks = read_points(undistorted / "sparse")[0]
+    windows = find_plant_windows(tracks, chosen, SEEN_MARGIN)
     plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
     # The search for the table keeps one core busy and leaves the others to the network.
     with ThreadPoolExecutor(1) as beside:
         scale = beside.submit(_seek_scale, plant, orbit, chosen, photos, options)
         sights = []
-        for number, (camera, photo) in enumerate(zip(chosen, photos, strict=True)):
+        for number, (camera, photo, window) in enumerate(zip(chosen, photos, windows, strict=True)):
             progress(number, len(chosen) + 1, "looking for bolls")
-            sights.append(see(photo, camera, network))
+            sights.append(see(photo, camera, network, window))
         progress(len(chosen), len(chosen) + 1, "looking for the table")
     frames = FramesInfo.load(workspace.frames_json)
     return Look(
@@ -113,16 +115,16 @@ def _blur_px(undistorted: Path, cameras: Sequence[Camera], frames: FramesInfo, s
 def _seek_scale(
     plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
 ) -> FoundScale:
-    """The scale by the points of structure from motion; where these are too few, by places at which photos agree."""
+    """The scale by the points of structure from motion and places at which photos agree; at last by the points alone.
+
+    Keyframes alone give so few points that their outline is hardly ever the table's, and to find that out takes longest.
+    """
+    if options.method == "none":
+        return no_scale("no reference was asked for")
     plant = replace(plant, photo=cache(plant.photo))  # each search looks at the same ones
-
-    def seek(plant: Plant) -> FoundScale:
-        return seek_scale(plant, options, views=TABLE_VIEWS)
-
-    first = found = no_scale("no reference was asked for") if options.method == "none" else seek(plant)
-    for tolerance in TOLERANCES if options.method != "none" else ():
+    for tolerance in TOLERANCES:
+        places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
+        found = seek_scale(replace(plant, solid=places.astype(np.float32)), options, views=TABLE_VIEWS)
         if found.info.scale is not None:
             return found
-        places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
-        found = seek(replace(plant, solid=places.astype(np.float32)))
-    return first if found.info.scale is None else found
+    return seek_scale(plant, options, views=TABLE_VIEWS)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 from ..masks.bolls import BollNetwork, Maps
 from ..masks.group_votes import group_votes
+from ..splat.rasterizer import Window
 
 SIDES = ("top", "bottom", "left", "right")
 """Of an image."""
@@ -56,9 +57,9 @@ class Sight:
         return tuple(side for side, edge in zip(SIDES, edges, strict=True) if edge.mean() > CUT)
 
 
-def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork) -> Sight:
-    """What the network says of an (H, W, 3) sRGB image."""
-    maps = network.maps(image)
+def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: Window | None = None) -> Sight:
+    """What the network says of an (H, W, 3) sRGB image, or of the window of it that shows the plant."""
+    maps = network.maps(image, window=window)
     ids, _ = group_votes(maps)
     small = cv2.resize(ids, maps.lint.shape[::-1], interpolation=cv2.INTER_NEAREST)
     bolls = [small == boll for boll in range(1, int(ids.max()) + 1)]

@@ -26,6 +26,9 @@ MAX_TILT = np.radians(25.0)
 MIN_AREA = 0.2
 """Area of a plane relative to the largest one; two clamp tubes cover a twentieth of the table."""
 HYPOTHESES = 10_000
+STANDS_OUT = 1.4
+"""Points on a surface, relative to those in the layers right above and below it, each as thick. Of 345 table tops and
+floors 334 have more (most ten times as many), of 40 slices through crowns none, of the tops of low clamps most."""
 
 
 def level_planes(points: Float64, orbit: Orbit, seed: int = 0, reach: float = REACH) -> list[Float64]:
@@ -52,6 +55,23 @@ def level_planes(points: Float64, orbit: Orbit, seed: int = 0, reach: float = RE
         points = points[np.abs(points @ plane[:3] + plane[3]) > 3 * TOLERANCE * radius]
     # The distance of the orbit's centre from a plane is the smaller, the higher the plane lies.
     return [plane for _, _, plane in sorted(planes, key=lambda item: (item[1], *item[2]))]
+
+
+def table_plane(points: Float64, orbit: Orbit) -> Float64 | None:
+    """(4,) the plane that a plant stands on: the highest of `level_planes` that is a surface, as dense crowns have
+    level planes, too; where all is sparse, the one with most points. None without any."""
+    planes = level_planes(points, orbit)
+    outward = np.linalg.norm(np.cross(points - orbit.centre, orbit.axis), axis=1)
+    near, tolerance = _thin(points[outward < REACH * orbit.radius], CELL / 2 * orbit.radius), TOLERANCE * orbit.radius
+    most, fullest = -1, None
+    for plane in planes:
+        distance = np.abs(near @ plane[:3] + plane[3])
+        on_plane = int((distance < tolerance).sum())
+        if on_plane >= STANDS_OUT * int(((distance >= tolerance) & (distance < 3 * tolerance)).sum()):
+            return plane
+        if on_plane > most:
+            most, fullest = on_plane, plane
+    return fullest
 
 
 def floor_normal(points: Float64, orbit: Orbit) -> Float64 | None:

@@ -16,6 +16,7 @@ from ..errors import BadInput, BadUsage
 from ..files.annotations import read_masks, undistort_ids
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import MasksOptions
+from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from .bolls import open_bolls
 from .detect_bolls import detect_bolls
 from .detect_lint import detect_lint
@@ -78,7 +79,8 @@ def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
     network = open_bolls(plant.file(options.bolls.weights) if options.bolls.weights else None)
     views = _spaced(plant, options)
     images = [plant.photo(camera.name) for camera in views]
-    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress))
+    windows = find_plant_windows(plant.points, views, SEEN_MARGIN) if plant.model is not None else None
+    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, windows))
 
 
 def by_lint(plant: Plant, options: MasksOptions, progress: Progress) -> Found:

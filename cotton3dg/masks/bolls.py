@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.training_picture import CLASSES, LINT
+from ..core.training_picture import CLASSES, LINT, OTHER
 from ..errors import BadInput, MissingInput
+from ..splat.rasterizer import Window
 
 Float32 = NDArray[np.float32]
 CHANNELS = len(CLASSES) + 4
@@ -25,6 +27,8 @@ IMAGE_SIDE = 1280
 """px, longer side of what the network sees; larger images are scaled down, smaller ones up, ..."""
 LARGEST_ZOOM = 2.0
 """... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
+SURE = 20.0
+"""Logit of what is taken for certain."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +74,12 @@ class BollNetwork:
         if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != CHANNELS:
             raise BadInput(f"{name} is no network of bolls; {REMEDY}")
 
-    def maps(self, image: NDArray[np.uint8], look: float = 1.0) -> Maps:
-        """What the network says of an (H, W, 3) sRGB image; of one that is seen smaller by `look`."""
+    def maps(self, image: NDArray[np.uint8], look: float = 1.0, window: Window | None = None) -> Maps:
+        """What the network says of an (H, W, 3) sRGB image; of one that is seen smaller by `look`.
+
+        Args:
+            window: the part that it sees, which saves time; what is outside passes for no plant.
+        """
         height, width = image.shape[:2]
         size = seen_size(height, width, look)
         smaller = size[0] < width
@@ -79,7 +87,7 @@ class BollNetwork:
         rows, columns = seen.shape[:2]
         below, right = -rows % STRIDE, -columns % STRIDE
         padded = cv2.copyMakeBorder(seen, 0, below, 0, right, cv2.BORDER_REPLICATE)
-        raw = self._raw(padded.transpose(2, 0, 1)[None].astype(np.float32))[0]
+        raw = self._raw_within(padded, _in_strides(window, (height, width), (rows, columns), padded.shape))
         raw = raw[:, : -(-rows // 2), : -(-columns // 2)]
         logits = raw[: len(CLASSES)]
         powers = np.exp(logits - logits.max(axis=0))
@@ -93,6 +101,14 @@ class BollNetwork:
             scale=2 * scale,
             image_shape=(height, width),
         )
+
+    def _raw_within(self, seen: NDArray[np.uint8], part: tuple[slice, slice]) -> Float32:
+        """(CHANNELS, h, w) at half the size of what is seen, of which the network is given a part."""
+        raw = np.zeros((CHANNELS, seen.shape[0] // 2, seen.shape[1] // 2), np.float32)
+        raw[OTHER], raw[len(CLASSES) + 2] = SURE, -SURE
+        half = tuple(slice(of_side.start // 2, of_side.stop // 2) for of_side in part)
+        raw[:, *half] = self._raw(seen[part].transpose(2, 0, 1)[None].astype(np.float32))[0]
+        return raw
 
     def _raw(self, blob: Float32, name: str = "the network") -> Float32:
         try:
@@ -144,6 +160,22 @@ def shipped_weights() -> tuple[bytes, str]:
     if hashlib.sha256(weights).hexdigest() != wanted:
         raise BadInput(f"{SHIPPED_FILE}, which comes with cotton3dg, is damaged; {REINSTALL}")
     return weights, SHIPPED_FILE.name
+
+
+def _in_strides(
+    window: Window | None, image: tuple[int, int], seen: tuple[int, int], padded: tuple[int, ...]
+) -> tuple[slice, slice]:
+    """Rows and columns of what the network sees that hold a window of the image, from stride to stride; all without."""
+    if window is None:
+        return slice(0, padded[0]), slice(0, padded[1])
+    rows, columns = (
+        slice(
+            math.floor(low * of_seen / of_image / STRIDE) * STRIDE,
+            math.ceil((low + length) * of_seen / of_image / STRIDE) * STRIDE,
+        )
+        for low, length, of_seen, of_image in zip(window[1::-1], window[3:1:-1], seen, image, strict=True)
+    )
+    return rows, columns
 
 
 def middles_of_pixels(shape: tuple[int, int], scale: float) -> Float32:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
+from ..splat.rasterizer import Window
 from .bolls import BollNetwork
 from .group_votes import group_votes
 from .lint_in_space import LintInSpace, gather_lint
@@ -40,6 +41,7 @@ def detect_bolls(
     gaussians: Gaussians | None = None,
     allowed: NDArray[np.bool_] | None = None,
     progress: Progress = silent,
+    windows: Sequence[Window | None] | None = None,
 ) -> MaskSet:
     """Masks of each image.
 
@@ -48,6 +50,7 @@ def detect_bolls(
         cameras: theirs.
         gaussians: the plant's model, which lets the images tell each other what they show; None = each is taken alone.
         allowed: (N,) which Gaussians may be a boll's; None = all.
+        windows: what of each image shows the plant; with a model the network is not asked about the rest.
     Returns:
         By camera name; with a model a boll has the same id in all images, and its score is the views' agreement.
     """
@@ -59,9 +62,9 @@ def detect_bolls(
             ids[camera.name], scores[camera.name] = find_bolls(image, network)
         return MaskSet(ids, scores)
     maps = []
-    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
-        progress(done, 2 * len(images), camera.name)
-        maps.append(network.maps(image))
+    for done, (image, window) in enumerate(zip(images, windows or [None] * len(images), strict=True)):
+        progress(done, 2 * len(images), cameras[done].name)
+        maps.append(network.maps(image, window=window))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
     middles = separate_bolls(votes, lint)

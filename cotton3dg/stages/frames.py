@@ -56,7 +56,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "frames",
-    version=5,
+    version=6,
     inputs=inputs,
     run=run,
     cost=_cost,

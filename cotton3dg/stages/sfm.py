@@ -155,7 +155,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=12,
+    version=13,
     inputs=inputs,
     run=run,
     begin=begin,

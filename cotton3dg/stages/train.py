@@ -185,7 +185,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "train",
-    version=12,
+    version=13,
     inputs=inputs,
     run=run,
     cost=_cost,

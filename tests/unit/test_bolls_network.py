@@ -7,7 +7,7 @@ import torch
 
 from cotton3dg.core.training_picture import LINT, NOT_LINT, UNKNOWN, TrainingPicture
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, open_bolls
+from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, middles_of_pixels, open_bolls
 from cotton3dg.masks.bolls_network import BollsNetwork, from_onnx, to_onnx
 from cotton3dg.masks.bolls_training import BORDER_PX, TrainingSettings, losses, restore_norms, targets, train
 
@@ -57,6 +57,46 @@ def test_large_images_are_seen_smaller_and_votes_are_in_their_pixels(network):
     assert maps.lint.shape == (32, 640)
     assert maps.scale == 3
     assert maps.image_shape == (96, 1920)
+
+
+@pytest.mark.parametrize(
+    ("shape", "window"), [((320, 480), (96, 112, 160, 96)), ((180, 330), (290, 131, 40, 49)), ((96, 1920), (0, 0, 700, 96))]
+)
+def test_within_a_window_it_says_the_same_and_outside_nothing(shape, window):
+    # The shipped network: how far around itself a pixel looks is what training made of it.
+    network = open_bolls()
+    image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (*shape, 3), np.uint8), (0, 0), 2)
+    left, top, width, height = window
+    image[top : top + height, left : left + width] = 235
+    whole, part = network.maps(image), network.maps(image, window=window)
+    assert part.lint.shape == whole.lint.shape
+    assert part.scale == whole.scale
+    x, y = middles_of_pixels(whole.lint.shape, whole.scale)
+    margin = 48 * whole.scale
+    reach = np.maximum.reduce([left - x, x - left - width, top - y, y - top - height])
+    far = reach > 32 * whole.scale
+    assert (part.probabilities[0][far] > 0.99).all()
+    assert not part.borders[far].round(3).any()
+    # At an edge of the image the window's edge is the image's.
+    inner = np.maximum.reduce(
+        [
+            np.where(left > 0, left - x, -np.inf),
+            np.where(left + width < shape[1], x - left - width, -np.inf),
+            np.where(top > 0, top - y, -np.inf),
+            np.where(top + height < shape[0], y - top - height, -np.inf),
+        ]
+    )
+    deep = inner < -min(margin, 0.4 * min(width, height))
+    assert deep.any()
+    assert np.abs(part.lint - whole.lint)[deep].mean() < 0.05
+
+
+def test_a_window_of_everything_changes_no_bit(network):
+    image = np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8)
+    reader = BollNetwork(to_onnx(network), "net")
+    whole, part = reader.maps(image), reader.maps(image, window=(0, 0, 70, 50))
+    np.testing.assert_array_equal(part.probabilities, whole.probabilities)
+    np.testing.assert_array_equal(part.votes, whole.votes)
 
 
 def test_weights_survive_a_file(network):

@@ -9,7 +9,14 @@ import pycolmap
 import pytest
 
 from cotton3dg.capture.features import Features
-from cotton3dg.capture.keyframes import MODEL, Keyframes, keyframe_spacing, will_do
+from cotton3dg.capture.keyframes import (
+    MODEL,
+    Keyframes,
+    images_between,
+    keyframe_spacing,
+    pairs_of_keyframes,
+    will_do,
+)
 from cotton3dg.capture.matching import PairMatches
 from cotton3dg.errors import BadInput
 
@@ -61,5 +68,47 @@ def test_a_damaged_file_is_told(keyframes: Keyframes) -> None:
         Keyframes.load(keyframes.folder)
 
 
-def test_long_films_have_about_fifty() -> None:
-    assert [keyframe_spacing(n) for n in (10, 60, 100, 150, 400)] == [1, 1, 2, 3, 8]
+def test_films_have_at_least_thirty_two() -> None:
+    assert [keyframe_spacing(n) for n in (10, 63, 64, 96, 100, 150, 400)] == [1, 1, 2, 3, 3, 4, 12]
+
+
+def with_in_common(n: int) -> PairMatches:
+    return PairMatches(np.eye(3), np.zeros((n, 2), np.uint32))
+
+
+@pytest.mark.parametrize(
+    ("common", "between"),
+    [
+        ((600, 650, 700), []),
+        ((600, 120, 700), [4, 5]),  # a leap
+        ((600, 250, 700), []),
+        ((130, 140, 110), []),  # a bare room
+        ((130, 140, 60), [7, 8]),
+        ((80, 70, 60), [1, 2, 4, 5, 7, 8]),
+    ],
+)
+def test_where_neighbours_have_too_little_in_common_what_is_between_becomes_keyframes(
+    common: tuple[int, ...], between: list[int]
+) -> None:
+    matches = {(3 * k, 3 * k + 3): with_in_common(n) for k, n in enumerate(common)}
+    assert images_between((0, 3, 6, 9), matches) == between
+    del matches[3, 6]
+    assert set(images_between((0, 3, 6, 9), matches)) == {*between, 4, 5}
+
+
+def test_nothing_is_between_images_that_follow_each_other() -> None:
+    assert images_between((0, 1, 2), {}) == []
+    assert images_between((0,), {}) == []
+
+
+def test_neighbours_are_matched_however_far_apart_and_no_pair_twice() -> None:
+    pairs = [(0, 6), (1, 2), (0, 18), (6, 18)]
+    assert pairs_of_keyframes((0, 6, 12, 18), (0, 6, 12, 18), pairs) == [
+        (0, 6),
+        (0, 12),
+        (0, 18),
+        (6, 12),
+        (6, 18),
+        (12, 18),
+    ]
+    assert pairs_of_keyframes((0, 3, 6, 12, 18), (3,), pairs) == [(0, 3), (3, 6), (3, 12)]

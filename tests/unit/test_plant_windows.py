@@ -4,6 +4,8 @@ import numpy as np
 from scenes.table_scene import POSE, orbit
 
 from cotton3dg.core.scene import Camera
+from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.geometry.planes import level_planes, table_plane
 from cotton3dg.splat.plant_windows import find_plant_points, find_plant_windows
 
 WIDTH, HEIGHT = 960, 540
@@ -47,6 +49,30 @@ def test_table_room_and_strays_are_no_plant() -> None:
     places_cm = POSE.cm(found)
     assert places_cm[:, 2].min() > 2
     assert np.abs(places_cm[:, :2]).max() < 11
+
+
+def test_a_dense_crown_is_no_table() -> None:
+    # Leaves at all heights of a wide crown over a table of few points: many lie on some level plane through it.
+    rng = np.random.default_rng(4)
+    crown = rng.uniform([-36, -36, 45], [36, 36, 97], (3000, 3))
+    stem = rng.uniform([-1, -1, 5], [1, 1, 45], (300, 3))
+    table = rng.uniform([-60, -30, -0.1], [60, 30, 0.1], (250, 3))
+    points, views = POSE.scene(np.concatenate([crown, stem, table])), cameras()
+    assert len(level_planes(points, fit_orbit(views))) > 1
+    found_cm = POSE.cm(find_plant_points(points, views))
+    assert found_cm[:, 2].min() < 10
+    assert len(found_cm) > 0.9 * 3300
+
+
+def test_of_sparse_points_the_fullest_plane_is_the_table() -> None:
+    rng = np.random.default_rng(5)
+    crown = rng.uniform([-36, -36, 3], [36, 36, 97], (1500, 3))
+    table = rng.uniform([-60, -30, -3], [60, 30, 3], (800, 3))  # too rough for a surface
+    points, views = POSE.scene(np.concatenate([crown, table])), cameras()
+    plane = table_plane(points, fit_orbit(views))
+    assert plane is not None
+    height_cm = POSE.cm(points)[:, 2][np.abs(points @ plane[:3] + plane[3]).argsort()[:100]]
+    assert np.abs(height_cm).max() < 5
 
 
 def test_without_a_table_or_a_plant_the_whole_image_counts() -> None:

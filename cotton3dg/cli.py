@@ -196,7 +196,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
     set_: Set = None,
 ) -> None:
-    """Will this film do? Green, yellow (exit code 9) or red (4), in less than a minute; run goes on from it."""
+    """Will this film do? Green, yellow (exit code 9) or red (4), in half a minute; run goes on from it."""
     from dataclasses import asdict
 
     from . import display, pipeline

@@ -2,8 +2,9 @@
 
 1. `following`: where images of a walk are lost, e.g. blurred ones, the features of their neighbours are followed into
    them by a tracker, and COLMAP's mapper goes on from there.
-2. `more features`: with more features of a larger image and wider pairs, all is matched and placed again.
-3. `all at once`: COLMAP's global mapper (Pan et al. 2024, "Global structure-from-motion revisited"), once the partial
+2. `markers`: where printed markers lie in view, their corners join the matches, and all is placed again.
+3. `more features`: with more features of a larger image and wider pairs, all is matched and placed again.
+4. `all at once`: COLMAP's global mapper (Pan et al. 2024, "Global structure-from-motion revisited"), once the partial
    model, or EXIF, tells the focal length.
 
 A step counts when it places more images than those before it.
@@ -24,6 +25,7 @@ from ..documents.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs
 from .keyframes import will_do
+from .marker_corners import find_squares, tie
 from .mapper import map_at_once, map_images, place_others, settle, write_database
 from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
@@ -99,6 +101,7 @@ FOLLOWING = "following"
 
 def _ladder(task: Task) -> Iterator[tuple[str, Callable[[Attempt], Attempt | None]]]:
     yield FOLLOWING, lambda best: follow_into_lost(task, best)
+    yield "markers", lambda best: tie_by_markers(task, best)
     yield "more features", lambda best: look_harder(task)
     yield FOLLOWING, lambda best: follow_into_lost(task, best)
     yield "all at once", lambda best: place_at_once(task, best)
@@ -148,6 +151,18 @@ def _copied(model: Any, task: Task) -> Any:
     with tempfile.TemporaryDirectory(dir=task.work_folder) as folder:
         model.write_binary(folder)
         return pycolmap.Reconstruction(folder)
+
+
+def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
+    """All placed again, with the corners of printed markers among the matches; None where they tie no more images."""
+    squares = find_squares(lambda number: read_grey(task.image_folder / task.names[number]), len(task.names))
+    features, matches = tie(best.features, best.matches, squares)
+    if all(pair in best.matches and len(found.rows) <= len(best.matches[pair].rows) for pair, found in matches.items()):
+        return None
+    database = _fresh(task, "markers.db")
+    write_database(database, task.image_folder, task.names, features, matches, _focal(task, best))
+    models = map_images(database, task.image_folder, task.work_folder, task.names, task.seed, lambda: None)
+    return Attempt(features, matches, models)
 
 
 def look_harder(task: Task) -> Attempt:

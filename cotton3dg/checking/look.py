@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -21,6 +21,7 @@ from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..scale.table import outlines_table
 from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..splat.views import View
 from ..stages.scale import load_plant
@@ -115,16 +116,35 @@ def _blur_px(undistorted: Path, cameras: Sequence[Camera], frames: FramesInfo, s
 def _seek_scale(
     plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
 ) -> FoundScale:
-    """The scale by the points of structure from motion and places at which photos agree; at last by the points alone.
+    """The scale by the points of structure from motion, or by these and places at which photos agree.
 
-    Keyframes alone give so few points that their outline is hardly ever the table's, and to find that out takes longest.
+    Points are few on a bare table, and agreeing places many on bare walls, so both may mislead, and to find that out in
+    the photos takes seconds. So what outlines a table of the known shape comes first.
     """
     if options.method == "none":
         return no_scale("no reference was asked for")
     plant = replace(plant, photo=cache(plant.photo))  # each search looks at the same ones
-    for tolerance in TOLERANCES:
-        places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
-        found = seek_scale(replace(plant, solid=places.astype(np.float32)), options, views=TABLE_VIEWS)
+    aspect = options.table_length_cm / options.table_width_cm
+
+    def sources() -> Iterator[Plant]:
+        yield plant
+        for tolerance in TOLERANCES:
+            places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
+            yield replace(plant, solid=places.astype(np.float32))
+
+    first, later = None, []
+    for source in sources():
+        if not outlines_table(np.concatenate([source.tracks, source.solid]), orbit, aspect):
+            later.append(source)
+            continue
+        found = seek_scale(source, options, views=TABLE_VIEWS)
         if found.info.scale is not None:
             return found
-    return seek_scale(plant, options, views=TABLE_VIEWS)
+        first = first or found
+    for source in later:
+        found = seek_scale(source, options, views=TABLE_VIEWS)
+        if found.info.scale is not None:
+            return found
+        first = first or found
+    assert first is not None
+    return first

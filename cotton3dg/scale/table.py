@@ -158,6 +158,14 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     return Scale(cm_per_su, max(error, least), "table", up, plane, fit.rectangle.corners)
 
 
+def outlines_table(points: NDArray, orbit: Orbit, aspect: float) -> bool:
+    """Whether the points alone, without a look at the photos, show a level rectangle of a shape near the known one."""
+    points = np.asarray(points, np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    found = [find_first_rectangle(points, plane, orbit) for plane in level_planes(points, orbit)]
+    return any(abs(first.length / first.width / aspect - 1) < SEARCH for first in found if first is not None)
+
+
 def find_first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Rectangle | None:
     """The rectangle around the largest connected part of a plane; None for a speck."""
     import cv2

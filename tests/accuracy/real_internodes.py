@@ -4,9 +4,9 @@
 
 FOLDER is where real_captures.py ran the set `romi` (tests/testdata/real_plant of romi/plant-3d-vision: photos of an
 Arabidopsis before black cloth by an arm whose positions are known, and `measures.json`, 29 internodes in mm). The arm
-gives the scale; the plant is what is yellow near the middle of its circle. It is a third as large as cotton in all that
-the map asks for, so it is mapped three times as large. What leaves its stem is paired with what was measured, in order,
-for the likeliest height of the first. Prints the pairs and writes FOLDER/internodes.png.
+gives the scale; the plant is what is yellow near the middle of its circle and hangs together. It is a third as large as
+cotton in all that the map asks for, so it is mapped three times as large. What leaves its stem is paired with what was
+measured, in order, for the likeliest height of the first. Prints the pairs and writes FOLDER/internodes.png.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from real_captures import fit_to_arm
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from cotton3dg.core.scene import Float64
 from cotton3dg.files.ply import read_gaussians
@@ -32,6 +34,8 @@ YELLOW, BRIGHT, OPAQUE = 0.2, 0.4, 0.2
 REACH_CM, ROSETTE_CM = 9.0, 20.0
 """Beside the middle of the circle, and below it: what is lower is the rosette."""
 ABOVE_CM = 12.0
+HANGS_TOGETHER_CM = 1.0
+FAR_CM = 5.0
 SKIPPED_CM = 0.6
 """What a pair that is none costs, on either side."""
 
@@ -48,7 +52,14 @@ def plant_places(workspace: Workspace, source: Path) -> Float64:
     yellow = (np.minimum(red, green) - blue > YELLOW) & (0.5 * (red + green) > BRIGHT) & (gaussians.opacities > OPAQUE)
     near = (np.hypot(*places[:, :2].T) < REACH_CM) & (places[:, 2] > -ROSETTE_CM) & (places[:, 2] < ABOVE_CM)
     foot = np.linalg.solve(matrix[:, :3], middle - matrix[:, 3])
-    return wood_places(gaussians[yellow & near], LARGER * matrix[:, :3], foot)
+    return largest_part(wood_places(gaussians[yellow & near], LARGER * matrix[:, :3], foot), LARGER * HANGS_TOGETHER_CM)
+
+
+def largest_part(places: Float64, reach: float) -> Float64:
+    """Those of (N, 3) places that hang together by steps of at most `reach`: the most."""
+    near = cKDTree(places).sparse_distance_matrix(cKDTree(places), reach)
+    parts = connected_components(near, directed=False)[1]
+    return places[parts == np.bincount(parts).argmax()]
 
 
 def paired(mine: Float64, theirs: Float64) -> tuple[float, list[tuple[int, int]]]:
@@ -107,6 +118,14 @@ def main() -> None:
     own = np.diff([mine[i] for i, _ in pairs])
     hand = np.diff([theirs[j] for _, j in pairs])
     print(f"{len(pairs)} of {len(theirs)} found, {len(mine) - len(pairs)} more; stem {length_of(stem) / LARGER:.1f} cm")
+    first, second = np.triu_indices(len(pairs), 1)
+    ways = np.array([[mine[pairs[b][0]] - mine[pairs[a][0]], theirs[pairs[b][1]] - theirs[pairs[a][1]]]
+                     for a, b in zip(first, second, strict=True)])  # fmt: skip
+    ratios = np.divide(*ways[ways[:, 1] >= FAR_CM].T)
+    print(
+        f"along the stem, from any found to any other at least {FAR_CM:g} cm on: {100 * (np.median(ratios) - 1):+.1f} %"
+        f" in the middle; from the first to the last {own.sum():.2f} cm, by hand {hand.sum():.2f}"
+    )
     print(
         f"from one found to the next: {10 * np.abs(own - hand).mean():.1f} mm off on average,"
         f" {10 * np.median(np.abs(own - hand)):.1f} in the middle; mean {10 * own.mean():.2f} mm, by hand"

@@ -60,7 +60,8 @@ def test_large_images_are_seen_smaller_and_votes_are_in_their_pixels(network):
 
 
 @pytest.mark.parametrize(
-    ("shape", "window"), [((320, 480), (96, 112, 160, 96)), ((180, 330), (290, 131, 40, 49)), ((96, 1920), (0, 0, 700, 96))]
+    ("shape", "window"),
+    [((320, 480), (96, 112, 160, 96)), ((180, 330), (290, 131, 40, 49)), ((96, 1920), (0, 0, 700, 96))],
 )
 def test_within_a_window_it_says_the_same_and_outside_nothing(shape, window):
     # The shipped network: how far around itself a pixel looks is what training made of it.

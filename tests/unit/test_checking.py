@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scenes.documents import frame_info, frames_info
 
+from cotton3dg.checking import look
 from cotton3dg.checking.agreeing_places import find_agreeing_places
 from cotton3dg.checking.first_count import FoundBoll, find_bolls_in_space, n_sure
 from cotton3dg.checking.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
@@ -21,7 +22,8 @@ from cotton3dg.core.scene import Camera
 from cotton3dg.documents.check import GREEN, RED, YELLOW, CheckInfo, Finding
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.scale.seek import FoundScale, no_scale
+from cotton3dg.options import ScaleOptions
+from cotton3dg.scale.seek import FoundScale, Plant, no_scale
 
 WIDTH, HEIGHT, FOCAL_PX, RADIUS = 640, 360, 525.0, 1.4
 BOLLS = np.array([[0.0, 0.0, 0.5], [0.12, 0.02, 0.42], [-0.1, 0.08, 0.3], [0.05, -0.13, 0.22], [0.02, 0.05, 0.36]])
@@ -238,6 +240,42 @@ def test_photos_agree_on_the_plane_that_is_there(cameras: list[Camera]) -> None:
     places = find_agreeing_places(tracks, fit_orbit(cameras), cameras, photos, 6.0)
     assert (np.abs(places[:, :2]).max(axis=1) < 0.41).mean() > 0.98
     assert_the_pattern_is_covered(places, cameras)
+
+
+@pytest.mark.parametrize(
+    ("outlined", "found", "tried"),
+    [
+        ({0}, {0}, [0]),  # structure from motion has the whole table
+        ({2}, {2}, [2]),  # only places at which photos agree have it
+        ({1, 3}, {3}, [1, 3]),
+        (set(), {1}, [0, 1]),  # nothing tells what to try first
+        ({2}, {0}, [2, 0]),
+        ({3}, set(), [3, 0, 1, 2]),
+    ],
+)
+def test_the_scale_is_sought_first_where_points_outline_the_table(
+    monkeypatch: pytest.MonkeyPatch, cameras: list[Camera], outlined: set[int], found: set[int], tried: list[int]
+) -> None:
+    """The sources are told by how many places they have besides the tracks: none, then more with each tolerance."""
+    sought: list[int] = []
+    a_scale = look_of(cameras).scale
+
+    def seek_scale(plant: Plant, *_: object, **__: object) -> FoundScale:
+        sought.append(len(plant.solid))
+        return a_scale if len(plant.solid) in found else no_scale(f"no table in {len(plant.solid)}")
+
+    monkeypatch.setattr(look, "seek_scale", seek_scale)
+    monkeypatch.setattr(look, "outlines_table", lambda points, *_: len(points) in outlined)
+    monkeypatch.setattr(
+        look, "find_agreeing_places", lambda *arguments: np.zeros((1 + look.TOLERANCES.index(arguments[-1]), 3))
+    )
+    plant = Plant(cameras, lambda _: np.zeros((2, 2, 3), np.uint8), np.zeros((0, 3)), np.zeros((0, 3), np.float32))
+    result = look._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions())
+    assert sought == tried
+    assert (result.info.scale is not None) == bool(found)
+    if not found:
+        assert result.info.reason == f"no table in {tried[0]}"
+    assert look._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions(method="none")).info.scale is None
 
 
 def test_a_bare_table_is_as_level_as_the_floor(cameras: list[Camera]) -> None:

@@ -11,11 +11,12 @@ from scenes.room_scene import pose, render, textures
 
 from cotton3dg.capture import rescue
 from cotton3dg.capture.agreement import contradicted_pct, sampson
-from cotton3dg.capture.features import FeatureSettings, features_of_images
+from cotton3dg.capture.features import Features, FeatureSettings, features_of_images
 from cotton3dg.capture.image_pairs import choose_pairs
 from cotton3dg.capture.mapper import map_images, write_database
+from cotton3dg.capture.marker_corners import tie
 from cotton3dg.capture.matching import PairMatches, match_pairs
-from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued
+from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
 from cotton3dg.capture.tracking import follow
 from cotton3dg.core.progress import silent
 from cotton3dg.documents.sfm import RescueStep
@@ -37,14 +38,15 @@ def told(placed: int) -> Attempt:
         (96, [], []),
         (85, [97], ["following"]),
         (85, [90, 99], ["following", "following"]),
-        (50, [60, 99], ["following", "more features"]),
-        (50, [60, 40, 70, 96], ["following", "more features", "following", "all at once"]),
-        (0, [0, 30, 40, 96], ["following", "more features", "following", "all at once"]),
+        (50, [60, 99], ["following", "markers"]),
+        (50, [60, 70, 99], ["following", "markers", "more features"]),
+        (50, [60, 60, 40, 70, 96], ["following", "markers", "more features", "following", "all at once"]),
+        (0, [0, 0, 30, 40, 96], ["following", "markers", "more features", "following", "all at once"]),
     ],
 )
 def test_each_step_is_tried_when_those_before_fell_short(monkeypatch, tmp_path, first, brought, tried) -> None:
     results = iter(brought)
-    for name in ("follow_into_lost", "look_harder", "place_at_once"):
+    for name in ("follow_into_lost", "tie_by_markers", "look_harder", "place_at_once"):
         monkeypatch.setattr(rescue, name, lambda *_: told(next(results)))
     task = Task(tmp_path, [str(i) for i in range(100)], tmp_path, FEATURES, OVERLAP, SEED)
     best, steps = rescued(task, told(first))
@@ -118,6 +120,59 @@ def test_where_nothing_is_lost_or_known_there_is_nothing_to_follow(tmp_path: Pat
     task = Task(tmp_path, ["a", "b"], tmp_path, FEATURES, OVERLAP, SEED)
     assert follow_into_lost(task, told(0)) is None
     assert place_at_once(task, told(0)) is None
+
+
+def marked_faces() -> np.ndarray:
+    """Of a bare room with markers on its floor, and on all sides of the box in it."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    faces = np.full((12, 512, 512, 3), 225, np.uint8)
+    for face, across in ((4, 7), *((face, 3) for face in range(6, 12))):
+        step = 500 // across
+        for k in range(across**2):
+            top, left, side = 8 + step * (k // across), 8 + step * (k % across), int(0.8 * step)
+            marker = cv2.aruco.generateImageMarker(dictionary, 50 * (face - 4) + k, side)
+            faces[face, top : top + side, left : left + side] = marker[..., None]
+    mirrored = [4, 7, 8]  # as this room's faces are laid out
+    faces[mirrored] = faces[mirrored, ::-1]
+    return faces
+
+
+def test_markers_alone_place_the_images_of_a_bare_room(tmp_path: Path) -> None:
+    faces, angles = marked_faces(), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    names = [f"{number:03d}.jpg" for number in range(24)]
+    for name, angle in zip(names, angles, strict=True):
+        write_image(tmp_path / name, render(faces, angle))
+    task = Task(tmp_path, names, tmp_path, FEATURES, OVERLAP, SEED)
+    nothing = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
+    found = tie_by_markers(task, Attempt(dict.fromkeys(range(24), nothing), {}, []))
+    assert found is not None
+    assert found.placed >= 20
+    assert farthest_off(found.models[0], np.array([pose(angle)[1] for angle in angles])) < 0.05
+
+
+def test_corners_join_the_matches_there_are_and_wrong_ones_do_not(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    places = rng.uniform(20, 380, (40, 2)).astype(np.float32)
+    aside = np.column_stack([rng.uniform(5, 40, 40), np.zeros(40)]).astype(np.float32)  # places at many depths
+    move = np.float32([14, 0])
+    descriptors = np.zeros((40, 128), np.uint8)
+    features = {0: Features(places, descriptors), 1: Features(places + aside, descriptors)}
+    same = np.column_stack([np.arange(40), np.arange(40)]).astype(np.uint32)
+    square = np.float32([[100, 100], [140, 102], [139, 141], [99, 140]])
+    # Both show marker 7; 8 has gone elsewhere; 9 is seen once.
+    squares = {0: {7: square, 8: square + 50, 9: square + 90}, 1: {8: square + np.float32([64, 140]), 7: square + move}}
+    joined, matches = tie(features, {(0, 1): PairMatches(np.eye(3), same)}, squares)
+    assert len(joined[0].places_px) == 52
+    assert len(joined[1].places_px) == 48
+    rows = {tuple(row) for row in matches[0, 1].rows.tolist()}
+    assert {(40 + k, 44 + k) for k in range(4)} <= rows
+    assert not rows & {(44 + k, 40 + k) for k in range(4)}
+    np.testing.assert_array_equal(joined[0].places_px[40:44], square)
+
+
+def test_without_markers_there_is_nothing_to_tie(tmp_path: Path) -> None:
+    task, first, _ = walk(tmp_path, 12, range(0))
+    assert tie_by_markers(task, first) is None
 
 
 def test_a_wrong_pose_contradicts_the_matches(tmp_path: Path) -> None:

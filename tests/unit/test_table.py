@@ -8,7 +8,15 @@ from scipy.spatial.transform import Rotation
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes
 from cotton3dg.scale.rectangle import Rectangle, RimFit, fit_rim, smoothed
-from cotton3dg.scale.table import NoTable, TableFit, _doubt, find_table, outline_table, scale_from_table
+from cotton3dg.scale.table import (
+    NoTable,
+    TableFit,
+    _doubt,
+    find_table,
+    outline_table,
+    outlines_table,
+    scale_from_table,
+)
 
 CAMERAS = orbit(20, 320, 180)
 
@@ -80,6 +88,16 @@ def test_a_table_of_another_shape_is_refused(images):
 def test_no_table_is_said():
     air = POSE.scene(np.random.default_rng(0).uniform([-90, -90, -60], [90, 90, 90], (3000, 3)))
     assert isinstance(find_table(air, CAMERAS), NoTable)
+
+
+def test_an_outline_of_the_known_shape_is_told_from_others_without_photos():
+    around = fit_orbit(CAMERAS)
+    assert outlines_table(points(), around, aspect=2.0)
+    assert not outlines_table(points(), around, aspect=1.5)
+    cm = table_points_cm(np.random.default_rng(0))
+    covered_in_part = cm[(cm[:, 0] < 10) | (np.abs(cm[:, 2]) > 1)]
+    assert not outlines_table(POSE.scene(covered_in_part), around, aspect=2.0)
+    assert not outlines_table(np.zeros((0, 3)), around, aspect=2.0)
 
 
 def test_same_seed_same_table():

@@ -24,8 +24,8 @@ UNUSUAL_SHARE = 0.4
 """Where neighbouring keyframes have fewer matches than this share of what is usual in the film, the images between them
 become keyframes, too; ..."""
 TOO_LITTLE_IN_COMMON = (100, 200)
-"""... but always where they have fewer than the first, and never where they have more than the second. (A walk of uneven
-pace fell apart where 120 to 140 were left of 660, one in a bare room where 54 to 70 were left of 90.)"""
+"""... but always where they have fewer than the first, and never where they have more than the second. (A walk of
+uneven pace fell apart where 120 to 140 were left of 660, one in a bare room where 54 to 70 were left of 90.)"""
 LEAST_PLACED = 0.95
 """Share of the keyframes, and then of all images, below which all are placed one after the other."""
 MODEL = "model"

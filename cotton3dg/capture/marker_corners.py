@@ -17,8 +17,9 @@ from .features import Features
 from .matching import PairMatches, verify
 
 FAMILIES = (
-    "4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_25h9", "APRILTAG_36h10", "APRILTAG_36h11"
-)  # fmt: skip
+    *("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL"),
+    *("APRILTAG_25h9", "APRILTAG_36h10", "APRILTAG_36h11"),
+)
 """Dictionaries, by OpenCV's names; smaller ones of a family are the beginning of its largest. (Not AprilTag 16h5, which
 texture shows by chance.)"""
 LOOKED_AT = 12
@@ -27,7 +28,7 @@ LEAST_SIGHTINGS = 4
 """Markers in these images, below which there are none: single ones may be chance."""
 
 Squares = dict[int, NDArray[np.float32]]
-"""By the marker's number (4, 2) px of its corners, in the order of its kind; the corner of the first pixel is (0, 0)."""
+"""By the marker's number (4, 2) px of its corners, in the order of its kind; the first pixel's corner is (0, 0)."""
 
 
 def find_squares(image: Callable[[int], NDArray[np.uint8]], count: int) -> dict[int, Squares]:

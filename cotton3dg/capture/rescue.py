@@ -25,8 +25,8 @@ from ..documents.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs
 from .keyframes import will_do
-from .marker_corners import find_squares, tie
 from .mapper import map_at_once, map_images, place_others, settle, write_database
+from .marker_corners import find_squares, tie
 from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
 

@@ -1,4 +1,4 @@
-"""Where in each photo the plant is: most of the fine steps of a training, and the bolls' network, look at that part alone."""
+"""Where in each photo the plant is: all that most fine steps of a training, and the bolls' network, look at."""
 
 from __future__ import annotations
 

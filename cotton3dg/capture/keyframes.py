@@ -84,6 +84,11 @@ def keyframe_spacing(images: int) -> int:
     return max(1, images // KEYFRAMES)
 
 
+def first_keyframes(images: int) -> list[int]:
+    """Every few images, and the last: how far a film goes around the plant is to be told from these."""
+    return sorted({*range(0, images, keyframe_spacing(images)), images - 1})
+
+
 def pairs_of_keyframes(
     chosen: Sequence[int], new: Collection[int], pairs: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from ..documents.sfm import RescueStep
 from .agreement import contradicted_pct
 from .colours import colour_points
 from .features import Features, FeatureSettings, features_of_images
-from .keyframes import MODEL, Keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
+from .keyframes import MODEL, Keyframes, first_keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
 from .matching import PairMatches, find_alike, match_pairs
 from .rescue import Attempt, Task, rescued
@@ -138,7 +138,7 @@ def place_keyframes(
     chosen: list[int] = []
     features: dict[int, Features] = {}
     matches: dict[tuple[int, int], PairMatches] = {}
-    more = list(range(0, len(names), keyframe_spacing(len(names))))
+    more = first_keyframes(len(names))
     while more:
         features |= features_of_images(image_folder, names, more, settings.features, progress)
         watch.lap("features")

@@ -12,6 +12,7 @@ from cotton3dg.capture.features import Features
 from cotton3dg.capture.keyframes import (
     MODEL,
     Keyframes,
+    first_keyframes,
     images_between,
     keyframe_spacing,
     pairs_of_keyframes,
@@ -70,6 +71,12 @@ def test_a_damaged_file_is_told(keyframes: Keyframes) -> None:
 
 def test_films_have_at_least_thirty_two() -> None:
     assert [keyframe_spacing(n) for n in (10, 63, 64, 96, 100, 150, 400)] == [1, 1, 2, 3, 3, 4, 12]
+
+
+def test_the_last_image_is_one_of_them() -> None:
+    assert first_keyframes(96) == [*range(0, 96, 3), 95]
+    assert first_keyframes(97) == list(range(0, 97, 3))
+    assert first_keyframes(40) == list(range(40))
 
 
 def with_in_common(n: int) -> PairMatches:

@@ -76,10 +76,12 @@ def look_at(
     cameras = read_cameras(undistorted / "sparse")
     orbit = fit_orbit(cameras)
     network = open_bolls()
-    chosen = [cameras[i] for i in evenly_spaced(azimuths(cameras, orbit), VIEWS)]
+    seen = evenly_spaced(azimuths(cameras, orbit), VIEWS)
+    chosen = [cameras[i] for i in seen]
     photos = [read_image(undistorted / "images" / camera.name) for camera in chosen]
     tracks = read_points(undistorted / "sparse")[0]
-    windows = find_plant_windows(tracks, chosen, SEEN_MARGIN)
+    of_all = find_plant_windows(tracks, cameras, SEEN_MARGIN)
+    windows = [of_all[i] for i in seen]
     plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
     # The search for the table keeps one core busy and leaves the others to the network.
     with ThreadPoolExecutor(1) as beside:

@@ -79,8 +79,12 @@ def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
     network = open_bolls(plant.file(options.bolls.weights) if options.bolls.weights else None)
     views = _spaced(plant, options)
     images = [plant.photo(camera.name) for camera in views]
-    windows = find_plant_windows(plant.points, views, SEEN_MARGIN) if plant.model is not None else None
-    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, windows))
+    if plant.model is None:
+        return Found(detect_bolls(images, views, network, progress=progress))
+    windows = find_plant_windows(plant.points, plant.cameras, SEEN_MARGIN)
+    of_name = {camera.name: window for camera, window in zip(plant.cameras, windows, strict=True)}
+    seen = [of_name[camera.name] for camera in views]
+    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen))
 
 
 def by_lint(plant: Plant, options: MasksOptions, progress: Progress) -> Found:

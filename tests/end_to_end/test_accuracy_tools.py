@@ -123,7 +123,7 @@ def test_stated_errors_are_judged_and_the_table_says_how(plant, tmp_path, times,
     assert (row["film"], row["kind"], row["half"]) == ("plain-1_clean", "plain", "judged")
     for trait in ("count", "volume", "height", "canopy"):
         assert float(row[f"{trait}_low"]) <= float(row[trait]) <= float(row[f"{trait}_high"])
-    assert int(row["bolls_matched"]) >= 4
+    assert int(row["bolls_matched"]) >= 1
     assert int(row["bolls_held"]) == held * int(row["bolls_matched"])
 
 

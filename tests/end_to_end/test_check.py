@@ -35,8 +35,8 @@ def checked(filmed, tmp_path_factory):
 
 def test_a_check_places_every_second_frame_and_saves_its_page(checked):
     workspace, info = checked
-    assert info.figures["looked_at"] == 30
-    assert info.figures["placed"] >= 29
+    assert 30 < info.figures["looked_at"] < 40  # every second one, the last, and what lies between unlike ones
+    assert info.figures["placed"] >= 0.95 * info.figures["looked_at"]
     assert info.figures["orbit_coverage_deg"] > 340
     assert CheckInfo.load(workspace.check_json) == info
     page = workspace.check_html.read_text()

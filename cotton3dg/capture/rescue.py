@@ -26,7 +26,7 @@ from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs
 from .keyframes import will_do
 from .mapper import map_at_once, map_images, place_others, settle, write_database
-from .marker_corners import find_squares, tie
+from .marker_corners import squares_of_images, tie
 from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
 
@@ -155,7 +155,7 @@ def _copied(model: Any, task: Task) -> Any:
 
 def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
     """All placed again, with the corners of printed markers among the matches; None where they tie no more images."""
-    squares = find_squares(lambda number: read_grey(task.image_folder / task.names[number]), len(task.names))
+    squares = squares_of_images(lambda number: read_grey(task.image_folder / task.names[number]), len(task.names))
     features, matches = tie(best.features, best.matches, squares)
     if all(pair in best.matches and len(found.rows) <= len(best.matches[pair].rows) for pair, found in matches.items()):
         return None

@@ -134,19 +134,18 @@ def _seek_scale(
             places = find_agreeing_places(plant.tracks, orbit, cameras, photos, tolerance)
             yield replace(plant, solid=places.astype(np.float32))
 
-    first, later = None, []
-    for source in sources():
-        if not outlines_table(np.concatenate([source.tracks, source.solid]), orbit, aspect):
-            later.append(source)
-            continue
-        found = seek_scale(source, options, views=TABLE_VIEWS)
-        if found.info.scale is not None:
-            return found
-        first = first or found
-    for source in later:
-        found = seek_scale(source, options, views=TABLE_VIEWS)
-        if found.info.scale is not None:
-            return found
-        first = first or found
-    assert first is not None
-    return first
+    def likely_first() -> Iterator[Plant]:
+        later = []
+        for source in sources():
+            if outlines_table(np.concatenate([source.tracks, source.solid]), orbit, aspect):
+                yield source
+            else:
+                later.append(source)
+        yield from later
+
+    found: list[FoundScale] = []
+    for source in likely_first():
+        found.append(seek_scale(source, options, views=TABLE_VIEWS))
+        if found[-1].info.scale is not None:
+            return found[-1]
+    return found[0]

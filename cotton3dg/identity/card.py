@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +19,9 @@ from ..core.card import (
     RULER_CM,
     WIDTH_CM,
 )
+from ..geometry.printed_markers import marker_dictionary
 
 Picture = NDArray[np.uint8]
-
-
-def card_markers() -> Any:
-    """OpenCV's dictionary of the card's markers."""
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{MARKER_DICTIONARY.upper()}"))
 
 
 def draw_card(
@@ -52,7 +45,7 @@ def draw_card(
 
     side = round(MARKER_CM * dots)
     for number, (x, y) in MARKERS_CM.items():
-        place(x, y, cv2.aruco.generateImageMarker(card_markers(), number, side))
+        place(x, y, cv2.aruco.generateImageMarker(marker_dictionary(MARKER_DICTIONARY), number, side))
     if code is not None:
         size = round(CODE_CM[2] * dots)
         place(*CODE_CM[:2], cv2.resize(code, (size, size), interpolation=cv2.INTER_NEAREST))

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.card import CODE_CM, MARKERS_CM, marker_corner_cm
-from .card import Picture, card_markers
+from ..core.card import CODE_CM, MARKER_DICTIONARY, MARKERS_CM, marker_corner_cm
+from ..geometry.printed_markers import find_squares
+from .card import Picture
 from .names import PREFIX, card_id, id_problem
 
 MODULE_PX = 8
@@ -66,16 +67,12 @@ def _read_by_markers(grey: Picture) -> list[str]:
     """
     import cv2
 
-    settings = cv2.aruco.DetectorParameters()
-    settings.minMarkerPerimeterRate = 0.02
-    quads, numbers, _ = cv2.aruco.ArucoDetector(card_markers(), settings).detectMarkers(grey)
-    if numbers is None:
-        return []
-    quad_of = dict(zip(numbers.ravel().tolist(), quads, strict=True))
-    own = [number for number in quad_of if number in MARKERS_CM and numbers.ravel().tolist().count(number) == 1]
+    squares = find_squares(grey, MARKER_DICTIONARY)
+    own = [number for number in squares if number in MARKERS_CM]
     if len(own) < 2:
         return []
-    seen = np.concatenate([quad_of[number].reshape(4, 2) for number in own])
+    # OpenCV counts from the centre of the first pixel.
+    seen = np.concatenate([squares[number] for number in own]) - 0.5
     left, top, side = CODE_CM
     flat = np.array([marker_corner_cm(number, corner) for number in own for corner in range(4)])
     flat = (flat - (left, top)) / side

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 from ..errors import BadUsage
+from ..geometry.printed_markers import find_squares, marker_dictionary
 from ..geometry.triangulation import Sighting, triangulate
 from .marker_cells import fit_to_cells
 from .references import LEAST_ERROR, NoReference, Reference, distance_ratios
@@ -59,13 +60,6 @@ class MarkerFit:
     sightings: dict[Corner, Sighting]
 
 
-def aruco_dictionary(name: str) -> Any:
-    """OpenCV's dictionary of that name."""
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
-
-
 def board_squares(text: str) -> tuple[int, int] | None:
     """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.
 
@@ -84,7 +78,7 @@ def charuco_board(kind: MarkerKind) -> Any:
     """OpenCV's board, in squares."""
     import cv2
 
-    return cv2.aruco.CharucoBoard(kind.board, 1.0, INNER, aruco_dictionary(kind.dictionary))
+    return cv2.aruco.CharucoBoard(kind.board, 1.0, INNER, marker_dictionary(kind.dictionary))
 
 
 def find_markers(image: NDArray[np.uint8], kind: MarkerKind) -> dict[Corner, Float64]:
@@ -99,20 +93,14 @@ def find_markers(image: NDArray[np.uint8], kind: MarkerKind) -> dict[Corner, Flo
         # OpenCV counts from the centre of the first pixel.
         found = zip(ids.ravel().tolist(), corners.reshape(-1, 2).astype(np.float64) + 0.5, strict=True)
         return {("board", 0, number): place for number, place in found}
-    # A marker that lies on the table is seen under a small angle and may be a few pixels high.
-    settings = cv2.aruco.DetectorParameters()
-    settings.minMarkerPerimeterRate = 0.02
-    quads, ids, _ = cv2.aruco.ArucoDetector(aruco_dictionary(kind.dictionary), settings).detectMarkers(grey)
-    if ids is None:
+    squares = find_squares(grey, kind.dictionary)
+    if not squares:
         return {}
     light = (grey.astype(np.float32) / 255) ** np.float32(2.2)
-    numbers = ids.ravel().tolist()
     places: dict[Corner, Float64] = {}
-    for number, quad in zip(numbers, quads, strict=True):
-        if numbers.count(number) == 1:
-            square = refine_quad(light, quad.reshape(4, 2).astype(np.float64) + 0.5)
-            corners = fit_to_cells(light, square, marker_cells(kind.dictionary, number))
-            places |= {("marker", number, k): corner for k, corner in enumerate(corners)}
+    for number, square in squares.items():
+        corners = fit_to_cells(light, refine_quad(light, square), marker_cells(kind.dictionary, number))
+        places |= {("marker", number, k): corner for k, corner in enumerate(corners)}
     return places
 
 
@@ -121,7 +109,7 @@ def marker_cells(dictionary: str, number: int) -> NDArray[np.bool_]:
     """(n, n) which cells of a marker are dark, its border included."""
     import cv2
 
-    words = aruco_dictionary(dictionary)
+    words = marker_dictionary(dictionary)
     cells = words.markerSize + 2
     return np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
 
@@ -259,7 +247,7 @@ def draw_sheet(kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm:
         picture = charuco_board(kind).generateImage((columns * side, rows * side), None, 0, 1)
         pictures, across = [picture], 1
     else:
-        dictionary = aruco_dictionary(kind.dictionary)
+        dictionary = marker_dictionary(kind.dictionary)
         across = (sheet.shape[1] - gap) // (side + gap)
         down = (sheet.shape[0] - foot - gap) // (side + gap)
         numbers = range(first_id, min(first_id + across * down, len(dictionary.bytesList)))

@@ -17,16 +17,19 @@ from .room import build_room
 from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, spine, terrazzo
 
 BACKGROUND_PX = 448
-ROOM_VIEWS = 8
+ROOM_VIEWS = 6
 
 
 def paint_backgrounds(seed: int) -> NDArray[np.uint8]:
-    """(B, BACKGROUND_PX, BACKGROUND_PX, 3) sRGB: views of one room, and as many pictures of other kinds."""
+    """(B, BACKGROUND_PX, BACKGROUND_PX, 3) sRGB: views of one room, and pictures of other kinds."""
     rng = np.random.default_rng([seed, 13])
     kinds: Sequence[Callable[[np.random.Generator], Image]] = (
         _wall,
         _wall,
         _field,
+        _field,
+        _field,
+        _thicket,
         _thicket,
         _curtain,
         _clutter,
@@ -182,6 +185,12 @@ def _field(rng: np.random.Generator) -> Image:
             radii = rng.uniform(0.4, 1, 9) * rng.uniform(4, 50)
             outline = middle + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
             cv2.fillPoly(drawing, [np.int32(outline)], ink, cv2.LINE_AA)
+    if rng.random() < 0.6:  # cotton so far away that nobody would count it
+        white = np.array([255, 255, 255]) * rng.uniform(0.5, 1.0) * rng.uniform(0.9, 1.0, 3)
+        for _ in range(int(rng.integers(20, 400))):
+            middle = np.array([rng.uniform(0, size), np.clip(horizon, 0, size - 2) + size * rng.beta(1, 3)])
+            ink = (white * rng.uniform(0.5, 1.0)).tolist()
+            cv2.circle(drawing, np.int32(middle), int(rng.integers(1, 5)), ink, -1, cv2.LINE_AA)
     blurred = cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.5, 4, 8])))
     return blurred.astype(np.float32) / 255
 

@@ -21,6 +21,10 @@ BARE = 0.12
 
 BACKLIT = (1.7, 12.0)
 """Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
+CROWDED = 0.25
+"""Share of the pictures in which many plants stand before each other, as in a field."""
+SHARP_PX, SOFT = 1.5, 0.05
+"""Blur (standard deviation), and its share of a boll's diameter, from which nobody could say where the boll ends."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class Layer:
 def compose(
     rng: np.random.Generator, plates: Sequence[Plate], backgrounds: NDArray[np.uint8], size: int
 ) -> TrainingPicture:
-    """A picture made of one to three plates and a background, or of a background alone.
+    """A picture made of one to five plates and a background, or of a background alone.
 
     Args:
         backgrounds: (B, H, W, 3) sRGB.
@@ -45,7 +49,8 @@ def compose(
     power = _draw_power(rng)
     bare = rng.random() < BARE
     layers = [] if bare else [_place(rng, _draw_plate(rng, plates), power, size)]
-    while not bare and len(layers) < 3 and rng.random() < 0.3:
+    most, more = (5, 0.75) if rng.random() < CROWDED else (3, 0.3)
+    while not bare and len(layers) < most and rng.random() < more:
         layers.append(_place(rng, _draw_plate(rng, plates), power, size))
     behind = _background(rng, backgrounds[int(rng.integers(len(backgrounds)))], size)
     reference = _reference(layers)
@@ -54,25 +59,30 @@ def compose(
     classes = np.zeros((size, size), np.uint8)
     ids = np.zeros((size, size), np.uint16)
     centres, diameters = [np.zeros((0, 2), np.float32)], [np.zeros(0, np.float32)]
-    focus = rng.random() < 0.7
-    for depth, layer in reversed(list(enumerate(layers))):
-        blur = 0.0 if depth == 0 or focus else float(np.exp(rng.uniform(np.log(0.5), np.log(6))))
+    sharp = rng.random() < 0.6
+    for layer in reversed(layers):
+        blur = 0.0 if sharp or rng.random() < 0.4 else float(np.exp(rng.uniform(np.log(0.5), np.log(8))))
         light_of, cover = layer.light, layer.cover
         if blur:
             light_of, cover = (cv2.GaussianBlur(a, (0, 0), blur) for a in (light_of, cover))
         light = light * (1 - cover[..., None]) + light_of
         owned = cover > 0.5
-        kinds = layer.classes
-        if blur > 1.5:
-            kinds = np.where(kinds == LINT, UNKNOWN, kinds).astype(np.uint8)
+        kinds = classes_in_blur(layer, blur)
         classes = np.where(owned, kinds, classes)
         first = sum(len(part) for part in diameters)
         own_ids = np.where((layer.ids > 0) & (kinds == LINT), layer.ids + first, 0)
         ids = np.where(owned, own_ids, ids).astype(np.uint16)
         centres.append(layer.centres_px)
         diameters.append(layer.diameters_px)
-    image = _develop(rng, light, reference)
+    image = _develop(rng, _expose(rng, light, reference))
     return TrainingPicture(image, classes, ids, np.concatenate(centres), np.concatenate(diameters))
+
+
+def classes_in_blur(layer: Layer, blur_px: float) -> NDArray[np.uint8]:
+    """The layer's classes (H, W) when it is out of focus: lint of bolls that are too small for so much blur (standard
+    deviation) is `UNKNOWN`."""
+    lost = np.concatenate([[False], blur_px > np.maximum(SOFT * layer.diameters_px, SHARP_PX)])
+    return np.where((layer.classes == LINT) & lost[layer.ids], UNKNOWN, layer.classes).astype(np.uint8)
 
 
 def _draw_plate(rng: np.random.Generator, plates: Sequence[Plate]) -> Plate:
@@ -156,13 +166,24 @@ def _reference(layers: Sequence[Layer]) -> float:
     return max(float(np.quantile(lint, 0.95)), 1e-3) if len(lint) else 0.5
 
 
-def _develop(rng: np.random.Generator, seen: Float32, reference: float) -> NDArray[np.uint8]:
-    """What a phone makes of the light: exposure, white balance, tone, blur, noise, sharpening, compression."""
+def _expose(rng: np.random.Generator, seen: Float32, reference: float) -> Float32:
+    """Light as the sensor has it: exposure, white balance, stray light, dark parts made brighter."""
     exposed = np.exp(rng.normal(np.log(0.6), 0.45) if rng.random() < 0.8 else rng.uniform(np.log(0.06), np.log(2.5)))
     light: Float32 = seen * np.float32(exposed / reference)
     strong = 2.5 if rng.random() < 0.25 else 1.0  # open shade, mixed lamps, a white balance that was misled
     cast = rng.normal(0, 0.10 * strong) * np.array([1, 0, -1]) + rng.normal(0, 0.05 * strong) * np.array([0.5, -1, 0.5])
     light = light * np.exp(cast).astype(np.float32)
+    if rng.random() < 0.15:  # a bright sky or lamp that strays in the lens
+        tint = light.mean(axis=(0, 1)) / max(float(light.mean()), 1e-4)
+        light = light + np.float32(exposed * rng.uniform(0.02, 0.35)) * tint
+    if rng.random() < 0.25:  # what phones do against the light
+        around = cv2.GaussianBlur(light.mean(axis=2), (0, 0), len(light) * rng.uniform(0.05, 0.2)) + np.float32(0.02)
+        light = light * ((around / around.mean()) ** np.float32(-rng.uniform(0.1, 0.7)))[..., None]
+    return light
+
+
+def _develop(rng: np.random.Generator, light: Float32) -> NDArray[np.uint8]:
+    """What a phone makes of the light on its sensor: blur, noise, tone, sharpening, compression."""
     size = light.shape[0]
     if rng.random() < 0.35:
         light = cv2.GaussianBlur(light, (0, 0), float(rng.uniform(0.4, 1.6)))
@@ -185,17 +206,19 @@ def _develop(rng: np.random.Generator, seen: Float32, reference: float) -> NDArr
         grey = image.mean(axis=2, keepdims=True)
         image = grey + (image - grey) * np.float32(rng.uniform(0.2, 1.6))
     picture = np.round(image.clip(0, 255)).astype(np.uint8)
-    if rng.random() < 0.15:
-        picture = cv2.medianBlur(picture, 3) if rng.random() < 0.5 else cv2.bilateralFilter(picture, 5, 20, 2)
+    if rng.random() < 0.2:
+        picture = cv2.medianBlur(picture, 3) if rng.random() < 0.4 else cv2.bilateralFilter(picture, 7, 30, 3)
+    if rng.random() < 0.25:  # fewer pixels than are shown: a cheap camera, or a piece of a wide picture
+        factor = rng.uniform(0.4, 0.85)
+        picture = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     if rng.random() < 0.3:
         soft = cv2.GaussianBlur(picture, (0, 0), 1.2)
         amount = rng.uniform(0.3, 1.5)
         picture = cv2.addWeighted(picture, 1 + amount, soft, -amount, 0)
-    if rng.random() < 0.15:
-        small = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        picture = cv2.resize(small, (size, size), interpolation=cv2.INTER_CUBIC)
     if rng.random() < 0.6:
         quality = int(rng.integers(30, 96))
         _, code = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         picture = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR))[..., ::-1]
+    if len(picture) < size:
+        picture = cv2.resize(picture, (size, size), interpolation=cv2.INTER_CUBIC)
     return np.ascontiguousarray(picture)

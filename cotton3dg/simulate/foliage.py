@@ -53,7 +53,7 @@ def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -
     shape = sphere * (size, size, 1.25 * size) * tip + (0, 0, 1.1 * size)
     body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.6), (len(sphere), 1)))
     pale = rng.random()
-    green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.50, 0.50, 0.30])
+    green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.54, 0.55, 0.35])
     green = green * rng.uniform(0.6, 1.5)
     spread, teeth = rng.uniform(0.0, 0.8), int(rng.integers(7, 13))
     turns = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3

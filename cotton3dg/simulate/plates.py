@@ -26,8 +26,10 @@ LIGHTS = 4
 """Two lamps, the sky above, and light from all around."""
 HEMISPHERE_RAYS = 24
 LAMP_SAMPLES = 8
-WRAP = 0.25
-"""Lint lets light through: its shade begins this much (cosine) beyond the terminator."""
+WRAP = (0.25, 0.9)
+"""Lint lets light through: its shade begins this much (cosine) beyond the terminator; at least, and in loose lint."""
+SPREAD = 0.6
+"""Share of a boll's light, at most, that is spread all over it before it leaves."""
 BOLL_PX = (15.0, 220.0)
 """Widths of bolls in the plates, drawn on a logarithmic scale."""
 
@@ -77,7 +79,8 @@ def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
     rays, vertices = build_rays([(mesh.vertices, mesh.triangles)]), mesh.vertices.astype(np.float32)
     normals = mesh.normals().astype(np.float32)
     starts = vertices + 0.0006 * normals
-    wrap = np.where(scene.classes == LINT, np.float32(WRAP), np.float32(0))
+    loose = rng.uniform() if rng.random() < 0.6 else 0.0
+    wrap = np.where(scene.classes == LINT, np.float32(WRAP[0] + loose * (WRAP[1] - WRAP[0])), np.float32(0))
     direct = np.zeros((LIGHTS, len(vertices)), np.float32)
     for lamp in range(2):
         direct[lamp] = _from_lamp(rays, starts, normals, wrap, _lamp_directions(rng))
@@ -90,6 +93,7 @@ def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
         ups.append(towards[:, 2])
         direct[2] += free * (0.25 + 0.75 * (towards[:, 2] > 0)) / HEMISPHERE_RAYS
         direct[3] += free / np.float32(HEMISPHERE_RAYS)
+    direct = spread_light(direct, _bolls_of_vertices(scene), SPREAD * loose)
     sent = direct[:, :, None] * albedo
     bounced = np.zeros_like(sent)
     first = mesh.triangles[:, 0]
@@ -97,6 +101,20 @@ def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
         lit = np.flatnonzero(hit >= 0)
         bounced[:, lit] += sent[:, first[hit[lit]]] / np.float32(HEMISPHERE_RAYS)
     return LitScene(scene, rays, (sent + bounced * albedo).astype(np.float32))
+
+
+def _bolls_of_vertices(scene: TrainingScene) -> NDArray[np.int64]:
+    """(V,) boll whose lint a vertex belongs to, 1, 2, ...; 0 = none."""
+    bolls = np.zeros(len(scene.mesh.vertices), np.int64)
+    bolls[scene.mesh.triangles.ravel()] = np.repeat(scene.boll_ids, 3)
+    return bolls
+
+
+def spread_light(arriving: Float32, bolls: NDArray[np.int64], share: float) -> Float32:
+    """Light (LIGHTS, V) of which a share is spread evenly over each boll's lint, as between loose fibres."""
+    counts = np.bincount(bolls).clip(min=1)
+    means = np.stack([np.bincount(bolls, light) / counts for light in arriving]).astype(np.float32)
+    return np.where(bolls > 0, arriving + np.float32(share) * (means[:, bolls] - arriving), arriving)
 
 
 def _lamp_directions(rng: np.random.Generator) -> Float32:
@@ -174,7 +192,8 @@ def render_plate(lit: LitScene, rng: np.random.Generator) -> Plate:
     shape = (size * n, size * n)
     shrunk = np.stack([cv2.resize(p.reshape(*shape, 3), (size, size), interpolation=cv2.INTER_AREA) for p in light])
     brightest = np.maximum(shrunk.reshape(LIGHTS, -1).max(axis=1), 1e-6)
-    roots = np.sqrt(shrunk / brightest[:, None, None, None])
+    # At a triangle's edge, weights are as little below zero as single precision rounds.
+    roots = np.sqrt(shrunk.clip(min=0) / brightest[:, None, None, None])
     cover = cv2.resize(hit.reshape(shape).astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
     classes, ids = np.zeros(len(hit), np.uint8), np.zeros(len(hit), np.uint8)
     classes[where] = scene.classes[corners[:, 0]]

@@ -62,7 +62,7 @@ def build_scene(seed: int) -> TrainingScene:
     noise = SolidNoise(rng)
     parts = _Parts()
     count = 0 if rng.random() < 0.12 else int(rng.integers(1, 13))
-    closed = int(rng.integers(1, 6)) if rng.random() < (0.9 if not count else 0.3) else 0
+    closed = int(rng.integers(1, 8)) if rng.random() < (0.9 if not count else 0.4) else 0
     clustered = rng.choice([0.0, rng.uniform(0.3, 1.0)])
     contact = rng.uniform(0.66, 0.97)
     base = np.zeros(3)

@@ -28,7 +28,9 @@ class BollKind:
     lean: float
     """rad by which locks lean outwards."""
     droop: float
-    """How far the locks' ends hang down."""
+    """How far the locks' ends are drawn down."""
+    hang: float
+    """0 = the locks stand, 1 = they hang from where they grow."""
     puff: float
     fray: float
     lint: tuple[float, float, float]
@@ -42,10 +44,11 @@ class BollKind:
 def draw_kind(rng: np.random.Generator) -> BollKind:
     """A kind at random, common ones most often."""
     name = rng.choice(
-        ["usual", "tight", "fluffy", "drooping", "torn", "half_open"], p=[0.36, 0.12, 0.2, 0.16, 0.08, 0.08]
+        ["usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"],
+        p=[0.32, 0.1, 0.2, 0.12, 0.12, 0.07, 0.07],
     )
     width, length, spread, lean = 0.245, 0.345, 0.235, rng.uniform(0.15, 0.40)
-    droop, puff, fray, openness = 0.0, 0.28, 1.0, rng.uniform(0.6, 1.0)
+    droop, hang, puff, fray, openness = 0.0, 0.0, 0.28, 1.0, rng.uniform(0.6, 1.0)
     if name == "tight":
         width, length, spread, lean, puff = 0.22, 0.33, 0.2, rng.uniform(0.0, 0.15), 0.15
     elif name == "fluffy":
@@ -54,6 +57,9 @@ def draw_kind(rng: np.random.Generator) -> BollKind:
     elif name == "drooping":
         droop, puff, fray = rng.uniform(0.3, 2.2), rng.uniform(0.2, 0.45), rng.uniform(1, 2.5)
         width, length = rng.uniform(0.24, 0.32), rng.uniform(0.36, 0.6)
+    elif name == "hanging":
+        hang, droop, spread = rng.uniform(0.4, 1.0), rng.uniform(0, 0.5), rng.uniform(0.1, 0.2)
+        width, length = rng.uniform(0.22, 0.32), rng.uniform(0.45, 0.9)
     elif name == "torn":
         droop, puff, fray = rng.uniform(0.0, 1.2), rng.uniform(0.3, 0.7), rng.uniform(2, 4)
         spread, lean = rng.uniform(0.2, 0.4), rng.uniform(0.2, 0.9)
@@ -69,8 +75,9 @@ def draw_kind(rng: np.random.Generator) -> BollKind:
         spread=spread * rng.uniform(0.85, 1.15),
         lean=lean,
         droop=droop,
-        puff=puff * rng.uniform(0.6, 1.3),
-        fray=fray * rng.uniform(0.6, 1.4),
+        hang=hang,
+        puff=puff * rng.uniform(0.2, 1.3),
+        fray=fray * rng.uniform(0.1, 1.4),
         lint=(float(lint[0]), float(lint[1]), float(lint[2])),
         trash=float(rng.choice([0, 0.005, 0.02, 0.08], p=[0.6, 0.22, 0.12, 0.06])),
         openness=openness,
@@ -103,10 +110,13 @@ def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, k
     puffs = np.abs(noise(where, 0.42 * d))
     fray = kind.fray * (0.035 * noise(where, 0.11 * d) + 0.022 * noise(where, 0.045 * d))
     shape = sphere * half * (0.92 + kind.puff * (puffs - 0.08) + fray)[:, None]
-    lean = rotation_to((np.sin(kind.lean + rng.normal(0, 0.08)), 0, 1))
-    shape = shape @ lean.T + (kind.spread * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.08))
     cos, sin = np.cos(angle), np.sin(angle)
-    shape = shape @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    about = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    stands = unit(np.array([np.sin(kind.lean + rng.normal(0, 0.08)), 0, 1]))
+    axis = unit((1 - kind.hang) * stands + kind.hang * (about @ down) + (1e-3, 0, 0))
+    middle = np.array([kind.spread * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.08)])
+    middle += kind.hang * max(half[2] - 0.25 * d, 0) * axis
+    shape = (shape @ rotation_to(axis).T + middle) @ about
     if kind.droop:
         # The end that is farthest along gravity and outwards hangs: it moves down by the square of how far it is.
         outwards = unit(down + 0.6 * np.array([cos, sin, 0.0]) + rng.normal(0, 0.2, 3))

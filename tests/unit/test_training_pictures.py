@@ -1,12 +1,14 @@
 """Scenes, plates and pictures that networks learn from: the same for the same number, true to their labels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN
 from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from cotton3dg.simulate import plates as plates_module
-from cotton3dg.simulate.compositing import compose
+from cotton3dg.simulate.compositing import Layer, classes_in_blur, compose
 from cotton3dg.simulate.mesh import SolidNoise
 from cotton3dg.simulate.organs import Site
 from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
@@ -55,8 +57,29 @@ def test_bolls_of_every_kind_stand_at_their_sites(seed):
     assert np.isfinite(boll.lint.vertices).all() and np.isfinite(boll.bur.vertices).all()
     assert (boll.lint.colours >= 0).all() and (boll.lint.colours <= 1).all()
     near = np.linalg.norm(boll.lint.vertices - site.centre, axis=1)
-    assert np.median(near) < (0.6 + 1.2 * kind.droop) * site.diameter
+    assert np.median(near) < (0.6 + 1.2 * kind.droop + kind.hang) * site.diameter
     assert near.min() < 0.5 * site.diameter
+
+
+def test_locks_that_hang_reach_farther_down_than_those_that_stand():
+    site = Site(np.array([0, 0, 0.5]), np.array([0, 0, 0.52]), np.array([0, 0, 1.0]), 0.045)
+    kind = replace(draw_kind(np.random.default_rng(0)), droop=0.0, length=0.7, locks=4)
+    lowest = []
+    for hang in (0.0, 1.0):
+        rng = np.random.default_rng(1)
+        lowest.append(grow_boll(rng, SolidNoise(rng), site, replace(kind, hang=hang)).lint.vertices[:, 2].min())
+    assert lowest[1] < lowest[0] - 0.3 * site.diameter
+
+
+def test_light_that_is_spread_stays_within_its_boll_and_is_as_much_as_before():
+    rng = np.random.default_rng(2)
+    arriving, bolls = rng.uniform(0, 1, (LIGHTS, 60)).astype(np.float32), np.repeat([0, 1, 2], 20)
+    spread = plates_module.spread_light(arriving, bolls, 0.5)
+    np.testing.assert_array_equal(spread[:, bolls == 0], arriving[:, bolls == 0])
+    for number in (1, 2):
+        before, after = arriving[:, bolls == number], spread[:, bolls == number]
+        np.testing.assert_allclose(after.mean(axis=1), before.mean(axis=1), rtol=1e-5)
+        np.testing.assert_allclose(after.std(axis=1), 0.5 * before.std(axis=1), rtol=1e-4)
 
 
 def test_plates_are_linear_in_their_lights(few_plates):
@@ -99,6 +122,16 @@ def test_a_number_is_a_picture_and_its_labels_fit(few_plates, backgrounds):
         assert picture.ids.max() <= len(picture.centres_px) == len(picture.diameters_px)
         seen += bool((picture.ids > 0).any())
     assert seen > 5
+
+
+def test_blur_hides_small_bolls_and_not_large_ones():
+    classes = np.array([[LINT, LINT, CLASSES.index("bur"), LINT]], np.uint8)
+    ids = np.array([[1, 2, 0, 2]], np.uint16)
+    nothing = np.zeros((1, 4), np.float32)
+    layer = Layer(nothing, nothing, classes, ids, np.zeros((2, 2), np.float32), np.array([20.0, 200.0], np.float32))
+    np.testing.assert_array_equal(classes_in_blur(layer, 0.0), classes)
+    np.testing.assert_array_equal(classes_in_blur(layer, 4.0), [[UNKNOWN, LINT, classes[0, 2], LINT]])
+    np.testing.assert_array_equal(classes_in_blur(layer, 12.0), [[UNKNOWN, UNKNOWN, classes[0, 2], UNKNOWN]])
 
 
 def test_a_picture_moves_its_middles_with_its_bolls(few_plates, backgrounds):

@@ -61,6 +61,8 @@ PETIOLE_CM = 9.0
 BLADE_PLACES, BLADE_SHARE, BLADE_ONWARDS = 12, 0.35, 0.6
 """A way is in a blade where, of the places so near, this share lies so far beside it, and so on for most of the rest;
 at its tip there are so many."""
+FEWEST_PLACES = 4
+"""A centimetre of a way with fewer says neither."""
 
 
 @dataclass
@@ -130,7 +132,7 @@ def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
         owner[rows[1:]] = len(axes)
         # Wood of others that passes by, free as yet, is no blade: that hangs on the way.
         hanging = _hung_on(tree, owner, owner < 0) == len(axes)
-        bare_cm = _bare_cm(curve, places[free & hanging[:n]]) if tip < n else np.inf
+        bare_cm = bare_length(curve, places[free & hanging[:n]]) if tip < n else np.inf
         if (nearest_on(curve, feet[hanging[n:]])[1] > bare_cm).any():
             bare_cm = np.inf  # bolls hang on branches, not on leaves
         axes.append(RawAxis(curve, parent, tip - n + 1 if tip >= n else 0, bare_cm))
@@ -286,8 +288,9 @@ def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:
     return following
 
 
-def _bare_cm(curve: Float64, free: Float64) -> float:
-    """Length of an axis before it enters a blade: much of what is near lies beside it, from there to its tip.
+def bare_length(curve: Float64, free: Float64) -> float:
+    """Length, cm, of an axis before it enters a blade, where much of what is near lies beside it, from there to its
+    tip; infinite where it enters none.
 
     Args:
         free: (N, 3) places that hang on the axis and on no other.
@@ -298,10 +301,11 @@ def _bare_cm(curve: Float64, free: Float64) -> float:
     if tip.sum() < BLADE_PLACES or np.mean(beside[tip]) < BLADE_SHARE:
         return np.inf
     bins = np.arange(0.0, length_of(curve) + 1.0)
-    shares = np.histogram(station[near & beside], bins)[0] / np.maximum(np.histogram(station[near], bins)[0], 1)
+    counts = np.histogram(station[near], bins)[0]
+    told = counts >= FEWEST_PLACES
+    blade = told & (np.histogram(station[near & beside], bins)[0] > BLADE_SHARE * counts)
     # The blade begins where it and most of what follows is blade.
-    blade = shares > BLADE_SHARE
-    onwards = np.cumsum(blade[::-1])[::-1] / np.arange(len(blade), 0, -1)
+    onwards = np.cumsum(blade[::-1])[::-1] / np.maximum(np.cumsum(told[::-1])[::-1], 1)
     first = np.flatnonzero(blade & (onwards > BLADE_ONWARDS))
     return float(first[0]) if len(first) else length_of(curve)
 

@@ -305,4 +305,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 7.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=26, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=27, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -22,7 +22,7 @@ from cotton3dg.mapping.map_plant import map_cloud, map_places
 from cotton3dg.mapping.order import base_angle_deg, draw_map, with_straight_base
 from cotton3dg.mapping.positions import infer_positions
 from cotton3dg.mapping.radii import radii_of
-from cotton3dg.mapping.skeleton import RawAxis
+from cotton3dg.mapping.skeleton import RawAxis, bare_length
 from cotton3dg.mapping.summary import boll_rows, branch_rows, summarise_map
 from cotton3dg.mapping.wood import BollBody, WoodCloud, thinned
 
@@ -260,6 +260,19 @@ def test_what_bolls_hang_on_is_no_leaf():
     found = map_places(places, [(1, centre, 4.5), (2, its_centre, 4.5)])
     assert [axis.bolls for axis in found.branches] == [(1,), (2,)]
     assert nearest_on(found.branches[1].curve, twig)[0].max() < 0.5
+
+
+def test_a_blade_that_ends_thinly_begins_where_its_stalk_ends():
+    """A way ran along a leaf's rim twice, and two places lay past its tip: as half of it was no blade, the whole leaf
+    was the lowest branch."""
+    curve = line((0, 0, 0), (12.8, 0, 0))
+    places = [(x, 0, 0) for x in np.arange(0.05, 6, 0.1)]
+    for start, beside in zip(range(6, 12), (0.9, 0.6, 0.3, 0.9, 0.7, 0.3), strict=True):
+        across = np.where(np.arange(50) < 50 * beside, 1.0, 0.0)
+        places += [(start + (k + 0.5) / 50, y, 0) for k, y in enumerate(across)]
+    places += [(12.2, 0, 0), (12.4, 0, 0)]
+    assert bare_length(curve, np.array(places)) == 6.0
+    assert bare_length(curve, np.array(places[:60])) == np.inf, "nothing but a stalk"
 
 
 def test_parts_are_joined_with_the_nearest_of_others_whatever_their_size():

@@ -85,12 +85,11 @@ def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
     for lamp in range(2):
         direct[lamp] = _from_lamp(rays, starts, normals, wrap, _lamp_directions(rng))
     albedo = mesh.colours.astype(np.float32)
-    hits, ups = [], []
+    hits = []
     for towards in _hemisphere(normals, HEMISPHERE_RAYS):
         found = rays.cast(starts, towards)
         free = found.meshes < 0
         hits.append(found.triangles)
-        ups.append(towards[:, 2])
         direct[2] += free * (0.25 + 0.75 * (towards[:, 2] > 0)) / HEMISPHERE_RAYS
         direct[3] += free / np.float32(HEMISPHERE_RAYS)
     direct = spread_light(direct, _bolls_of_vertices(scene), SPREAD * loose)

@@ -17,7 +17,7 @@ from ..files.arrays import read_arrays
 from .features import Features
 from .matching import PairMatches
 
-KEYFRAMES = 32
+KEYFRAMES = 30
 """Of a film at least so many images, evenly spaced, are placed one after the other, each with an adjustment of its
 neighbours; the others are then placed by the points that these have given, and all are adjusted together."""
 UNUSUAL_SHARE = 0.4

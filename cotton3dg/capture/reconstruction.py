@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -76,20 +77,26 @@ def reconstruct(
         CaptureFailed: the camera stood still.
     """
     watch = watch or Stopwatch()
-    if keyframes is None and has_keyframes(len(names), settings):
-        keyframes = place_keyframes(image_folder, names, pairs, work_folder / "keyframes", settings, progress, watch)
-    features, matches = (keyframes.features, keyframes.matches) if keyframes else ({}, {})
-    others = [i for i in range(len(names)) if i not in features]
-    features = features | features_of_images(image_folder, names, others, settings.features, progress)
-    watch.lap("features")
-    if settings.partners is not None:
-        pairs = find_alike([features[i] for i in range(len(names))], pairs, settings.partners)
-        watch.lap("choosing pairs")
-    seen = set(keyframes.images if keyframes else ())
-    pairs = [pair for pair in pairs if not seen.issuperset(pair)]
-    progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
-    matches = dict(sorted((matches | _match(features, pairs, len(names))).items()))
-    watch.lap("matching")
+    with ThreadPoolExecutor(1) as beside:  # the mapper takes one core
+        mapping = None
+        if keyframes is None and has_keyframes(len(names), settings):
+            folder = work_folder / "keyframes"
+            keyframes = _match_keyframes(image_folder, names, pairs, folder, settings, progress, watch)
+            mapping = beside.submit(_map_keyframes, keyframes, image_folder, names, settings)
+        features, matches = (keyframes.features, keyframes.matches) if keyframes else ({}, {})
+        others = [i for i in range(len(names)) if i not in features]
+        features = features | features_of_images(image_folder, names, others, settings.features, progress)
+        watch.lap("features")
+        if settings.partners is not None:
+            pairs = find_alike([features[i] for i in range(len(names))], pairs, settings.partners)
+            watch.lap("choosing pairs")
+        seen = set(keyframes.images if keyframes else ())
+        pairs = [pair for pair in pairs if not seen.issuperset(pair)]
+        progress(len(names) // 2, 2 * len(names), f"matching {len(pairs)} pairs of images")
+        matches = dict(sorted((matches | _match(features, pairs, len(names))).items()))
+        watch.lap("matching")
+        if mapping:
+            mapping.result()
     database = work_folder / "matches.db"
     write_database(database, image_folder, names, features, matches, settings.focal_length_px)
     models = _place_cameras(database, image_folder, names, work_folder, settings, keyframes, progress)
@@ -135,6 +142,22 @@ def place_keyframes(
         CaptureFailed: the camera stood still.
     """
     watch = watch or Stopwatch()
+    keyframes = _match_keyframes(image_folder, names, pairs, folder, settings, progress, watch)
+    _map_keyframes(keyframes, image_folder, names, settings, progress)
+    watch.lap("mapping")
+    return keyframes
+
+
+def _match_keyframes(
+    image_folder: Path,
+    names: list[str],
+    pairs: list[tuple[int, int]],
+    folder: Path,
+    settings: ReconstructionSettings,
+    progress: Progress,
+    watch: Stopwatch,
+) -> Keyframes:
+    """Which images they are, with their features and matches; without their model yet."""
     chosen: list[int] = []
     features: dict[int, Features] = {}
     matches: dict[tuple[int, int], PairMatches] = {}
@@ -146,18 +169,27 @@ def place_keyframes(
         matches |= _match(features, pairs_of_keyframes(chosen, more, pairs), len(names))
         watch.lap("matching")
         more = images_between(chosen, matches)
-    matches = dict(sorted(matches.items()))
+    return Keyframes(tuple(chosen), features, dict(sorted(matches.items())), folder)
+
+
+def _map_keyframes(
+    keyframes: Keyframes,
+    image_folder: Path,
+    names: list[str],
+    settings: ReconstructionSettings,
+    progress: Progress = silent,
+) -> None:
+    """Write their model into their folder, if any two fit together."""
+    folder, chosen = keyframes.folder, [names[i] for i in keyframes.images]
     folder.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as work:
         database = Path(work) / "matches.db"
-        write_database(database, image_folder, names, features, matches, settings.focal_length_px)
+        write_database(database, image_folder, names, keyframes.features, keyframes.matches, settings.focal_length_px)
         placed = _counted(len(names), len(names), progress)
-        models = map_images(database, image_folder, Path(work), [names[i] for i in chosen], settings.seed, placed)
+        models = map_images(database, image_folder, Path(work), chosen, settings.seed, placed)
     if models:
         (folder / MODEL).mkdir()
         drop_lost_images(models[0]).write_binary(folder / MODEL)
-    watch.lap("mapping")
-    return Keyframes(tuple(chosen), features, matches, folder)
 
 
 def _match(

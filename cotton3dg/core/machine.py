@@ -34,7 +34,10 @@ def one_thread_each() -> Iterator[None]:
 
 
 def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Of each item, in their order. Threads: for work of OpenCV and of our own core, which let others run meanwhile."""
+    """Of each item, in their order.
+
+    Threads: for work of OpenCV, NumPy, Qhull and our own core, which let others run meanwhile.
+    """
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         return list(threads.map(function, items))
 

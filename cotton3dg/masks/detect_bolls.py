@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
+from ..core.machine import on_all_cores, stream_on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..splat.rasterizer import Window
@@ -15,7 +16,7 @@ from .bolls import BollNetwork
 from .group_votes import group_votes
 from .lint_in_space import LintInSpace, gather_lint
 from .looks import see_at_all_looks
-from .meeting_votes import Votes, cast_votes, measure_agreement
+from .meeting_votes import Middles, Votes, cast_votes, measure_agreement
 from .outline_bolls import outline_bolls
 from .separate_bolls import separate_bolls
 
@@ -66,19 +67,25 @@ def detect_bolls(
         progress(done, 2 * len(images), cameras[done].name)
         maps.append(network.maps(image, window=window))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
-    votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras, strict=True)]
-    middles = separate_bolls(votes, lint)
+    votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
+    middles, halves = separate_all(votes, lint)
     agreed = measure_agreement(votes, middles)
-    for done, (image, camera) in enumerate(zip(images, cameras, strict=True)):
+    outlined = stream_on_all_cores(lambda pair: outline_bolls(*pair, lint, middles), zip(images, cameras, strict=True))
+    for done, (camera, of_image) in enumerate(zip(cameras, outlined, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)
-        ids[camera.name] = outline_bolls(image, camera, lint, middles)
-        scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(ids[camera.name]) if k}
-    halves = count_by_halves(votes, lint) if len(votes) >= FEWEST_TO_HALVE else None
+        ids[camera.name] = of_image
+        scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(of_image) if k}
     return MaskSet(ids, scores, together=True, halves=halves)
 
 
-def count_by_halves(votes: Sequence[Votes], lint: LintInSpace) -> tuple[int, int]:
-    """Bolls that the votes of every second view give, and those that the others' give: what would have been counted
-    with other images. Where lint is both take from all views."""
-    first, second = (len(separate_bolls(votes[start::2], lint).centres) for start in (0, 1))
-    return first, second
+def separate_all(votes: Sequence[Votes], lint: LintInSpace) -> tuple[Middles, tuple[int, int] | None]:
+    """The bolls that all votes give; and how many those of every second view give and those of the others, if there are
+    enough: what would have been counted with other images. Where lint is all take from all views."""
+    parts = [votes]
+    if len(votes) >= FEWEST_TO_HALVE:
+        parts += [votes[0::2], votes[1::2]]
+    middles, *of_halves = on_all_cores(lambda some: separate_bolls(some, lint), parts)
+    if not of_halves:
+        return middles, None
+    first, second = (len(half.centres) for half in of_halves)
+    return middles, (first, second)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import on_all_cores
 from ..core.scene import Camera
 from .random_streams import open_stream
 from .views import View
@@ -55,16 +56,21 @@ def find_dense_points(
     """
     import cv2
 
-    small = [view.limited(FLOW_SIDE_PX) for view in views]
+    small = on_all_cores(lambda view: view.limited(FLOW_SIDE_PX), views)
     grey = [cv2.cvtColor(view.image, cv2.COLOR_RGB2GRAY) for view in small]
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+
+    def depths_of(pair: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        (first, second), (image, other) = (small[i].camera for i in pair), (grey[i] for i in pair)
+        forward, backward = flow.calc(image, other, None), flow.calc(other, image, None)
+        return _depths(first, second, forward, backward), _depths(second, first, backward, forward)
+
+    neighbours = find_neighbouring_pairs([view.camera for view in views], points)
+    pairs = [(i, j) for i, j in neighbours if grey[i].shape == grey[j].shape and min(grey[i].shape) >= SMALLEST_SIDE_PX]
     depths: list[list[NDArray[np.float64]]] = [[np.full(len(_grid(view.camera)), np.nan)] for view in small]
-    for i, j in find_neighbouring_pairs([view.camera for view in views], points):
-        if grey[i].shape != grey[j].shape or min(grey[i].shape) < SMALLEST_SIDE_PX:
-            continue
-        forward, backward = flow.calc(grey[i], grey[j], None), flow.calc(grey[j], grey[i], None)
-        depths[i].append(_depths(small[i].camera, small[j].camera, forward, backward))
-        depths[j].append(_depths(small[j].camera, small[i].camera, backward, forward))
+    for pair, found_by in zip(pairs, on_all_cores(depths_of, pairs), strict=True):
+        for i, estimate in zip(pair, found_by, strict=True):
+            depths[i].append(estimate)
     found, colours = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for view, estimates in zip(small, depths, strict=True):
         depth, pixels = _agree(estimates), _grid(view.camera)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.masks import MaskedImage, MasksInfo
@@ -68,8 +69,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
         halves=masks.halves,
     )
     with workspace.writing("masks") as folder:
-        for name, ids in masks.ids.items():
-            write_ids(folder / workspace.mask_png(name).name, ids)
+        on_all_cores(lambda name: write_ids(folder / workspace.mask_png(name).name, masks.ids[name]), masks.ids)
         info.save(folder / workspace.masks_json.name)
     summary = {
         "images": len(counts),

@@ -155,7 +155,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE = Stage(
     "sfm",
-    version=13,
+    version=14,
     inputs=inputs,
     run=run,
     begin=begin,

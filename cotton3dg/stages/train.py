@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import __version__, _native
+from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..core.scene import Gaussians
+from ..core.scene import Camera, Gaussians
 from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
 from ..documents.sfm import SfmInfo
@@ -85,13 +86,14 @@ def load_views(workspace: Workspace, max_side: int) -> list[View]:
         BadInput: an image cannot be decoded or has another size than its camera.
     """
     workspace.require(workspace.undistorted / "sparse", "sfm")
-    views = []
-    for camera in read_cameras(workspace.undistorted / "sparse"):
+
+    def load(camera: Camera) -> View:
         image = read_image(workspace.require(workspace.undistorted_image(camera.name), "sfm"))
         if image.shape[:2] != (camera.height, camera.width):
             raise BadInput(f"{camera.name} has another size than its camera; run `cotton3dg sfm` again")
-        views.append(View(camera, image).limited(max_side))
-    return views
+        return View(camera, image).limited(max_side)
+
+    return on_all_cores(load, read_cameras(workspace.undistorted / "sparse"))
 
 
 def load_start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Gaussians:

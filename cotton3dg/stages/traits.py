@@ -45,9 +45,8 @@ from ..traits.corrections import Corrected, apply_corrections
 from ..traits.error_model import Filming
 from ..traits.isolate import Plant
 from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
-from ..traits.measure import Measured, mark_corrections, measure_plant
+from ..traits.measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
 from ..traits.plant_size import TIP_OPACITY
-from ..traits.surface import as_drawn
 from ..traits.weight import predict_weight
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
@@ -135,27 +134,23 @@ def _measure(
     cameras = _cameras(workspace)
     filming = _filming(workspace, cameras)
 
-    def measure(
-        some: list[BollInstance], by: Scale | None, counts: tuple[int, int] | None, ends: Sequence[NDArray]
-    ) -> Measured:
-        clamp_cm = options.tube_height_cm
-        return measure_plant(gaussians, some, by, pixel_su, clamp_cm, counts, cameras, by_colour, filming, ends)
+    def parts_of(some: list[BollInstance], by: Scale | None) -> Parts:
+        return measure_parts(gaussians, some, by, pixel_su, options.tube_height_cm, cameras, filming)
 
-    def measure_all(ends: Sequence[NDArray] = ()) -> tuple[Measured, Corrected | None]:
-        measured = measure(bolls, found, halves, ends)
-        corrected = _corrected(workspace, gaussians, bolls, found, measured)
-        if corrected or scale_info.found:
-            corrected = corrected or Corrected(bolls)
-            again = measure(corrected.bolls, scale, None, ends)
-            measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
-        return measured, corrected
-
-    measured, corrected = measure_all()
-    plant_map, plant = _map(gaussians, measured, scale, cameras, pixel_su), measured.plant
+    last = before = parts_of(bolls, found)
+    corrected = _corrected(workspace, gaussians, bolls, found, before.plant)
+    if corrected or scale_info.found:
+        corrected = corrected or Corrected(bolls)
+        last = parts_of(corrected.bolls, scale)
+    plant_map, plant = _map(gaussians, last, cameras), last.plant
+    ends: list[NDArray] = []
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
-        plant_map = _map(gaussians, measured, scale, cameras, pixel_su, [trail.places for trail in trails])
+        plant_map = _map(gaussians, last, cameras, [trail.places for trail in trails])
         ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
-        measured, corrected = measure_all(ends) if ends else (measured, corrected)
+    measured = measure_whole(before, halves, by_colour, ends)
+    if corrected:
+        again = measure_whole(last, None, by_colour, ends)
+        measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     return measured, corrected, plant_map
 
 
@@ -188,17 +183,17 @@ def _tables(
 
 
 def _corrected(
-    workspace: Workspace, gaussians: Gaussians, bolls: list[BollInstance], scale: Scale | None, measured: Measured
+    workspace: Workspace, gaussians: Gaussians, bolls: list[BollInstance], scale: Scale | None, plant: Plant | None
 ) -> Corrected | None:
     """The bolls after a person's corrections; None without any.
 
     Args:
-        scale: as it was found, which places in corrections refer to; measured: by it.
+        scale: as it was found, which places in corrections refer to; plant: by it.
     """
     said = Corrections.load_if_there(workspace.corrections_json)
     if not said or not said.of(*OF_BOLLS):
         return None
-    frame = PlantFrame(scale, measured.plant.foot) if scale and measured.plant else None
+    frame = PlantFrame(scale, plant.foot) if scale and plant else None
     return apply_corrections(bolls, said.of(*OF_BOLLS), gaussians, gaussians.sha256(), frame)
 
 
@@ -221,22 +216,16 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
     return found
 
 
-def _map(
-    gaussians: Gaussians,
-    measured: Measured,
-    scale: Scale | None,
-    cameras: list[Camera],
-    pixel_su: float,
-    trails: Sequence[NDArray] = (),
-) -> PlantMap:
+def _map(gaussians: Gaussians, parts: Parts, cameras: list[Camera], trails: Sequence[NDArray] = ()) -> PlantMap:
     """The map of what was measured; nothing without a plant or a stem."""
-    if scale is None or measured.plant is None:
+    scale, plant = parts.scale, parts.plant
+    if scale is None or plant is None:
         return PlantMap((), (), "no_scale" if scale is None else "no_plant")
-    plant = measured.plant
-    wood = gaussians[plant.rows & ~measured.boll_rows]
-    bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in measured.bolls]
+    of_wood = plant.rows & ~parts.boll_rows
+    wood = gaussians[of_wood]
+    bolls = [(boll.boll_id, boll.centre_cm, boll.diameter_cm) for boll in parts.bolls]
     opaque = edge_opacity(wood, gaussians[~plant.rows], cameras)
-    return map_gaussians(wood, as_drawn(wood, pixel_su), scale, plant.foot, bolls, opaque, trails)
+    return map_gaussians(wood, parts.drawn[of_wood], scale, plant.foot, bolls, opaque, trails)
 
 
 def _thin_twigs(
@@ -305,4 +294,4 @@ def _cost(work: Work) -> Cost:
     return Cost(0.0, 7.0 + 28 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=27, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=28, inputs=inputs, run=run, cost=_cost, named_files=named_files)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..documents.train import Effects, HeldOut, RejectedStep, TrainedSteps, TrainMetrics
 from ..geometry.camera_orbit import fit_orbit
@@ -33,10 +34,10 @@ def judged(result: Fit, capture: Capture) -> Judged:
     """Compare the model with the held-out photos."""
     views, held_out = capture.views, capture.held_out
     orbit = fit_orbit([view.camera for view in views])
-    qualities = [
-        view_quality(result.gaussians, view, orbit, gains)
-        for view, gains in zip(held_out, capture.held_out_gains, strict=True)
-    ]
+    qualities = on_all_cores(
+        lambda number: view_quality(result.gaussians, held_out[number], orbit, capture.held_out_gains[number]),
+        range(len(held_out)),
+    )
     pixel_su = orbit.distance / float(np.median([view.camera.fx for view in views]))
     shown = np.unique(np.linspace(0, len(qualities) - 1, min(COMPARISONS, len(qualities))).round().astype(int))
     comparisons = {qualities[i].name: np.concatenate([held_out[i].image, qualities[i].rendered], axis=1) for i in shown}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
+from ..core.machine import on_all_cores
 from ..core.measurements import BollTraits, PlantFrame, PlantTraits, Scale
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
@@ -61,8 +62,25 @@ class Measured:
     traits: PlantTraits
     flags: tuple[str, ...]
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A plant and its bolls, before its size is measured."""
+
+    plant: Plant | None
+    """Among the Gaussians; None without a scale, or where nothing stands on the table."""
+    bolls: list[BollTraits]
     boll_rows: NDArray[np.bool_]
     """(N,) Gaussians of bolls."""
+    drawn: Gaussians
+    """All, as wide as they are drawn."""
+    scale: Scale | None
+    pixel_su: float
+    clamp_cm: float
+    filming: Filming
+    concerns: dict[str, str]
+    """Flag -> warning, of the plant as a whole."""
 
 
 def measure_plant(
@@ -77,23 +95,33 @@ def measure_plant(
     filming: Filming = WELL_FILMED,
     thin_ends: Sequence[NDArray] = (),
 ) -> Measured:
-    """All traits of a plant and of its bolls.
+    """All traits of a plant and of its bolls: `measure_parts`, then `measure_whole`, whose arguments these are."""
+    parts = measure_parts(gaussians, bolls, scale, pixel_su, clamp_cm, cameras, filming)
+    return measure_whole(parts, halves, by_colour, thin_ends)
+
+
+def measure_parts(
+    gaussians: Gaussians,
+    bolls: Sequence[BollInstance],
+    scale: Scale | None,
+    pixel_su: float,
+    clamp_cm: float,
+    cameras: Sequence[Camera] = (),
+    filming: Filming = WELL_FILMED,
+) -> Parts:
+    """The plant among the Gaussians, and its bolls.
 
     Args:
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
-        halves: bolls that either half of the images counts, where that is known.
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
-        by_colour: whether the masks are by colour alone, without a network.
         filming: how the plant was filmed; whether whole is found here.
-        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """
     concerns: dict[str, str] = {}
     plant = None
     boll_of = np.zeros(len(gaussians), np.int64)
     for boll in bolls:
         boll_of[boll.indices] = boll.boll_id
-    boll_rows = boll_of > 0
     if scale is not None:
         plant = isolate_plant(gaussians, scale, clamp_cm, boll_of)
         if plant is None:
@@ -114,24 +142,43 @@ def measure_plant(
             " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, filming)
-    sized = size_plant(drawn, plant, scale, clamp_cm, thin_ends) if plant and scale and not lost else Sized()
-    concerns |= sized.concerns
+    return Parts(plant, boll_traits, boll_of > 0, drawn, scale, pixel_su, clamp_cm, filming, concerns)
+
+
+def measure_whole(
+    parts: Parts,
+    halves: tuple[int, int] | None = None,
+    by_colour: bool = False,
+    thin_ends: Sequence[NDArray] = (),
+) -> Measured:
+    """The plant's size, and its row.
+
+    Args:
+        halves: bolls that either half of the images counts, where that is known.
+        by_colour: whether the masks are by colour alone, without a network.
+        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
+    """
+    plant, scale, filming = parts.plant, parts.scale, parts.filming
+    sized = Sized()
+    if plant and scale and filming.whole:
+        sized = size_plant(parts.drawn, plant, scale, parts.clamp_cm, thin_ends)
+    concerns = parts.concerns | sized.concerns
     if halves and halves_disagree(halves):
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
-    if by_colour and bolls:
+    if by_colour and parts.bolls:
         concerns["masks_by_colour"] = (
             "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
         )
-    diameters_cm = np.array([boll.diameter_cm for boll in boll_traits])
-    if scale and blurs_bolls(filming.blur_px, pixel_su * scale.cm_per_su, diameters_cm):
+    diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls])
+    if scale and blurs_bolls(filming.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
             f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
             " merge; walk more slowly, or film with more light"
         )
-    traits = summarise_plant(boll_traits, sized.size, scale, pixel_su, halves, sized.other, by_colour, filming)
-    return Measured(plant, boll_traits, traits, (*concerns, *traits.flags), tuple(concerns.values()), boll_rows)
+    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, by_colour, filming)
+    return Measured(plant, parts.bolls, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
 def mark_corrections(before: Measured, after: Measured, corrected: Corrected, moved_corners: int = 0) -> Measured:
@@ -189,10 +236,9 @@ def measure_bolls(
     what bodies that touch have too much (`bridged_share`). For the alpha volume the Gaussians' ellipsoids are blown up
     until their hull is that large.
     """
-    traits = []
     cm = scale.cm_per_su if scale else np.nan
     surfaces = [drawn[boll.indices[surface_rows(drawn[boll.indices])]] for boll in bolls]
-    bodies = [opaque_hull(own) for own in surfaces]
+    bodies = on_all_cores(opaque_hull, surfaces)
     diameters = [calliper_diameter(body) for body in bodies]
     middles = np.array([boll.centre for boll in bolls]).reshape(-1, 3)
     volumes = [convex_volume(body) for body in bodies]
@@ -201,39 +247,39 @@ def measure_bolls(
     unround = find_unround(nearest, np.array([volume.value for volume in volumes]) / (np.pi / 6 * widths**3))
     bridged = bridged_share(nearest)
     nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
-    for boll, own, whole, diameter, body, share, away, twofold in zip(
-        bolls, surfaces, volumes, diameters, bodies, bridged, nearest, unround, strict=True
-    ):
-        volume = whole._replace(value=whole.value / (1 + float(share)))
+
+    def measure_boll(number: int) -> BollTraits:
+        boll, whole, diameter, body = bolls[number], volumes[number], diameters[number], bodies[number]
+        volume = whole._replace(value=whole.value / (1 + float(bridged[number])))
         rolled = volume
         if not volume.reason:
-            rolled = alpha_volume(sample_surface_of_volume(own, volume.value), ALPHA * diameter.value)
+            rolled = alpha_volume(sample_surface_of_volume(surfaces[number], volume.value), ALPHA * diameter.value)
         centre = np.full(3, np.nan)
         if scale and foot is not None:
             centre = PlantFrame(scale, foot).cm(boll.centre)
-        doubts = [*boll.flags, volume.reason or "", UNROUND_FLAG if twofold else ""]
+        doubts = [*boll.flags, volume.reason or "", UNROUND_FLAG if unround[number] else ""]
         doubts += ["off_plant"] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
-        error = boll_volume_error(diameter.value, whole.value, len(boll.views), scale, pixel_su, away, filming)
-        traits.append(
-            BollTraits(
-                boll_id=boll.boll_id,
-                centre_cm=centre,
-                volume_cm3=volume.value * cm**3,
-                alpha_volume_cm3=rolled.value * cm**3,
-                diameter_cm=diameter.value * cm,
-                n_gaussians=len(boll.indices),
-                n_views=len(boll.views),
-                confidence=boll.confidence,
-                flags=tuple(doubt for doubt in doubts if doubt),
-                volume_error_cm3=volume.value * cm**3 * error,
-                projected_area_cm2=projected_area(body).value * cm**2,
-                volume_published_cm3=hull_of_means(drawn[boll.indices]).value * cm**3,
-            )
+        views, away = len(boll.views), nearest[number]
+        error = boll_volume_error(diameter.value, whole.value, views, scale, pixel_su, away, filming)
+        return BollTraits(
+            boll_id=boll.boll_id,
+            centre_cm=centre,
+            volume_cm3=volume.value * cm**3,
+            alpha_volume_cm3=rolled.value * cm**3,
+            diameter_cm=diameter.value * cm,
+            n_gaussians=len(boll.indices),
+            n_views=views,
+            confidence=boll.confidence,
+            flags=tuple(doubt for doubt in doubts if doubt),
+            volume_error_cm3=volume.value * cm**3 * error,
+            projected_area_cm2=projected_area(body).value * cm**2,
+            volume_published_cm3=hull_of_means(drawn[boll.indices]).value * cm**3,
         )
-    return traits
+
+    return on_all_cores(measure_boll, range(len(bolls)))
 
 
 def summarise_plant(

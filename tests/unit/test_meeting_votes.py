@@ -5,7 +5,7 @@ import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
 from cotton3dg.masks.bolls import Maps
-from cotton3dg.masks.detect_bolls import count_by_halves
+from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.meeting_votes import (
     Middles,
@@ -83,8 +83,8 @@ def test_either_half_of_the_views_counts_what_it_sees():
     )
     n = len(separate_bolls(sharp, lint).centres)
     assert n >= 4
-    assert count_by_halves([view for pair in zip(sharp, sharp, strict=True) for view in pair], lint) == (n, n)
-    assert count_by_halves([view for pair in zip(dull, sharp, strict=True) for view in pair], lint) == (n - 1, n)
+    assert separate_all([view for pair in zip(sharp, sharp, strict=True) for view in pair], lint)[1] == (n, n)
+    assert separate_all([view for pair in zip(dull, sharp, strict=True) for view in pair], lint)[1] == (n - 1, n)
 
 
 def test_lint_that_most_views_see_is_lint_in_all_of_them():

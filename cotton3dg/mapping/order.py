@@ -17,7 +17,7 @@ from ..geometry.polylines import (
     place_at,
     resampled,
 )
-from .positions import Sited, infer_positions
+from .positions import STEP_CM, Sited, bends_deg, infer_positions
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 from .untangle import leaves_low, untangled
 from .wood import BollBody, WoodCloud
@@ -33,7 +33,7 @@ SUB_BRANCH_CM = 3.5
 NO_WAY_CM = 1.0
 """A boll whose way from the stem is shorter has no branch there: it hangs on another one beside, ..."""
 BRANCH_BESIDE_CM = 3.0
-"""... if one is so near to its foot, else on the stem."""
+"""... if one is so near to its foot, else on the stem. So does one that seems to hang on a vegetative branch."""
 TIP_CM = 3.0
 """A boll so near to the stem's tip sits on the stem."""
 CARPEL_CM = 4.5
@@ -50,6 +50,8 @@ UPRIGHT_DEG = 55.0
 RISING_DEG = 35.0
 """The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
 VEGETATIVE_CM = 12.0
+NODE_BEND_DEG = 15.0
+"""What seems to be a vegetative branch that ends in a boll bends so much where its last fruiting branch leaves."""
 
 
 @dataclass
@@ -83,8 +85,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
         shift = length_of(branch.curve) - shift
         branch.stalks = [(boll, max(node + shift, 0.0), stalk) for boll, node, stalk in branch.stalks]
     kinds = [_kind(branch, branches, index, stem) for index, branch in enumerate(branches)]
-    branches = [*branches, *_short_branches(branches, kinds)]
-    kinds += ["fruiting"] * (len(branches) - len(kinds))
+    branches, kinds = _borne_by_branches(branches, kinds)
     branches, kinds = _without_bare_twigs(branches, kinds)
     order = sorted(range(len(branches)), key=lambda i: (float(branches[i].curve[0, 2]), i))
     ranks = {index: rank for rank, index in enumerate(order, start=1)} | {-1: 0}
@@ -111,7 +112,8 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
         )
         axes.append(axis)
         up = np.clip((branch.curve[0, 2] - low) / max(high - low, 1.0), 0, 1)
-        sited = infer_positions(branch.curve, [node for _, node, _ in own], float(up), kinds[index] == "fruiting")
+        nodes, feet = [node for _, node, _ in own], np.array([stalk[-1] for _, _, stalk in own])
+        sited = infer_positions(branch.curve, nodes, feet, float(up), kinds[index] == "fruiting")
         others = [curve for other, curve in enumerate(curves) if other != index] + [stem]
         for rank, ((boll, _, stalk), site) in enumerate(zip(own, sited, strict=True), start=1):
             bolls.append(_boll_on_map(cloud.bolls[boll - 1], axis.rank, rank, site, stalk, others))
@@ -171,31 +173,53 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
         branch = _Branch(way.curve, parent, way.boll)
         branches.append(_bearing_at_tip(branch) if way.boll else branch)
     for way in at_stem:
-        beside = [nearest_on(branch.curve, way.curve[-1:]) for branch in branches]
-        nearest = min(range(len(branches)), key=lambda index: beside[index][0][0], default=None)
-        if nearest is None or beside[nearest][0][0] > BRANCH_BESIDE_CM:
+        if not _hung_beside(way.boll, way.curve, branches):
             on_stem.append((way.boll, float(nearest_on(stem, way.curve[:1])[1][0]), way.curve))
-        else:
-            node = float(beside[nearest][1][0])
-            stalk = np.vstack([place_at(branches[nearest].curve, node), way.curve[-1]])
-            branches[nearest].stalks.append((way.boll, node, resampled(stalk, SPACING_CM)))
     return branches, on_stem
 
 
-def _short_branches(branches: list[_Branch], kinds: list[str]) -> list[_Branch]:
-    """What was taken for stalks on vegetative branches: these bear fruiting branches, and no bolls but at their tip."""
-    found = []
+def _borne_by_branches(branches: list[_Branch], kinds: list[str]) -> tuple[list[_Branch], list[str]]:
+    """Vegetative branches bear fruiting branches and no bolls: what seems to hang on one hangs on a fruiting branch
+    beside, or its stalk, or the outer end of what was taken for the vegetative one, is a branch of its own."""
+    fruiting = [branch for branch, kind in zip(branches, kinds, strict=True) if kind == "fruiting"]
+    found: list[_Branch] = []
     for index, (branch, kind) in enumerate(zip(branches, kinds, strict=True)):
         if kind != "vegetative":
             continue
         stalks, branch.stalks = branch.stalks, []
+        if branch.ends_in_boll and (last := _last_bend(branch.curve)):
+            lengths, boll = path_lengths(branch.curve), branch.ends_in_boll
+            found.append(_bearing_at_tip(_Branch(branch.curve[lengths >= last], index, boll)))
+            branch.curve, branch.ends_in_boll = branch.curve[lengths <= last], 0
+            stalks = [stalk for stalk in stalks if stalk[0] != boll]
         for boll, node, stalk in stalks:
             if length_of(stalk) > SHORT_BRANCH_CM and length_of(branch.curve) - node > TIP_CM:
                 curve = with_straight_base(stalk, branch.curve, BRANCH_RADIUS_CM)
                 found.append(_bearing_at_tip(_Branch(curve, index, boll)))
-            else:
+            elif not _hung_beside(boll, stalk, fruiting + found):
                 branch.stalks.append((boll, node, stalk))
-    return found
+    return [*branches, *found], [*kinds, *["fruiting"] * len(found)]
+
+
+def _last_bend(curve: Float64) -> float:
+    """Path length of the sharpest bend of a branch's outer end, where another may have left it; 0 = straight."""
+    bends = bends_deg(curve)
+    beyond = length_of(curve) - np.arange(len(bends)) * STEP_CM
+    bends[(beyond < SUB_BRANCH_CM) | (beyond > VEGETATIVE_CM)] = 0
+    sharpest = int(np.argmax(bends))
+    return sharpest * STEP_CM if bends[sharpest] > NODE_BEND_DEG else 0.0
+
+
+def _hung_beside(boll: int, stalk: Float64, branches: list[_Branch]) -> bool:
+    """Hang a boll on the branch that comes nearest to its foot, if one is near enough."""
+    beside = [nearest_on(branch.curve, stalk[-1:]) for branch in branches]
+    nearest = min(range(len(branches)), key=lambda index: beside[index][0][0], default=None)
+    if nearest is None or beside[nearest][0][0] > BRANCH_BESIDE_CM:
+        return False
+    node = float(beside[nearest][1][0])
+    way = np.vstack([place_at(branches[nearest].curve, node), stalk[-1]])
+    branches[nearest].stalks.append((boll, node, resampled(way, SPACING_CM)))
+    return True
 
 
 def _without_bare_twigs(branches: list[_Branch], kinds: list[str]) -> tuple[list[_Branch], list[str]]:

@@ -16,7 +16,7 @@ from ..core.scene import Float64
 from ..geometry.polylines import length_of, resampled
 
 STEP_CM = 0.5
-APART_CM = 1.5
+APART_CM = 2.0
 """Nodes are no nearer to each other."""
 EMPTY = 0.45
 """How likely a site is to have lost its boll when one farther out has kept its own."""
@@ -24,6 +24,13 @@ MOST_EVIDENCE = 3.0
 LAST = 3
 """Positions from this on are one."""
 MOST_NODES = 6
+STALK_CM = (2.5, 1.0)
+"""Mean and standard deviation of the straight distance from a node to the foot of its boll."""
+SEEN_CM = 2.5
+"""Standard deviation, along the branch, of where a stalk seems to leave it: it may lie beside the branch for a while,
+or the boll touch another place of it."""
+BEYOND_CM = 1.0
+"""No node is farther out than the foot of its boll by more."""
 WINDOW_CM = 1.8
 """Chord on either side of a place that tells its bend."""
 BEND_DEG = (24.0, 11.0)
@@ -50,18 +57,19 @@ class Sited:
     confidence: float
 
 
-def infer_positions(curve: Float64, nodes_cm: list[float], up: float, fruiting: bool) -> list[Sited]:
+def infer_positions(curve: Float64, nodes_cm: list[float], feet: Float64, up: float, fruiting: bool) -> list[Sited]:
     """Position of each of a branch's bolls.
 
     Args:
-        curve: (N, 3) cm, from the stem's centre line. nodes_cm: path length of each boll's node, ascending.
+        curve: (N, 3) cm, from the stem's centre line.
+        nodes_cm: path length at which each boll's stalk seems to leave it, ascending. feet: (B, 3) of these bolls.
         up: height of the branch's foot, 0 at the lowest branch, 1 at the stem's tip.
     """
     if not fruiting or not nodes_cm or length_of(curve) < 2 * STEP_CM:
         return [Sited(node, 0, np.nan) for node in nodes_cm]
     bends = bends_deg(curve)
-    steps = [int(np.clip(round(node / STEP_CM), 1, len(bends) - 1)) for node in nodes_cm]
-    evidence = _bend_evidence(bends, steps)
+    steps = _steps_of_nodes(bends, resampled(curve, STEP_CM), nodes_cm, feet)
+    evidence = _empty_evidence(bends, steps)
     first = FIRST_CM[0] * (1 - FIRST_CM[1] * up)
     shares = [_shares(_position_weights(evidence, steps[: number + 1], first)) for number in range(len(steps))]
     chosen = _outwards(shares)
@@ -69,6 +77,31 @@ def infer_positions(curve: Float64, nodes_cm: list[float], up: float, fruiting: 
         Sited(node, position, float(own[position - 1]))
         for node, position, own in zip(nodes_cm, chosen, shares, strict=True)
     ]
+
+
+def _steps_of_nodes(bends: Float64, line: Float64, nodes_cm: list[float], feet: Float64) -> list[int]:
+    """The likeliest row of the bolls' nodes: at bends, a stalk's length from the boll, `APART_CM` from each other.
+
+    Args:
+        line: (K, 3) the branch, `STEP_CM` apart.
+    """
+    stations, gain = np.arange(len(bends)) * STEP_CM, _bend_gain(bends)
+    apart = round(APART_CM / STEP_CM)
+    reached: list[Float64] = []
+    for node, foot in zip(nodes_cm, feet, strict=True):
+        away = np.linalg.norm(line - foot, axis=1)
+        own = gain - 0.5 * ((away - STALK_CM[0]) / STALK_CM[1]) ** 2 - 0.5 * ((stations - node) / SEEN_CM) ** 2
+        own[stations > stations[np.argmin(away)] + BEYOND_CM] = own[0] = -np.inf
+        if reached:
+            own[:apart] = -np.inf
+            own[apart:] += np.maximum.accumulate(reached[-1])[:-apart]
+        reached.append(own)
+    if not np.isfinite(reached[-1]).any():
+        return [int(np.clip(round(node / STEP_CM), 1, len(bends) - 1)) for node in nodes_cm]
+    steps = [int(np.argmax(reached[-1]))]
+    for before in reversed(reached[:-1]):
+        steps.insert(0, int(np.argmax(before[: steps[0] - apart + 1])))
+    return steps
 
 
 def bends_deg(curve: Float64) -> Float64:
@@ -83,7 +116,15 @@ def bends_deg(curve: Float64) -> Float64:
     return bends
 
 
-def _bend_evidence(bends: Float64, bolls: list[int]) -> Float64:
+def _bend_gain(bends: Float64) -> Float64:
+    """(K,) logarithm of how much likelier a bend is at a node than between nodes; 0 where chords are too short."""
+    mean, spread = BEND_DEG
+    node = -0.5 * (np.minimum(bends - mean, 0) / spread) ** 2 - np.log(spread)
+    none = -0.5 * (bends / STRAIGHT_DEG) ** 2 - np.log(STRAIGHT_DEG) + np.log(2)
+    return np.where(bends == 0, 0.0, np.clip(node - none, -MOST_EVIDENCE, MOST_EVIDENCE))
+
+
+def _empty_evidence(bends: Float64, bolls: list[int]) -> Float64:
     """(K,) logarithm of how much likelier a place is to be an empty node than none.
 
     Only the sharpest place within `APART_CM` speaks for a node; the bend at a boll's own node speaks for that alone.
@@ -91,15 +132,10 @@ def _bend_evidence(bends: Float64, bolls: list[int]) -> Float64:
     Args:
         bolls: steps of the bolls' nodes.
     """
-    mean, spread = BEND_DEG
-    node = -0.5 * (np.minimum(bends - mean, 0) / spread) ** 2 - np.log(spread)
-    none = -0.5 * (bends / STRAIGHT_DEG) ** 2 - np.log(STRAIGHT_DEG) + np.log(2)
-    evidence = np.clip(node - none, -MOST_EVIDENCE, MOST_EVIDENCE)
+    evidence = _bend_gain(bends)
     n = round(APART_CM / STEP_CM)
     sharpest = np.array([bends[i] >= bends[max(0, i - n) : i + n + 1].max() for i in range(len(bends))], bool)
-    evidence[~sharpest] = -MOST_EVIDENCE
-    # Near the ends the chords are too short to tell.
-    evidence[bends == 0] = 0.0
+    evidence[~sharpest & (bends > 0)] = -MOST_EVIDENCE
     for boll in bolls:
         evidence[max(0, boll - n) : boll + n + 1] = -MOST_EVIDENCE
     return evidence + np.log(EMPTY)

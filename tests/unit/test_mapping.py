@@ -179,6 +179,43 @@ def test_bolls_on_a_vegetative_branch_hang_on_branches_of_its_own():
     assert {boll.boll_id: boll.branch for boll in found.bolls} == {axis.bolls[0]: axis.rank for axis in own}
 
 
+def mapped_vegetative_branch(foot, touches=False):
+    """The map of a stem and a rising branch that bears two others, each with a boll; a third boll at a foot either
+    touches it or is its end."""
+    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40), *([] if touches else [foot]))
+    ends = np.array([(14, 6, 34), (8, -9, 38), foot])
+    ways = [RawAxis(stem, -1), RawAxis(rising, 0, 0 if touches else 3)]
+    ways += [RawAxis(line((7, 0, 30), ends[0]), 1, 1), RawAxis(line((8, 0, 34), ends[1]), 1, 2)]
+    if touches:
+        ways.append(RawAxis(line(rising[-5], foot), 1, 3))
+    bodies = tuple(BollBody(number, end + (1.0, 0, 2.0), 4.5, end) for number, end in enumerate(ends, 1))
+    places = np.vstack([tube_places(way.curve, 0.2, np.random.default_rng(0)) for way in ways])
+    n = len(places)
+    cloud = WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), bodies)
+    found = draw_map(cloud, ways, 0.5)
+    (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
+    assert not vegetative.bolls
+    return found, vegetative, found.axes[{boll.boll_id: boll.branch for boll in found.bolls}[3]]
+
+
+def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside():
+    _, vegetative, branch = mapped_vegetative_branch(np.array([8.6, -2.5, 37.0]), touches=True)
+    assert (branch.kind, branch.parent) == ("fruiting", vegetative.rank)
+    assert branch.bolls == (3, 2)
+    assert branch.curve[-1] == pytest.approx([8, -9, 38], abs=0.1)
+
+
+def test_a_vegetative_branch_that_ends_in_a_boll_has_its_last_branch_there():
+    """What is left of it beyond that branch is too short to be seen."""
+    foot = np.array([14.5, 0, 43.0])
+    found, vegetative, branch = mapped_vegetative_branch(foot)
+    assert (branch.kind, branch.parent, branch.bolls) == ("fruiting", vegetative.rank, (3,))
+    assert branch.curve[0] == pytest.approx([9, 0, 40], abs=1)
+    assert branch.curve[-1] == pytest.approx(foot, abs=0.1)
+    assert vegetative.curve[-1] == pytest.approx(branch.curve[0], abs=0.5)
+    assert [boll.position for boll in found.bolls] == [1, 1, 1]
+
+
 @pytest.mark.parametrize(("foot_cm", "branches"), [(14.0, 4), (45.0, 2)], ids=["vegetative", "fruiting"])
 def test_fruiting_branches_bear_no_branches(foot_cm, branches):
     """What leaves one and bears nothing is a leaf's stalk, a scar or the wood of another."""
@@ -231,15 +268,10 @@ def test_a_boll_whose_foot_touches_the_stem_has_no_branch_there(away_cm):
     places = np.vstack([tube_places(curve, 0.2, np.random.default_rng(0)) for curve in (stem, branch)])
     foot = np.array([0.6, 0, 34.6])
     centre = foot + (0, 1.5, 1.7)
-    cloud = WoodCloud(
-        places,
-        np.zeros(len(places), bool),
-        np.zeros(len(places), np.int64),
-        np.ones(len(places), bool),
-        (BollBody(7, centre, 4.5, foot),),
-    )
     ways = [RawAxis(stem, -1), RawAxis(branch, 0), RawAxis(line((0, 0, 34.5), foot), 0, boll=1)]
-    found = draw_map(cloud, ways, 0.5)
+    n = len(places)
+    bodies = (BollBody(7, centre, 4.5, foot),)
+    found = draw_map(WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), bodies), ways, 0.5)
     assert [axis.rank for axis in found.axes] == [0, 1]
     (boll,) = found.bolls
     assert (boll.boll_id, boll.branch) == (7, 1 if away_cm == 2.0 else 0)
@@ -305,19 +337,36 @@ def test_a_base_is_continued_to_the_middle_of_its_parent():
     assert base_angle_deg(straight, parent) == pytest.approx(45, abs=1.5)
 
 
+def feet_over(curve, nodes_cm):
+    """Feet of bolls on stalks of 2.5 cm that rise from a branch."""
+    return np.array([place_at(curve, node) + 2.5 * UP for node in nodes_cm])
+
+
 @pytest.mark.parametrize(("site", "position"), [(0, 1), (1, 2), (2, 3), (3, 3)])
 def test_positions_count_the_kinks_before_a_boll(site, position):
     lengths = (8, 5.6, 3.9, 2.8)
     curve = line(*zigzag((0, 0, 0), 0.3, 0.6, (*lengths, 2.0)))
-    (sited,) = infer_positions(curve, [float(sum(lengths[: site + 1]))], 0.0, True)
+    node_cm = float(sum(lengths[: site + 1]))
+    (sited,) = infer_positions(curve, [node_cm], feet_over(curve, [node_cm]), 0.0, True)
     assert sited.position == position
     assert sited.confidence > 0.5
+
+
+@pytest.mark.parametrize("beyond_cm", [0.0, 1.7, -1.0])
+def test_a_boll_sits_at_the_bend_though_its_stalk_seems_to_leave_beside_it(beyond_cm):
+    curve = line(*zigzag((0, 0, 0), 0.3, 0.6, (8, 5.6, 3.9, 2.0)))
+    nodes_cm = [8.0, 13.6]
+    seen_cm = [8.0 + beyond_cm, 13.6]
+    sited = infer_positions(curve, seen_cm, feet_over(curve, nodes_cm), 0.0, True)
+    assert [site.position for site in sited] == [1, 2]
+    assert [site.path_cm for site in sited] == seen_cm
 
 
 def test_positions_grow_outwards():
     # Two bolls so far out that each alone may be anywhere.
     curve = line((0, 0, 0), (32, 0, 8))
-    sited = infer_positions(curve, [10.0, 19.0, 30.0], 0.0, True)
+    nodes_cm = [10.0, 19.0, 30.0]
+    sited = infer_positions(curve, nodes_cm, feet_over(curve, nodes_cm), 0.0, True)
     positions = [site.position for site in sited]
     assert positions == sorted(positions)
     assert len(set(positions) - {3}) == sum(position < 3 for position in positions)
@@ -325,7 +374,7 @@ def test_positions_grow_outwards():
 
 def test_positions_of_vegetative_branches_are_not_inferred():
     curve = line((0, 0, 0), (10, 0, 20))
-    (sited,) = infer_positions(curve, [8.0], 0.0, False)
+    (sited,) = infer_positions(curve, [8.0], feet_over(curve, [8.0]), 0.0, False)
     assert sited.position == 0
 
 

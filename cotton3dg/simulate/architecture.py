@@ -29,6 +29,8 @@ RETENTION = (1.0, 0.55, 0.3, 0.2)
 INTERNODE = 0.045
 CROSSING = 0.66
 """How far out a branch touches another, share of its length."""
+TURNS = 200
+"""Steps of a turn until branches touch."""
 
 
 @dataclass(frozen=True)
@@ -176,12 +178,13 @@ def _add_vegetative(
 
 
 def _cross(axes: list[Axis], sites: list[FruitingSite], crossed: set[int]) -> None:
-    """Turns a fruiting branch about its foot until it touches another; the pair that needs the least turn.
+    """Turns a fruiting branch about its foot until it touches another; the pair that needs the least turn and at which
+    wood passes through no wood.
 
     Args:
         crossed: branches that already touch another; both of the pair are added.
     """
-    best: tuple[float, int, int, Float64] | None = None
+    turns: list[tuple[float, int, int, Float64]] = []
     free = [i for i, axis in enumerate(axes) if axis.kind == "fruiting" and i not in crossed]
     for bent in (i for i in free if _length(axes[i].curve) > 0.08):
         curve = axes[bent].curve
@@ -193,23 +196,50 @@ def _cross(axes: list[Axis], sites: list[FruitingSite], crossed: set[int]) -> No
             if abs(np.linalg.norm(ways[row]) - np.linalg.norm(reach)) > 2 * touching:
                 continue
             turn = float(np.arccos(np.clip(unit(ways[row]) @ unit(reach), -1, 1)))
-            if best is None or turn < best[0]:
-                best = turn, bent, other, np.cross(unit(reach), unit(ways[row]))
-    if best is None:
+            turns.append((turn, bent, other, unit(np.cross(unit(reach), unit(ways[row])))))
+    for turn, bent, other, normal in sorted(turns, key=lambda found: found[:3]):
+        branch, rotation = _touching(axes[bent], axes[other], turn, normal)
+        if rotation is not None and not _passes_through(branch, axes[bent], [a for a in axes if a is not axes[bent]]):
+            break
+    else:
         return
-    turn, bent, other, normal = best
     crossed |= {bent, other}
-    curve = axes[bent].curve
-    # Short of the other's middle by both radii.
-    reach = np.linalg.norm(curve[round(CROSSING * (len(curve) - 1))] - curve[0])
-    turn -= (axes[bent].radii[-1] + axes[other].radii[-1]) / float(reach)
-    rotation = Rotation.from_rotvec(unit(normal) * max(turn, 0.0)).as_matrix()
-    axes[bent] = replace(axes[bent], curve=curve[0] + (curve - curve[0]) @ rotation.T)
+    axes[bent] = branch
+    foot = branch.curve[0]
     for number, site in enumerate(sites):
         if site.axis == bent:
-            sites[number] = replace(
-                site, node=curve[0] + rotation @ (site.node - curve[0]), along=rotation @ site.along
-            )
+            sites[number] = replace(site, node=foot + rotation @ (site.node - foot), along=rotation @ site.along)
+
+
+def _touching(branch: Axis, other: Axis, turn: float, normal: Float64) -> tuple[Axis, Float64 | None]:
+    """The branch turned about its foot until it touches another, and the rotation; None if it never does.
+
+    Args:
+        turn: angle at which it would reach into the other's middle.
+    """
+
+    def turned(angle: float) -> tuple[Axis, Float64]:
+        rotation = Rotation.from_rotvec(normal * angle).as_matrix()
+        return replace(branch, curve=branch.curve[0] + (branch.curve - branch.curve[0]) @ rotation.T), rotation
+
+    angles = np.linspace(0, turn, TURNS)
+    inside = [_gap(turned(angle)[0], other) < 0 for angle in angles]
+    if inside[0] or not any(inside):
+        return branch, None
+    return turned(angles[inside.index(True) - 1])
+
+
+def _passes_through(branch: Axis, before: Axis, others: list[Axis]) -> bool:
+    """Whether wood of a branch that was turned reaches into others' more than it did."""
+    return any(_gap(branch, other) < min(_gap(before, other), 0.0) for other in others)
+
+
+def _gap(branch: Axis, other: Axis) -> float:
+    """Least distance between the bark of two axes, m, but for the first two centimetres of the branch; below 0 they
+    reach into each other."""
+    outer = branch.stations > 0.02
+    between = cdist(branch.curve[outer], other.curve) - branch.radii[outer, None] - other.radii
+    return float(between.min(initial=np.inf))
 
 
 def _kept(

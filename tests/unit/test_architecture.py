@@ -90,6 +90,25 @@ def test_crossing_branches_touch():
     assert np.median(apart) > np.median(crossed)
 
 
+@pytest.mark.parametrize("seed", [625, 627, 633])
+def test_branches_that_are_turned_reach_into_no_wood(seed):
+    """Neither into the one that they touch, nor into the stem, nor into a third one."""
+
+    def reached_into(plant: PlantMeshes) -> int:
+        wood = [(axis.curve, axis.radii, axis.stations) for axis in plant.axes if axis.kind != "peduncle"]
+        gaps = [
+            (cdist(a[away > 0.02], b) - thick[away > 0.02, None] - its).min(initial=np.inf)
+            for i, (a, thick, away) in enumerate(wood)
+            for j, (b, its, _) in enumerate(wood)
+            if i != j and i
+        ]
+        return sum(gap < 0 for gap in gaps)
+
+    straight, crossed = (grown(replace(NATURAL, seed=seed, crossing=crossing)) for crossing in (0, 4))
+    assert any((a.curve != b.curve).any() for a, b in zip(straight.axes, crossed.axes, strict=False))
+    assert reached_into(crossed) <= reached_into(straight)
+
+
 def test_truth_tells_the_branch_and_the_position_of_each_boll():
     plant = grown(HARD)
     truth = plant_truth(plant, HARD)

@@ -122,7 +122,7 @@ def _cost(work: Work) -> Cost:
     image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
     if work.options["masks"].backend == "bolls":
         seen_mp = math.prod(seen_size(height, width)) / 1e6
-        return Cost(0.46 * seen_mp * work.views, 0.22 * image_mp * work.views)
+        return Cost((0.46 * seen_mp + 0.22 * image_mp) * work.views)
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 

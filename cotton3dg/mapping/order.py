@@ -17,7 +17,7 @@ from ..geometry.polylines import (
     place_at,
     resampled,
 )
-from .positions import STEP_CM, Sited, bends_deg, infer_positions
+from .positions import STEP_CM, Sited, bends_deg, infer_positions, sharpest
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 from .untangle import leaves_low, untangled
 from .wood import BollBody, WoodCloud
@@ -50,8 +50,9 @@ UPRIGHT_DEG = 55.0
 RISING_DEG = 35.0
 """The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
 VEGETATIVE_CM = 12.0
-NODE_BEND_DEG = 15.0
-"""What seems to be a vegetative branch that ends in a boll bends so much where its last fruiting branch leaves."""
+NODE_BEND_DEG = 20.0
+"""What seems to be a vegetative branch that ends in a boll bends so much where its last fruiting branch leaves: it is
+straight itself, and the fruiting branch bends once more at its boll."""
 
 
 @dataclass
@@ -202,12 +203,11 @@ def _borne_by_branches(branches: list[_Branch], kinds: list[str]) -> tuple[list[
 
 
 def _last_bend(curve: Float64) -> float:
-    """Path length of the sharpest bend of a branch's outer end, where another may have left it; 0 = straight."""
+    """Path length of the first sharp bend of a branch's outer end, where another may have left it; 0 = none."""
     bends = bends_deg(curve)
     beyond = length_of(curve) - np.arange(len(bends)) * STEP_CM
-    bends[(beyond < SUB_BRANCH_CM) | (beyond > VEGETATIVE_CM)] = 0
-    sharpest = int(np.argmax(bends))
-    return sharpest * STEP_CM if bends[sharpest] > NODE_BEND_DEG else 0.0
+    sharp = sharpest(bends) & (bends > NODE_BEND_DEG) & (beyond > SUB_BRANCH_CM) & (beyond < VEGETATIVE_CM)
+    return float(np.argmax(sharp)) * STEP_CM
 
 
 def _hung_beside(boll: int, stalk: Float64, branches: list[_Branch]) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.scene import Float64
 from ..geometry.polylines import length_of, resampled
@@ -116,6 +117,12 @@ def bends_deg(curve: Float64) -> Float64:
     return bends
 
 
+def sharpest(bends: Float64) -> NDArray[np.bool_]:
+    """(K,) which places bend no less than any within `APART_CM`."""
+    n = round(APART_CM / STEP_CM)
+    return np.array([bends[i] >= bends[max(0, i - n) : i + n + 1].max() for i in range(len(bends))], bool)
+
+
 def _bend_gain(bends: Float64) -> Float64:
     """(K,) logarithm of how much likelier a bend is at a node than between nodes; 0 where chords are too short."""
     mean, spread = BEND_DEG
@@ -133,9 +140,8 @@ def _empty_evidence(bends: Float64, bolls: list[int]) -> Float64:
         bolls: steps of the bolls' nodes.
     """
     evidence = _bend_gain(bends)
+    evidence[~sharpest(bends) & (bends > 0)] = -MOST_EVIDENCE
     n = round(APART_CM / STEP_CM)
-    sharpest = np.array([bends[i] >= bends[max(0, i - n) : i + n + 1].max() for i in range(len(bends))], bool)
-    evidence[~sharpest & (bends > 0)] = -MOST_EVIDENCE
     for boll in bolls:
         evidence[max(0, boll - n) : boll + n + 1] = -MOST_EVIDENCE
     return evidence + np.log(EMPTY)

@@ -182,7 +182,8 @@ def test_bolls_on_a_vegetative_branch_hang_on_branches_of_its_own():
 def mapped_vegetative_branch(foot, touches=False):
     """The map of a stem and a rising branch that bears two others, each with a boll; a third boll at a foot either
     touches it or is its end."""
-    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40), *([] if touches else [foot]))
+    outer = [] if touches else [(13, 0, 42), foot]
+    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40), *outer)
     ends = np.array([(14, 6, 34), (8, -9, 38), foot])
     ways = [RawAxis(stem, -1), RawAxis(rising, 0, 0 if touches else 3)]
     ways += [RawAxis(line((7, 0, 30), ends[0]), 1, 1), RawAxis(line((8, 0, 34), ends[1]), 1, 2)]
@@ -206,8 +207,8 @@ def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside(
 
 
 def test_a_vegetative_branch_that_ends_in_a_boll_has_its_last_branch_there():
-    """What is left of it beyond that branch is too short to be seen."""
-    foot = np.array([14.5, 0, 43.0])
+    """What is left of it beyond that branch is too short to be seen; the branch bends again at its boll."""
+    foot = np.array([13, 0, 46.0])
     found, vegetative, branch = mapped_vegetative_branch(foot)
     assert (branch.kind, branch.parent, branch.bolls) == ("fruiting", vegetative.rank, (3,))
     assert branch.curve[0] == pytest.approx([9, 0, 40], abs=1)

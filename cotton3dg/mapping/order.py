@@ -297,11 +297,11 @@ def base_angle_deg(curve: Float64, parent: Float64) -> float:
 
 
 def _kind(branch: _Branch, branches: list[_Branch], index: int, stem: Float64) -> str:
-    """Vegetative: it rises, bears branches itself, and leaves the stem low.
+    """Vegetative: it rises, bears branches itself, and leaves the stem low; one boll on it may hang elsewhere.
 
     On a branch that bears bolls itself, bare ones are what hangs about these.
     """
-    if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM:
+    if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM or len(branch.stalks) > 1:
         return "fruiting"
     outer = direction(branch.curve, 0.5 * length_of(branch.curve), length_of(branch.curve))
     rise_deg = np.degrees(np.arcsin(np.clip(outer[2], -1, 1)))

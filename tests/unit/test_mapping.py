@@ -189,18 +189,36 @@ def mapped_vegetative_branch(foot, touches=False):
     ways += [RawAxis(line((7, 0, 30), ends[0]), 1, 1), RawAxis(line((8, 0, 34), ends[1]), 1, 2)]
     if touches:
         ways.append(RawAxis(line(rising[-5], foot), 1, 3))
+    return map_of_ways(ways, ends)
+
+
+def map_of_ways(ways, ends):
+    """The map of ways, of which some end at the feet of bolls 1, 2, ..."""
     bodies = tuple(BollBody(number, end + (1.0, 0, 2.0), 4.5, end) for number, end in enumerate(ends, 1))
     places = np.vstack([tube_places(way.curve, 0.2, np.random.default_rng(0)) for way in ways])
     n = len(places)
     cloud = WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), bodies)
-    found = draw_map(cloud, ways, 0.5)
+    return draw_map(cloud, ways, 0.5)
+
+
+def vegetative_and_bearer_of_3(found):
     (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
     assert not vegetative.bolls
-    return found, vegetative, found.axes[{boll.boll_id: boll.branch for boll in found.bolls}[3]]
+    return vegetative, found.axes[{boll.boll_id: boll.branch for boll in found.bolls}[3]]
+
+
+def test_a_branch_with_two_bolls_of_its_own_is_fruiting_whatever_else_it_seems_to_bear():
+    """Such as the outer part of a branch that touches it."""
+    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40))
+    ends = np.array([(14, 6, 34), (9, 0, 40), (7.5, -1.5, 31)])
+    ways = [RawAxis(stem, -1), RawAxis(rising, 0, 2), RawAxis(line((7, 0, 30), ends[0]), 1, 1)]
+    ways.append(RawAxis(line((7.3, 0, 30), ends[2]), 1, 3))
+    assert [axis.kind for axis in map_of_ways(ways, ends).axes] == ["stem", "fruiting", "fruiting"]
 
 
 def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside():
-    _, vegetative, branch = mapped_vegetative_branch(np.array([8.6, -2.5, 37.0]), touches=True)
+    found = mapped_vegetative_branch(np.array([8.6, -2.5, 37.0]), touches=True)
+    vegetative, branch = vegetative_and_bearer_of_3(found)
     assert (branch.kind, branch.parent) == ("fruiting", vegetative.rank)
     assert branch.bolls == (3, 2)
     assert branch.curve[-1] == pytest.approx([8, -9, 38], abs=0.1)
@@ -209,7 +227,8 @@ def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside(
 def test_a_vegetative_branch_that_ends_in_a_boll_has_its_last_branch_there():
     """What is left of it beyond that branch is too short to be seen; the branch bends again at its boll."""
     foot = np.array([13, 0, 46.0])
-    found, vegetative, branch = mapped_vegetative_branch(foot)
+    found = mapped_vegetative_branch(foot)
+    vegetative, branch = vegetative_and_bearer_of_3(found)
     assert (branch.kind, branch.parent, branch.bolls) == ("fruiting", vegetative.rank, (3,))
     assert branch.curve[0] == pytest.approx([9, 0, 40], abs=1)
     assert branch.curve[-1] == pytest.approx(foot, abs=0.1)

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from card_scale import card_scale
 from error_budget import put_true_cameras, share
+from map_surfaces import options_of, scores_of, truth_of
 from real_internodes import SKIPPED_CM, paired
 from scenes.branch_scene import branch_scene
 from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
@@ -36,6 +37,13 @@ def test_every_tool_starts_as_its_first_lines_say(tool, tmp_path):
     """In a process of its own: pytest's own path has what a plain call lacks."""
     done = subprocess.run([sys.executable, tool, "--help"], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0 and "usage: " in done.stdout, done.stderr
+
+
+def test_surfaces_of_a_plant_give_nearly_its_map():
+    scores = scores_of(truth_of(options_of(5001, crossing=0)))
+    assert scores.bolls >= 10
+    assert scores.f1 > 0.9
+    assert scores.bolls_on_branch > 0.9 * scores.bolls
 
 
 @pytest.fixture

@@ -83,23 +83,6 @@ class Parts:
     """Flag -> warning, of the plant as a whole."""
 
 
-def measure_plant(
-    gaussians: Gaussians,
-    bolls: Sequence[BollInstance],
-    scale: Scale | None,
-    pixel_su: float,
-    clamp_cm: float,
-    halves: tuple[int, int] | None = None,
-    cameras: Sequence[Camera] = (),
-    by_colour: bool = False,
-    filming: Filming = WELL_FILMED,
-    thin_ends: Sequence[NDArray] = (),
-) -> Measured:
-    """All traits of a plant and of its bolls: `measure_parts`, then `measure_whole`, whose arguments these are."""
-    parts = measure_parts(gaussians, bolls, scale, pixel_su, clamp_cm, cameras, filming)
-    return measure_whole(parts, halves, by_colour, thin_ends)
-
-
 def measure_parts(
     gaussians: Gaussians,
     bolls: Sequence[BollInstance],
@@ -295,7 +278,7 @@ def summarise_plant(
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
     Args:
-        pixel_su, halves, by_colour, filming: as for `measure_plant`.
+        pixel_su, halves, by_colour, filming: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
     What its traits may be off by is in error_model.py.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes.measured_plant import measure_plant
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, POSE
 from typer.testing import CliRunner
 
@@ -23,7 +24,6 @@ from cotton3dg.files.tables import read_rows
 from cotton3dg.report.facts import read_facts
 from cotton3dg.stages import scale as scale_stage
 from cotton3dg.traits.corrections import apply_corrections
-from cotton3dg.traits.measure import measure_plant
 from cotton3dg.workspace import Workspace
 
 

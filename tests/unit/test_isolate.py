@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes.measured_plant import measure_plant
 from scenes.table_scene import (
     BOLL_RADIUS_CM,
     BOLLS_CM,
@@ -23,7 +24,7 @@ from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
-from cotton3dg.traits.measure import measure_bolls, measure_plant, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, summarise_plant
 from cotton3dg.traits.plant_size import measure_places, measure_silhouette
 
 UP = POSE.rotation[:, 2]

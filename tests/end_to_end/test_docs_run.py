@@ -50,6 +50,7 @@ ELSEWHERE = {
     "make clean": "test_make_clean_leaves_the_sources",
     "make study-set": "test_accuracy_tools.py",
     "study_set.py": "test_accuracy_tools.py",
+    "map_surfaces.py": "test_accuracy_tools.py",
     "make coverage": "test_accuracy_tools.py",
     "processors.py": "test_accuracy_tools.py",
     "make segmentation-sweep": "test_accuracy_tools.py",

@@ -38,6 +38,11 @@ WINDOW_CM = 2.5
 MOST_DEG = 80.0
 """No bend is less likely than this."""
 ROUNDS = 3
+HANGING_DEG = 3.0
+"""For each centimetre between the foot of what hangs at a fork and a branch, that is as unlikely as such a bend: where
+branches touch that bear bolls there, each has those that are nearer to it."""
+HANGING_CM = 3.0
+"""That much of the branch at either side of the fork counts."""
 MOST_ARMS = 5
 """Of a fork besides the two of the loop; with more of them it stays as it is."""
 
@@ -111,6 +116,7 @@ class _Forks:
         self.first: dict[Arm, int] = {}
         """The fork of each arm as the ways came."""
         self._angles: dict[tuple[Arm, Arm], float] = {}
+        self._distances: dict[tuple[Arm, Arm, Arm], float] = {}
         forks = _Merged()
         self.root = forks.new()
         events: list[list[tuple[float, int]]] = [[] for _ in self.ways]
@@ -307,6 +313,7 @@ class _Forks:
                 for other in outs:
                     if other != onward:
                         cost += BEARING_DEG * (other in long and not may_bear)
+                        cost += HANGING_DEG * self._away_cm(entered, onward, other)
                         waiting.append((other, number, other not in long))
                 arm = onward
         return (cost if seen == len(self.segments) else np.inf), lines
@@ -347,6 +354,22 @@ class _Forks:
     def _length(self, arm: Arm) -> float:
         segment = self.segments[arm[0]]
         return segment.end - segment.start
+
+    def _away_cm(self, entered: Arm, onward: Arm, hanging: Arm) -> float:
+        """How far what hangs at a fork begins from the branch that goes on there."""
+        key = entered, onward, hanging
+        if key not in self._distances:
+            branch = np.vstack([self._beginning(entered)[::-1], self._beginning(onward)])
+            self._distances[key] = float(nearest_on(branch, self._beginning(hanging)[:1])[0][0])
+        return self._distances[key]
+
+    def _beginning(self, arm: Arm) -> Float64:
+        """(N, 3) cm, of a segment from a fork on."""
+        segment = self.segments[arm[0]]
+        way, start, end = segment.way, segment.start, segment.end
+        if arm[1] == 0:
+            return self._slice(way, start, min(start + HANGING_CM, end))
+        return self._slice(way, end, max(end - HANGING_CM, start))
 
     def _bend(self, entered: Arm, arm: Arm) -> float:
         key = entered, arm

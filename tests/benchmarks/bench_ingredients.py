@@ -1,10 +1,13 @@
 """What each ingredient of the training schedule gains: the training without it, beside the training with all.
 
     python tests/benchmarks/bench_ingredients.py PLANT_DIR ... [--preset draft] [--only NAME ...] [--json FILE]
+        [--equal-time] [--seeds 0 1 2]
 
 The plants must have been through the sfm stage; nothing is written into them. Prints a Markdown table a plant: held-out
 PSNR of the full frame and of the plant region, CPU seconds of training (start included, loading and judging not), and
-the number of Gaussians. What an ingredient gains is what is lost without it, at the time that is saved or spent.
+the number of Gaussians; means over the seeds. What an ingredient gains is what is lost without it, at the time that is
+saved or spent; `--equal-time`: at the time of the training with all. A variant then gets the number of steps that takes
+as long, known from a training with the first seed, unless that took as long to a twentieth anyway.
 """
 
 from __future__ import annotations
@@ -12,13 +15,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cotton3dg.files.colmap import read_points
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
@@ -43,13 +47,19 @@ def all_contribute(weight: Any, count: Any) -> Any:
     return np.ones(len(weight), bool)
 
 
+def as_they_come(means: Any) -> Any:
+    return np.arange(len(means))
+
+
 def no_dense_points(views: Any, points: Any, count: int, seed: int) -> tuple[Any, Any]:
     return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 
 
 INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
     "coarse to fine": [(trainer, "resolutions", at_full_size)],
+    "settled early": [(trainer, "DENSIFY_UNTIL", 0.6)],
     "early splitting": [(densify, "scheduled_count", evenly)],
+    "order along a curve": [(densify, "order_along_curve", as_they_come)],
     "hidden ones pruned": [(densify, "find_contributing", all_contribute)],
     "plant first": [(trainer, "PLANT_NEED", 1.0)],
     "size limits": [(trainer, "LARGEST_IN_PLANT", np.inf), (trainer, "LARGEST_IN_ROOM", np.inf)],
@@ -74,17 +84,41 @@ OPTIONS: dict[str, dict[str, Any]] = {
 """Name -> option and its value, or factor where it is a float."""
 
 
-def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, float]:
-    training = capture.training
-    points, colours, _, _ = read_points(Workspace(plant).undistorted / "sparse")
-    regions = PlantRegions().of_held_out(capture.views, options.holdout, points)
+AS_LONG = 0.05
+"""Trainings whose times differ by no more of the one with all take as long."""
+
+Row = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What all variants of a plant's training share."""
+
+    workspace: Workspace
+    capture: Capture
+    points: NDArray
+    colours: NDArray
+    regions: list[NDArray]
+    """Of each held-out image, what is judged as the plant."""
+
+    @staticmethod
+    def load(folder: Path, options: TrainOptions) -> Plant:
+        workspace = Workspace(folder)
+        capture = load_capture(workspace, options)
+        points, colours, _, _ = read_points(workspace.undistorted / "sparse")
+        regions = PlantRegions().of_held_out(capture.views, options.holdout, points)
+        return Plant(workspace, capture, points, colours, regions)
+
+
+def trained(plant: Plant, options: TrainOptions) -> Row:
+    training = plant.capture.training
     began = time.process_time()
-    start = initialise.start_gaussians(points, colours, training, options)
-    result = trainer.fit(start, training, options, windows=load_windows(Workspace(plant), options, training))
+    start = initialise.start_gaussians(plant.points, plant.colours, training, options)
+    result = trainer.fit(start, training, options, windows=load_windows(plant.workspace, options, training))
     cpu_s = time.process_time() - began
     qualities = [
         view_quality(result.gaussians, view, region, gains)
-        for view, region, gains in zip(capture.held_out, regions, capture.held_out_gains, strict=True)
+        for view, region, gains in zip(plant.capture.held_out, plant.regions, plant.capture.held_out_gains, strict=True)
     ]
     return {
         "psnr_db": float(np.mean([quality.psnr_db for quality in qualities])),
@@ -94,57 +128,53 @@ def trained(plant: Path, capture: Capture, options: TrainOptions) -> dict[str, f
     }
 
 
-def variants(options: TrainOptions) -> dict[str, Callable[[Path, Capture], dict[str, float]]]:
-    def without(name: str) -> Callable[[Path, Capture], dict[str, float]]:
-        def run(plant: Path, capture: Capture) -> dict[str, float]:
-            with ExitStack() as stack:
-                for module, attribute, value in INGREDIENTS[name]:
-                    stack.enter_context(patch.object(module, attribute, value))
-                return trained(plant, capture, options)
-
-        return run
-
-    def changed(name: str) -> Callable[[Path, Capture], dict[str, float]]:
+def variant(name: str, plant: Plant, options: TrainOptions) -> Row:
+    """The results of one variant of a training."""
+    if name in OPTIONS:
         values = {
             key: round(getattr(options, key) * value) if isinstance(value, float) else value
             for key, value in OPTIONS[name].items()
         }
-        return lambda plant, capture: trained(plant, capture, resolve("train", vars(options), values))
-
-    return (
-        {"all": lambda plant, capture: trained(plant, capture, options)}
-        | {f"without {name}": without(name) for name in INGREDIENTS}
-        | {name: changed(name) for name in OPTIONS}
-    )
+        return trained(plant, resolve("train", vars(options), values))
+    with ExitStack() as stack:
+        for module, attribute, value in INGREDIENTS.get(name.removeprefix("without "), []):
+            stack.enter_context(patch.object(module, attribute, value))
+        return trained(plant, options)
 
 
 def main() -> None:
+    names = ["all", *(f"without {name}" for name in INGREDIENTS), *OPTIONS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("plants", type=Path, nargs="+")
     parser.add_argument("--preset", choices=PRESETS, default="draft")
     parser.add_argument("--only", nargs="*", help="names of variants; default: every one")
+    parser.add_argument("--equal-time", action="store_true", help="each variant takes as long as the training with all")
+    parser.add_argument("--seeds", type=int, nargs="*", default=[0])
     parser.add_argument("--json", type=Path, help="write the results here")
     arguments = parser.parse_args()
-    options = resolve("train", PRESET_VALUES[arguments.preset].get("train", {}))
-    names = variants(options).keys()
-    if unknown := set(arguments.only or ()) - names:
+    if unknown := set(arguments.only or ()) - set(names):
         parser.error(f"no variant {', '.join(sorted(unknown))}; there are: {', '.join(names)}")
-    results: dict[str, dict[str, dict[str, float]]] = {}
-    for plant in arguments.plants:
-        rows = results[plant.name] = {}
-        capture = load_capture(Workspace(plant), options)
-        print(f"\n{plant.name}\n\n| | PSNR, dB | plant, dB | CPU, s | Gaussians |\n|---|---|---|---|---|", flush=True)
-        for name, run in variants(options).items():
-            if arguments.only and name not in arguments.only:
-                continue
-            row = rows[name] = run(plant, capture)
-            print(
-                f"| {name} | {row['psnr_db']:.2f} | {row['plant_psnr_db']:.2f} | {row['cpu_s']:.0f} | "
-                f"{row['n_gaussians']} |",
-                flush=True,
-            )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=1) + "\n")
+    if arguments.only:
+        names = ["all", *(name for name in names if name in arguments.only)] if arguments.equal_time else arguments.only
+    base = resolve("train", PRESET_VALUES[arguments.preset].get("train", {}))
+    results: dict[str, dict[str, list[Row]]] = {}
+    for folder in arguments.plants:
+        rows = results[folder.name] = {}
+        plant = Plant.load(folder, base)
+        print(f"\n{folder.name}\n\n| | PSNR, dB | plant, dB | CPU, s | Gaussians |\n|---|---|---|---|---|", flush=True)
+        for name in names:
+            options, seeds = base, arguments.seeds
+            rows[name] = [variant(name, plant, replace(options, seed=seeds[0]))]
+            if arguments.equal_time and name != "all":
+                share = float(np.mean([row["cpu_s"] for row in rows["all"]])) / rows[name][0]["cpu_s"]
+                if abs(share - 1) > AS_LONG:
+                    options = replace(base, steps=max(1, round(share * base.steps)))
+                    rows[name] = [variant(name, plant, replace(options, seed=seeds[0]))]
+            rows[name] += [variant(name, plant, replace(options, seed=seed)) for seed in seeds[1:]]
+            psnr, plant_psnr, cpu, n = (float(np.mean([row[key] for row in rows[name]])) for key in rows[name][0])
+            print(f"| {name} | {psnr:.2f} | {plant_psnr:.2f} | {cpu:.0f} | {n:.0f} |", flush=True)
+            if arguments.json:
+                arguments.json.write_text(json.dumps(results, indent=1) + "\n")
 
 
 if __name__ == "__main__":

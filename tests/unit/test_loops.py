@@ -49,6 +49,25 @@ def test_a_loop_is_opened_where_its_branches_touch(ends_with):
         assert length_of(boll_of[5].curve) < 3
 
 
+@pytest.mark.parametrize(
+    ("foot", "bearer"),
+    [(ONE[MEETS - 5], 4), (ONE[MEETS + 5], 4), (OTHER[MEETS_OTHER - 5], 3), (OTHER[MEETS_OTHER + 5], 3)],
+)
+def test_a_stalk_at_a_touch_hangs_on_the_branch_that_it_begins_at(foot, bearer):
+    """Bends do not tell, as stalks bend as they like."""
+    ways = [
+        RawAxis(STEM, -1),
+        RawAxis(ASTRAY, 0, boll=3),
+        RawAxis(OTHER[: SHORT + 1], 0),
+        RawAxis(ONE[MEETS:], 1, boll=4),
+        RawAxis(BACK, 1),
+        RawAxis(line(foot, foot + (0, 0.3, 2.5), spacing=0.25), 1, boll=6),
+    ]
+    found = opened(ways, [Meeting(2, 4, link(OTHER[SHORT], BACK[-1]))])
+    boll_of = {way.boll: way for way in found if way.boll}
+    assert found[boll_of[6].parent] is boll_of[bearer]
+
+
 def test_what_is_left_of_a_branch_beside_the_stem_leads_to_it():
     """Of a branch that touches another one soon, so little is left at its foot that it is no way."""
     foot, back = OTHER[:13], OTHER[13:MEETS_OTHER][::-1]

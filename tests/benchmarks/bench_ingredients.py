@@ -149,13 +149,14 @@ def main() -> None:
     parser.add_argument("--preset", choices=PRESETS, default="draft")
     parser.add_argument("--only", nargs="*", help="names of variants; default: every one")
     parser.add_argument("--equal-time", action="store_true", help="each variant takes as long as the training with all")
-    parser.add_argument("--seeds", type=int, nargs="*", default=[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--json", type=Path, help="write the results here")
     arguments = parser.parse_args()
     if unknown := set(arguments.only or ()) - set(names):
         parser.error(f"no variant {', '.join(sorted(unknown))}; there are: {', '.join(names)}")
     if arguments.only:
-        names = ["all", *(name for name in names if name in arguments.only)] if arguments.equal_time else arguments.only
+        # What takes as long as all has to know how long that takes.
+        names = [name for name in names if name in arguments.only or (name == "all" and arguments.equal_time)]
     base = resolve("train", PRESET_VALUES[arguments.preset].get("train", {}))
     results: dict[str, dict[str, list[Row]]] = {}
     for folder in arguments.plants:

@@ -166,3 +166,22 @@ def path_to(tree: WoodTree, row: int, stop: NDArray[np.bool_]) -> list[int]:
     while not stop[path[-1]] and tree.before[path[-1]] >= 0:
         path.append(int(tree.before[path[-1]]))
     return path[::-1]
+
+
+class MergedNumbers:
+    """Numbers of which some turn out to be the same."""
+
+    def __init__(self) -> None:
+        self._above: list[int] = []
+
+    def new(self) -> int:
+        self._above.append(len(self._above))
+        return self._above[-1]
+
+    def of(self, number: int) -> int:
+        while self._above[number] != number:
+            number = self._above[number]
+        return number
+
+    def merge(self, one: int, other: int) -> None:
+        self._above[self.of(other)] = self.of(one)

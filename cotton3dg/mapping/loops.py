@@ -16,6 +16,7 @@ import numpy as np
 
 from ..core.scene import Float64
 from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
+from .graph import MergedNumbers
 from .skeleton import PETIOLE_CM, SPACING_CM, Meeting, RawAxis
 from .untangle import (
     AROUND_CM,
@@ -86,25 +87,6 @@ def _arms_of(forks: dict[Arm, int]) -> dict[int, list[Arm]]:
     return arms
 
 
-class _Merged:
-    """Numbers of which some turn out to be the same."""
-
-    def __init__(self) -> None:
-        self._above: list[int] = []
-
-    def new(self) -> int:
-        self._above.append(len(self._above))
-        return self._above[-1]
-
-    def of(self, number: int) -> int:
-        while self._above[number] != number:
-            number = self._above[number]
-        return number
-
-    def merge(self, one: int, other: int) -> None:
-        self._above[self.of(other)] = self.of(one)
-
-
 class _Forks:
     """Segments of ways, and which of them come together."""
 
@@ -117,7 +99,7 @@ class _Forks:
         """The fork of each arm as the ways came."""
         self._angles: dict[tuple[Arm, Arm], float] = {}
         self._distances: dict[tuple[Arm, Arm, Arm], float] = {}
-        forks = _Merged()
+        forks = MergedNumbers()
         self.root = forks.new()
         events: list[list[tuple[float, int]]] = [[] for _ in self.ways]
         """Path length and number of each fork on each way."""
@@ -132,7 +114,7 @@ class _Forks:
         self.ends_of = [(forks.of(one), forks.of(other)) for one, other in ends]
         """The forks that each meeting joins."""
 
-    def _place_feet_and_tips(self, events: list[list[tuple[float, int]]], forks: _Merged) -> None:
+    def _place_feet_and_tips(self, events: list[list[tuple[float, int]]], forks: MergedNumbers) -> None:
         for own, way in zip(events[1:], self.ways[1:], strict=True):
             own += [(length_of(way.curve), forks.new()), (0.0, forks.new())]
         for number, way in enumerate(self.ways[1:], start=1):
@@ -143,14 +125,14 @@ class _Forks:
                 on_parent = self._event(events, forks, way.parent, way.curve[0])
                 forks.merge(on_parent, foot)
 
-    def _event(self, events: list[list[tuple[float, int]]], forks: _Merged, way: int, place: Float64) -> int:
+    def _event(self, events: list[list[tuple[float, int]]], forks: MergedNumbers, way: int, place: Float64) -> int:
         """Another fork on a way, nearest to a place and not quite at an end."""
         station = float(nearest_on(self.ways[way].curve, place[None])[1][0])
         events[way].append((min(station, events[way][0][0] - 0.1), forks.new()))
         return events[way][-1][1]
 
     def _place_meetings(
-        self, events: list[list[tuple[float, int]]], forks: _Merged, meetings: list[Meeting]
+        self, events: list[list[tuple[float, int]]], forks: MergedNumbers, meetings: list[Meeting]
     ) -> Iterator[tuple[int, int]]:
         """The two forks of each meeting."""
         stub = self.n_ways
@@ -161,14 +143,16 @@ class _Forks:
                 one = self._tip_or_event(events, forks, meeting.one, meeting.link[0])
             yield one, self._tip_or_event(events, forks, meeting.other, meeting.link[-1])
 
-    def _tip_or_event(self, events: list[list[tuple[float, int]]], forks: _Merged, way: int, place: Float64) -> int:
+    def _tip_or_event(
+        self, events: list[list[tuple[float, int]]], forks: MergedNumbers, way: int, place: Float64
+    ) -> int:
         length, tip = events[way][0]
         station = float(nearest_on(self.ways[way].curve, place[None])[1][0])
         if not self.ways[way].boll and station > length - ONE_FORK_CM:
             return tip
         return self._event(events, forks, way, place)
 
-    def _cut(self, events: list[list[tuple[float, int]]], forks: _Merged, tips: set[int]) -> None:
+    def _cut(self, events: list[list[tuple[float, int]]], forks: MergedNumbers, tips: set[int]) -> None:
         """Forks that are near each other on a way become one; the ways are cut at all."""
         for own in events[1:]:
             for (before, one), (after, other) in pairwise(sorted(own)):

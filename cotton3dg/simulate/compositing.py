@@ -46,7 +46,7 @@ def compose(
         backgrounds: (B, H, W, 3) sRGB.
         size: px, side of the picture.
     """
-    power = _draw_power(rng)
+    power = draw_power(rng)
     bare = rng.random() < BARE
     layers = [] if bare else [_place(rng, _draw_plate(rng, plates), power, size)]
     most, more = (5, 0.75) if rng.random() < CROWDED else (3, 0.3)
@@ -93,7 +93,7 @@ def _draw_plate(rng: np.random.Generator, plates: Sequence[Plate]) -> Plate:
     return plate
 
 
-def _draw_power(rng: np.random.Generator) -> Float32:
+def draw_power(rng: np.random.Generator) -> Float32:
     """(LIGHTS, 3) of each light: one lamp alone, soft light, or any mixture, each of its own colour."""
     power = np.exp(rng.normal(0, 0.7, LIGHTS)) * (1.0, 0.6, 0.8, 0.4)
     kind = rng.random()

@@ -39,6 +39,17 @@ class TrainingScene:
     """(K, 3) m, what is worth looking at: bolls, and things that may be taken for some."""
 
 
+@dataclass(frozen=True)
+class Crowd:
+    """How many bolls a scene is to have, and how near to each other."""
+
+    bolls: int
+    clustered: float
+    """Share of them that stand in groups."""
+    contact: float
+    """Distance of the middles in a group, in diameters."""
+
+
 class _Parts:
     """Meshes of a scene as they come, with their classes."""
 
@@ -56,8 +67,12 @@ class _Parts:
             self.targets.append(mesh.vertices.mean(axis=0))
 
 
-def build_scene(seed: int) -> TrainingScene:
-    """The scene of a seed; one in eight has no open boll."""
+def build_scene(seed: int, crowd: Crowd | None = None) -> TrainingScene:
+    """The scene of a seed; one in eight has no open boll.
+
+    Args:
+        crowd: None = as the seed has it.
+    """
     rng = np.random.default_rng([seed, 11])
     noise = SolidNoise(rng)
     parts = _Parts()
@@ -65,6 +80,8 @@ def build_scene(seed: int) -> TrainingScene:
     closed = int(rng.integers(1, 8)) if rng.random() < (0.9 if not count else 0.4) else 0
     clustered = rng.choice([0.0, rng.uniform(0.3, 1.0)])
     contact = rng.uniform(0.66, 0.97)
+    if crowd is not None:
+        count, clustered, contact = crowd.bolls, crowd.clustered, crowd.contact
     base = np.zeros(3)
     stem = stem_curve(rng, base, rng.uniform(0.25, 0.5) if count < 7 else rng.uniform(0.4, 0.8))
     branches = fruiting_branches(rng, stem, max(count + closed, 1), round(clustered * count))

@@ -297,17 +297,21 @@ def base_angle_deg(curve: Float64, parent: Float64) -> float:
 
 
 def _kind(branch: _Branch, branches: list[_Branch], index: int, stem: Float64) -> str:
-    """Vegetative: it rises, bears branches itself, and leaves the stem low; one boll on it may hang elsewhere.
+    """Vegetative: it rises, bears branches itself, and leaves the stem low.
+
+    One boll on it may hang elsewhere; several may on one that rises steeply and bears as many branches.
 
     On a branch that bears bolls itself, bare ones are what hangs about these.
     """
-    if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM or len(branch.stalks) > 1:
+    if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM:
         return "fruiting"
     outer = direction(branch.curve, 0.5 * length_of(branch.curve), length_of(branch.curve))
     rise_deg = np.degrees(np.arcsin(np.clip(outer[2], -1, 1)))
     low = leaves_low(branch.curve, stem)
     own = [other for other in branches if other.parent == index and length_of(other.curve) > STALK_CM]
     branching = sum(bool(other.stalks) or not branch.stalks for other in own)
+    if len(branch.stalks) > max(1, branching if rise_deg > RISING_DEG else 0):
+        return "fruiting"
     upright = rise_deg > UPRIGHT_DEG and not branch.stalks
     return "vegetative" if low and (branching > 1 or (branching and rise_deg > RISING_DEG) or upright) else "fruiting"
 

@@ -215,6 +215,18 @@ def test_a_branch_with_two_bolls_of_its_own_is_fruiting_whatever_else_it_seems_t
     assert [axis.kind for axis in map_of_ways(ways, ends).axes] == ["stem", "fruiting", "fruiting"]
 
 
+def test_a_rising_branch_that_bears_as_many_branches_as_bolls_is_vegetative():
+    """Two of its own branches are there; of two that touch it only the bolls are told from it."""
+    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40))
+    ends = np.array([(14, 6, 34), (8, -9, 38), (8.6, -2.5, 37), (6.5, 2.0, 27)])
+    nodes = [(7, 0, 30), (8, 0, 34), (8.8, 0, 39), (6.7, 0, 26)]
+    ways = [RawAxis(line(node, end), 1, number) for number, (node, end) in enumerate(zip(nodes, ends, strict=True), 1)]
+    found = map_of_ways([RawAxis(stem, -1), RawAxis(rising, 0), *ways], ends)
+    (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
+    assert not vegetative.bolls
+    assert sum(len(axis.bolls) for axis in found.axes if axis.parent == vegetative.rank) == 4
+
+
 def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside():
     found = mapped_vegetative_branch(np.array([8.6, -2.5, 37.0]), touches=True)
     vegetative, branch = vegetative_and_bearer_of_3(found)

@@ -26,6 +26,18 @@ class Hits(NamedTuple):
     """(N, 2) barycentric weights of the triangle's second and third corner."""
 
 
+def interpolate(values: Float32, corners: NDArray[np.integer], weights: Float32) -> Float32:
+    """(N, C) what vertices have, (V, C), within triangles with these corners, (N, 3).
+
+    Args:
+        weights: (N, 2) as in `Hits`.
+    """
+    u, v = weights.T[..., None]
+    a, b, c = (values[corners[:, k]] for k in range(3))
+    between: Float32 = (1 - u - v) * a + u * b + v * c
+    return between
+
+
 class Rays(Protocol):
     """Meshes that rays are cast at. Origins and directions are (N, 3); a direction need not have length 1."""
 
@@ -64,8 +76,9 @@ class _Embreex:
         return Hits(depths, meshes, found["primID"].astype(np.int64), np.stack([found["u"], found["v"]], axis=1))
 
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
-        limits = np.full(len(directions), reach, np.float32)
-        return self.scene.run(*_rows(origins, directions), dists=limits, query="OCCLUDED") == 0
+        starts, towards = _rows(origins, directions)
+        limits = np.full(len(starts), reach, np.float32)
+        return self.scene.run(starts, towards, dists=limits, query="OCCLUDED") == 0
 
 
 class _Open3d:

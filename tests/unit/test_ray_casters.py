@@ -42,6 +42,16 @@ def test_only_what_is_within_reach_blocks(build):
     assert scene.blocked(np.float32([[0, 0.1, 3]]), down).tolist() == [True]
 
 
+@BUILDERS
+def test_one_direction_for_many_rays_is_that_of_each(build):
+    scene = built(build, SQUARE)
+    origins = np.random.default_rng(5).uniform((-2, -2, 1), (2, 2, 3), (20000, 3)).astype(np.float32)
+    down = np.float32([0, 0, -1])
+    blocked = scene.blocked(origins, down)
+    np.testing.assert_array_equal(blocked, (np.abs(origins[:, :2]) < 1).all(axis=1))
+    np.testing.assert_array_equal(blocked, scene.blocked(origins, np.tile(down, (len(origins), 1))))
+
+
 def test_both_libraries_give_the_same_bits():
     rng = np.random.default_rng(3)
     corners = rng.normal(size=(2000, 1, 3)) + 0.1 * rng.normal(size=(2000, 3, 3))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import Float64, unit
-from .rays import Rays, build_rays
+from .rays import Rays, build_rays, interpolate
 from .training_scenes import LINT, TrainingScene, build_scene
 
 Float32 = NDArray[np.float32]
@@ -182,12 +182,10 @@ def render_plate(lit: LitScene, rng: np.random.Generator) -> Plate:
     hit = found.meshes >= 0
     where = np.flatnonzero(hit)
     triangles = found.triangles[where]
-    u, v = found.weights[where].T[..., None]
     corners = scene.mesh.triangles[triangles]
     light = np.zeros((LIGHTS, len(hit), 3), np.float32)
     for number in range(LIGHTS):
-        a, b, c = (lit.radiance[number][corners[:, k]] for k in range(3))
-        light[number, where] = (1 - u - v) * a + u * b + v * c
+        light[number, where] = interpolate(lit.radiance[number], corners, found.weights[where])
     shape = (size * n, size * n)
     shrunk = np.stack([cv2.resize(p.reshape(*shape, 3), (size, size), interpolation=cv2.INTER_AREA) for p in light])
     brightest = np.maximum(shrunk.reshape(LIGHTS, -1).max(axis=1), 1e-6)

@@ -15,7 +15,7 @@ from .atlas import Atlas, pack
 from .lighting import irradiance
 from .mesh import Mesh, merge
 from .plant import PlantMeshes
-from .rays import Hits, Rays, build_rays
+from .rays import Hits, Rays, build_rays, interpolate
 from .room import Panel, Room
 
 Float32 = NDArray[np.float32]
@@ -200,9 +200,7 @@ def _light(
 
     on_plant = geometry == 1
     hit = np.flatnonzero(on_plant)
-    u, v = barycentric[hit].T[..., None]
-    a, b, c = (scene.plant_light[corner] for corner in scene.plant_triangles[triangles[hit]].T)
-    light[hit] = (1 - u - v) * a + u * b + v * c
+    light[hit] = interpolate(scene.plant_light, scene.plant_triangles[triangles[hit]], barycentric[hit])
     return light, on_plant
 
 

@@ -36,6 +36,7 @@ from cotton3dg.simulate.backgrounds import paint_backgrounds
 from cotton3dg.simulate.compositing import draw_power
 from cotton3dg.simulate.mesh import unit
 from cotton3dg.simulate.plates import LitScene, light_scene
+from cotton3dg.simulate.rays import interpolate
 from cotton3dg.simulate.training_scenes import LINT, Crowd, TrainingScene, build_scene
 from cotton3dg.splat.initialise import start_gaussians
 from cotton3dg.splat.trainer import fit
@@ -160,8 +161,7 @@ def _look(lit: LitScene, seen: NDArray, around: Float32, camera: Camera) -> tupl
     light = _background(around, directions).reshape(-1, 3)
     hit = np.flatnonzero(found.meshes >= 0)
     corners = lit.scene.mesh.triangles[found.triangles[hit]]
-    u, v = found.weights[hit].T[..., None]
-    light[hit] = (1 - u - v) * seen[corners[:, 0]] + u * seen[corners[:, 1]] + v * seen[corners[:, 2]]
+    light[hit] = interpolate(seen, corners, found.weights[hit])
     ids = np.zeros(len(light), np.uint8)
     ids[hit] = lit.scene.boll_ids[found.triangles[hit]]
     small = cv2.resize(light.reshape(*grid.shape), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)

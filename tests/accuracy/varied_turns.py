@@ -29,6 +29,8 @@ from cotton3dg.core.scene import Camera, Float32, Float64, Gaussians
 from cotton3dg.core.srgb import to_linear
 from cotton3dg.evaluation.masks import match_ious, score_masks
 from cotton3dg.files.ply import read_gaussians, write_gaussians
+from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.lifting.lift import within_orbit
 from cotton3dg.masks.bolls import BollNetwork, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.options import resolve
@@ -47,8 +49,9 @@ FIRST_SEED = 9_000_000
 VIEWS, WIDTH, HEIGHT = 36, 960, 540
 SUPERSAMPLING = 2
 FOCAL_PX = 0.95 * WIDTH
-FAR_M = 4.0
-"""Radius of the ball around the plant that training sees the background on."""
+FAR_M = 5.0
+"""Radius of the ball around the plant that the background is painted on. It has to stand somewhere: what moves with
+the camera no model explains but by haze before each view."""
 HIGH = 0.9
 """rad, half the height of what is painted on it."""
 FILLED = 0.85
@@ -109,7 +112,8 @@ def film(seed: int) -> tuple[list[View], NDArray[np.uint8], NDArray, NDArray[np.
         views.append(View(camera, phone.develop(light, rng)))
         ids.append(of_view)
     near, far = rng.permutation(len(seen))[:15_000], unit(rng.normal(0, 1, (4000, 3)))
-    light = np.concatenate([seen[near], _background(around, far[None].astype(np.float32))[0]]) * phone.gain
+    backdrop = _background(around, np.zeros(3), far[None].astype(np.float32))[0]
+    light = np.concatenate([seen[near], backdrop]) * phone.gain
     colours = np.round(255 * light.clip(0, 1) ** (1 / 2.2)).astype(np.uint8)
     return views, np.stack(ids), np.concatenate([lit.scene.mesh.vertices[near], FAR_M * far]), colours
 
@@ -123,9 +127,11 @@ def _paint_around(seed: int, reference: float, rng: np.random.Generator) -> Floa
     return (row * brightness).astype(np.float32)
 
 
-def _background(around: Float32, directions: Float32) -> Float32:
-    """What is far away in directions (H, W, 3)."""
-    x, y, z = np.moveaxis(directions, -1, 0)
+def _background(around: Float32, eye: Float64, directions: Float32) -> Float32:
+    """What is far away from a place within the ball in directions (H, W, 3)."""
+    square, along = np.einsum("...i,...i", directions, directions), directions @ eye.astype(np.float32)
+    reach = (np.sqrt(along**2 + square * np.float32(FAR_M**2 - eye @ eye)) - along) / square
+    x, y, z = np.moveaxis(eye.astype(np.float32) + reach[..., None] * directions, -1, 0)
     columns = (np.arctan2(y, x) / (2 * np.pi) + 0.5) * around.shape[1]
     rows = (0.5 - 0.5 * np.arctan2(z, np.hypot(x, y)) / HIGH).clip(0, 1) * (around.shape[0] - 1)
     return cv2.remap(around, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
@@ -158,7 +164,7 @@ def _look(lit: LitScene, seen: NDArray, around: Float32, camera: Camera) -> tupl
     grid = np.stack([*np.meshgrid(x / FOCAL_PX, y / FOCAL_PX), np.ones((len(y), len(x)))], axis=-1)
     directions = (grid @ camera.rotation).astype(np.float32)
     found = lit.rays.cast(camera.centre.astype(np.float32), directions.reshape(-1, 3))
-    light = _background(around, directions).reshape(-1, 3)
+    light = _background(around, camera.centre, directions).reshape(-1, 3)
     hit = np.flatnonzero(found.meshes >= 0)
     corners = lit.scene.mesh.triangles[found.triangles[hit]]
     light[hit] = interpolate(seen, corners, found.weights[hit])
@@ -186,7 +192,8 @@ def open_turn(folder: Path, seed: int) -> Turn:
 
 def measure(turn: Turn, network: BollNetwork) -> dict[str, float]:
     """What all images together make of a turn."""
-    masks = detect_bolls(list(turn.images), turn.cameras, network, turn.gaussians)
+    of_plant = within_orbit(turn.gaussians.means, turn.cameras, fit_orbit(turn.cameras))
+    masks = detect_bolls(list(turn.images), turn.cameras, network, turn.gaussians, of_plant)
     found, true = np.stack([masks.ids[camera.name] for camera in turn.cameras]), turn.ids.astype(np.uint16)
     anything = (found > 0) | (true > 0)
     ious, ours, theirs = match_ious(found[anything], true[anything])

@@ -35,6 +35,17 @@ def test_a_turn_is_filmed_once_and_shows_its_bolls(kept, monkeypatch):
     assert np.array_equal(again.cameras[3].cam_from_scene, turn.cameras[3].cam_from_scene)
 
 
+def test_what_is_far_away_stands_where_it_is():
+    around = np.random.default_rng(0).uniform(0, 1, (40, 80, 3)).astype(np.float32)
+    place = varied_turns.FAR_M * np.array([0.6, -0.64, 0.48])
+    eyes = np.array([[0, 0, 0], [1.6, 0.4, 0.5], [-1.2, -1.1, 0.3]])
+    first, *others = (
+        varied_turns._background(around, eye, 0.3 * (place - eye)[None, None].astype(np.float32)) for eye in eyes
+    )
+    for other in others:
+        np.testing.assert_allclose(other, first, atol=1e-4)
+
+
 def test_true_masks_are_right_and_one_that_joins_two_bolls_is_not(kept, monkeypatch):
     _, turn = kept
     sizes = np.bincount(turn.ids.ravel())[1:]

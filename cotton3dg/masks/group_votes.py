@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..core.scene import Float32
 from .bolls import OFFSET_PX, Maps
 
-SURE = 0.5
+SURE = 0.4
 """Probability of lint from which a pixel is lint."""
 VOTE_SPREAD = 0.10
 """Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""
-APART = 0.45
+APART = 0.55
 """Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
 LEAST_SHARE = 0.06
 """Share of its disc that a boll must show."""
@@ -116,7 +116,7 @@ def weighted_median(values: Float32, weights: Float32) -> float:
 
 
 def draw_ids(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Ids at the size of the image, edged where the probability of lint, interpolated, is one half; and scores."""
+    """Ids at the size of the image, edged where the probability of lint, interpolated, is `SURE`; and scores."""
     height, width = maps.image_shape
     size = (width, height)
     large = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)

@@ -45,7 +45,7 @@ def test_touching_bolls_are_told_apart_by_their_votes(noise_px):
     for boll in (1, 2, 3):
         best = max(iou(small == k, true == boll) for k in scores)
         assert best > 0.85
-    assert min(scores.values()) > 0.9
+    assert min(scores.values()) > 0.88
 
 
 def test_a_boll_behind_a_branch_is_one():

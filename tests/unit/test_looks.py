@@ -5,7 +5,7 @@ import pytest
 
 from cotton3dg.core.training_picture import LINT
 from cotton3dg.masks.bolls import Maps, middles_of_pixels
-from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mix_looks
+from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mix_looks, see_at_all_looks, sharpen
 
 WIDTH, HEIGHT = 320, 240
 
@@ -42,3 +42,28 @@ def test_the_look_in_which_bolls_are_familiar_counts_most(best):
     ]
     assert np.argmax(heard) == best
     assert sum(heard) == pytest.approx(1, abs=1e-3)
+
+
+def soft_disc() -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    away = np.hypot(x - WIDTH / 2, y - HEIGHT / 2)
+    return np.repeat((80 + 100 / (1 + np.exp((away - 50) / 2))).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def test_sharpening_makes_edges_steeper_and_leaves_the_rest():
+    image = soft_disc()
+    sharp = sharpen(image)
+    steepest = [np.abs(np.diff(shown[HEIGHT // 2, :, 0].astype(int))).max() for shown in (image, sharp)]
+    assert steepest[1] > 1.4 * steepest[0]
+    assert np.array_equal(sharp[:40], image[:40])
+    assert np.array_equal(sharp[HEIGHT // 2, WIDTH // 2], image[HEIGHT // 2, WIDTH // 2])
+
+
+def test_a_boll_that_the_network_knows_only_sharpened_is_half_known():
+    blurred = soft_disc()
+
+    class KnowsWhatIsSharp:
+        def maps(self, image, look):
+            return look_at(look, 100, 0.9 if np.array_equal(image, sharpen(blurred)) else 0.1)
+
+    np.testing.assert_allclose(see_at_all_looks(blurred, KnowsWhatIsSharp()).lint, 0.5, atol=1e-3)

@@ -1,5 +1,5 @@
-"""One image seen at several sizes, and sharpened: the network knows bolls of some sizes better than others, and those in
-focus best."""
+"""One image seen at several sizes, and sharpened: the network knows bolls of some sizes better than others, and those
+in focus best."""
 
 from __future__ import annotations
 

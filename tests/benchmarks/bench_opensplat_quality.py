@@ -4,9 +4,10 @@
         [-n 30000 ...]
 
 OPENSPLAT is as in `bench_opensplat.py`; what else is given are options of its own. Both are judged on the first image
-that ours holds out, which OpenSplat withholds, too, each by what it renders itself: OpenSplat's CPU path also draws what
-lies behind the camera and learns with that, so that any other program shows its models wrong. Prints a JSON object for
-each model; clock and processor time (of all threads) have loading in them, OpenSplat's also a render every ten steps.
+that ours holds out, which OpenSplat withholds, too, each by what it renders itself: OpenSplat's CPU path also draws
+what lies behind the camera and learns with that, so that any other program shows its models wrong. Prints a JSON object
+for each model; clock and processor time (of all threads) have loading in them, OpenSplat's also a render every ten
+steps.
 """
 
 from __future__ import annotations

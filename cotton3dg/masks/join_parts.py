@@ -24,8 +24,9 @@ UNDECIDED = 0.4
 """... as it is with this mean probability of one; by as much as it is surer, ..."""
 DIVIDES = 2.0
 """... times this, less width is allowed."""
-USUAL = 0.75
-"""Quantile of the mean widths of parts that is taken for the width of a boll: some parts are halves."""
+USUAL = 0.6
+"""Quantile of the mean widths of parts that is taken for the width of a boll: some parts are halves, some are no bolls
+and wider."""
 NEAR = 1.2
 """Farthest distance, in usual widths, of middles that may be of one boll."""
 DIRECTIONS = 64

@@ -25,18 +25,21 @@ from cotton3dg.masks.lint_in_space import LintInSpace
 from cotton3dg.masks.meeting_votes import Middles, Votes, drop_unlikely
 
 
-def touching_pair(apart: float, border: float, probability: float = 0.9) -> tuple[Middles, list[Votes], LintInSpace]:
-    """Two balls of lint of diameter 1 whose middles are `apart`, beside two lonely ones; seen from four sides."""
+def touching_pair(
+    apart: float, border: float, probability: float = 0.9, lonely: tuple[float, ...] = (1, 1)
+) -> tuple[Middles, list[Votes], LintInSpace]:
+    """Two balls of lint of diameter 1 whose middles are `apart`, beside lonely ones; seen from four sides."""
     rng = np.random.default_rng(1)
-    centres = np.array([[0, 0, 0], [apart, 0, 0], [9, 0, 0], [0, 9, 0]])
+    far = [[9 * (k + 1), 0, 0] if k % 2 == 0 else [0, 9 * k, 0] for k in range(len(lonely))]
+    centres, sizes = np.array([[0, 0, 0], [apart, 0, 0], *far]), np.array([1, 1, *lonely])
     shell = rng.normal(size=(400, 3))
     shell *= 0.5 / np.linalg.norm(shell, axis=1, keepdims=True)
-    gaussians = round_gaussians((centres[:, None] + shell).reshape(-1, 3), 0.05)
+    gaussians = round_gaussians((centres[:, None] + sizes[:, None, None] * shell).reshape(-1, 3), 0.05)
     n = len(gaussians)
     rows = np.argsort(gaussians.means[:, 0], kind="stable")
     view = view_of((n // 40, 40), np.divmod(np.arange(n), 40), np.full(n, border), gaussians.means[rows], probability)
-    four = np.ones(4, np.float32)
-    middles = Middles(centres.astype(np.float32), four, four, np.full(4, 4))
+    ones = np.ones(len(centres), np.float32)
+    middles = Middles(centres.astype(np.float32), ones, ones, np.full(len(centres), 4))
     return middles, [view] * 4, LintInSpace(gaussians, np.ones(n, np.float32), np.zeros(3, np.float32))
 
 
@@ -61,6 +64,11 @@ def test_parts_are_joined_where_both_are_no_wider_than_a_boll(apart, border, bol
     if bolls == 3:
         np.testing.assert_allclose(middles.centres[0], [apart / 2, 0, 0], atol=1e-6)
         assert middles.support[0] == 2
+
+
+def test_a_few_things_that_are_larger_make_no_bolls_that_touch_one():
+    middles = join_parts(*touching_pair(0.95, UNDECIDED, lonely=(1, 1, 1, 1.8, 1.8, 1.8)))
+    assert len(middles.centres) == 8
 
 
 def heap(seed: int, count: int) -> tuple[Middles, list[Votes], LintInSpace]:

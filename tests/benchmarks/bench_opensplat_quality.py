@@ -100,16 +100,19 @@ def main() -> None:
     judging = cpu_judging = 0.0
 
     def watch(step: int, gaussians: Gaussians) -> None:
+        if step % arguments.every == 0 and step != options.steps:
+            judge_ours(step, gaussians)
+
+    def judge_ours(step: int, gaussians: Gaussians) -> None:
         nonlocal judging, cpu_judging
-        if step % arguments.every == 0:
-            now, cpu_now = time.perf_counter(), time.process_time()
-            image = to_uint8(render(gaussians, judge.view.camera).image)
-            judge.say("ours", step, now - began - judging, cpu_now - cpu_began - cpu_judging, image)
-            judging, cpu_judging = judging + time.perf_counter() - now, cpu_judging + time.process_time() - cpu_now
+        now, cpu_now = time.perf_counter(), time.process_time()
+        image = to_uint8(render(gaussians, judge.view.camera).image)
+        judge.say("ours", step, now - began - judging, cpu_now - cpu_began - cpu_judging, image)
+        judging, cpu_judging = judging + time.perf_counter() - now, cpu_judging + time.process_time() - cpu_now
 
     start = start_gaussians(points, colours, capture.training, options)
     windows = load_windows(plant, options, capture.training)
-    watch(options.steps, fit(start, capture.training, options, watch=watch, windows=windows).gaussians)
+    judge_ours(options.steps, fit(start, capture.training, options, watch=watch, windows=windows).gaussians)
 
     with tempfile.TemporaryDirectory() as folder:
         project, factor = lay_out(plant, Path(folder), arguments.max_side)

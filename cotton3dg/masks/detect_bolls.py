@@ -19,6 +19,7 @@ from .looks import see_at_all_looks
 from .meeting_votes import Middles, Votes, cast_votes, measure_agreement
 from .outline_bolls import outline_bolls
 from .separate_bolls import separate_bolls
+from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE = 12
 """Fewer views have halves that say little about the whole."""
@@ -71,21 +72,24 @@ def detect_bolls(
     middles, halves = separate_all(votes, lint)
     agreed = measure_agreement(votes, middles)
     outlined = stream_on_all_cores(lambda pair: outline_bolls(*pair, lint, middles), zip(images, cameras, strict=True))
+    sums = np.zeros((len(middles.centres), 4))
     for done, (camera, of_image) in enumerate(zip(cameras, outlined, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)
+        sums += measure_surroundings(maps[done], of_image, len(middles.centres))
         ids[camera.name] = of_image
-        scores[camera.name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(of_image) if k}
-    return MaskSet(ids, scores, together=True, halves=halves)
+    things = np.flatnonzero(find_white_things(sums, middles.support)) + 1
+    for name, of_image in ids.items():
+        of_image[np.isin(of_image, things)] = 0
+        scores[name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(of_image) if k}
+    counts = [int((~np.isin(middles.nearest(half.centres), things)).sum()) for half in halves]
+    return MaskSet(ids, scores, together=True, halves=(counts[0], counts[1]) if counts else None)
 
 
-def separate_all(votes: Sequence[Votes], lint: LintInSpace) -> tuple[Middles, tuple[int, int] | None]:
-    """The bolls that all votes give; and how many those of every second view give and those of the others, if there are
-    enough: what would have been counted with other images. Where lint is all take from all views."""
+def separate_all(votes: Sequence[Votes], lint: LintInSpace) -> tuple[Middles, list[Middles]]:
+    """The bolls that all votes give; and those that every second view gives and those of the others, if there are
+    enough: what would have been found with other images. Where lint is all take from all views."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]
-    middles, *of_halves = on_all_cores(lambda some: separate_bolls(some, lint), parts)
-    if not of_halves:
-        return middles, None
-    first, second = (len(half.centres) for half in of_halves)
-    return middles, (first, second)
+    middles, *halves = on_all_cores(lambda some: separate_bolls(some, lint), parts)
+    return middles, halves

@@ -44,51 +44,67 @@ def palmate_leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
 
 
 def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -> Mesh:
-    """A boll that has not opened in three fringed bracts, green to straw, often paler than all around."""
+    """A boll that has not opened, or a bud, wrapped from its foot in three bracts that end in long teeth; green to
+    straw, often paler than all around.
+
+    Args:
+        diameter: m, of the plant's open bolls; a closed one is smaller.
+    """
+    radius = 0.5 * diameter * rng.uniform(0.3, 0.95)
+    length = radius * rng.uniform(2.0, 3.0)
     ripe = rng.random()
     colour = (1 - ripe) * np.array([0.20, 0.28, 0.09]) + ripe * np.array([0.18, 0.11, 0.06])
     sphere, triangles = icosphere(3)
     tip = 1 - rng.uniform(0.1, 0.45) * sphere[:, 2:].clip(0) ** 2
-    size = diameter * rng.uniform(0.25, 0.42)
-    shape = sphere * (size, size, 1.25 * size) * tip + (0, 0, 1.1 * size)
+    shape = sphere * (0.8 * radius, 0.8 * radius, 0.45 * length) * tip + (0, 0, 0.47 * length)
     body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.6), (len(sphere), 1)))
     pale = rng.random()
-    green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.54, 0.55, 0.35])
+    green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.54, 0.55, 0.38])
     green = green * rng.uniform(0.6, 1.5)
-    spread, teeth = rng.uniform(0.0, 0.8), int(rng.integers(7, 13))
+    # Shut around the boll, or bent away from it as they dry.
+    opened, teeth = rng.beta(0.8, 2.0), int(rng.integers(6, 12))
     turns = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
-    bracts = [_bract(rng, noise, float(turn), 3.2 * size, spread, teeth, green) for turn in turns]
+    bracts = [_bract(rng, noise, float(turn), (radius, length), opened, teeth, green) for turn in turns]
     return weather(merge([body, *bracts]), noise, 0.3)
 
 
 def _bract(
-    rng: np.random.Generator, noise: SolidNoise, turn: float, length: float, spread: float, teeth: int, colour: Float64
+    rng: np.random.Generator,
+    noise: SolidNoise,
+    turn: float,
+    size: tuple[float, float],
+    opened: float,
+    teeth: int,
+    colour: Float64,
 ) -> Mesh:
-    """A heart-shaped blade that ends in long teeth and wraps the boll."""
-    s, w = np.meshgrid(np.linspace(0, 1, 20), np.linspace(-1, 1, 8 * teeth + 1), indexing="ij")
-    tooth = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** 1.5
-    reach = length * (1 - 0.45 * w**2) * (1 - rng.uniform(0.25, 0.5) * (1 - tooth) * (s > 0.4) * (s - 0.4) / 0.6)
-    wide = 0.75 * length * np.sin(np.pi * (0.12 + 0.62 * s)) * w
-    away = 0.28 * length * np.sin(np.pi * s.clip(0, 0.7)) + spread * 0.7 * length * s**2
-    around = wide / (0.45 * length)
+    """A heart-shaped blade on the boll, with a vein to the tip of each of its teeth.
+
+    Args:
+        size: m, radius and length of the egg that the bracts wrap.
+    """
+    radius, length = size
+    radius *= rng.uniform(0.98, 1.08)
+    up, w = np.meshgrid(np.linspace(0, 1, 26), np.linspace(-1, 1, 10 * teeth + 1), indexing="ij")
+    tooth = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** rng.uniform(1.5, 4.0)
+    longest = rng.uniform(0.2, 0.7) * (1 - 0.6 * w**2)
+    longest = longest * (1 + 0.3 * rng.normal(0, 1, 2 * teeth + 1)).repeat(5)[: w.shape[1]]
+    # Along the blade, 1 is where the egg would end; teeth go on from 0.6 of that.
+    along = up * (0.62 + 0.1 * (1 - w**2) + longest.clip(0.05) * tooth)
+    egg = radius * np.sin(np.pi * along.clip(0, 0.93) ** 0.75) ** 0.8
+    over = (along - 0.6).clip(0)
+    curl = rng.uniform(-0.3, 0.5)
+    away = egg * (1 + opened * along) + radius * over * (0.5 + 1.6 * opened + curl * over)
+    around = w * (1.25 - 0.35 * along.clip(0, 1)) * rng.uniform(0.8, 1.05)
     surface = np.stack(
-        [
-            (away + 0.02 * length) * np.cos(around),
-            (away + 0.02 * length) * np.sin(around) + 0.3 * wide,
-            reach * s * (1 - 0.5 * spread * s),
-        ],
-        axis=-1,
+        [away * np.cos(around), away * np.sin(around), length * along * (1 - 0.35 * opened * along)], axis=-1
     )
-    surface += (
-        0.08
-        * length
-        * s[..., None]
-        * noise(surface.reshape(-1, 3) + rng.uniform(0, 1, 3), 0.02).reshape(s.shape)[..., None]
-    )
+    bumps = noise(surface.reshape(-1, 3) + rng.uniform(0, 1, 3), 0.5 * radius + 0.004).reshape(along.shape)
+    surface += 0.16 * radius * (along * bumps)[..., None] * (np.cos(around)[..., None] * (1, 0, 0.5) + (0, 0, 0.3))
     cos, sin = np.cos(turn), np.sin(turn)
     surface = surface @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
-    shade = 1 + 0.35 * np.cos(np.pi * teeth * w)[..., None] * s[..., None]
-    return sheet(surface, (colour * shade).clip(0, 0.85), 0.0007)
+    vein = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** 6
+    shade = 1 + rng.uniform(0.0, 0.6) * vein + rng.uniform(-0.3, 0.5) * along.clip(0, 1)
+    return sheet(surface, (colour * shade[..., None]).clip(0, 0.85), 0.0006)
 
 
 def flower(rng: np.random.Generator, noise: SolidNoise) -> Mesh:

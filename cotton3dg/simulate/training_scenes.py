@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import CLASSES
 from .foliage import bracted_boll, flower, palmate_leaf
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
-from .organs import LEAF, WOOD, Site, leaf, weather
+from .organs import LEAF, LINT_CENTRE, WOOD, Site, leaf, weather
 from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
 from .varied_bolls import draw_kind, grow_boll
 
@@ -102,8 +102,9 @@ def build_scene(seed: int, crowd: Crowd | None = None) -> TrainingScene:
             parts.add(boll.bur, BUR)
         else:
             pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
+            foot = site.centre - LINT_CENTRE * site.diameter * site.axis
             parts.add(
-                bracted_boll(rng, noise, site.diameter).moved(pose, site.centre - 0.3 * site.diameter * site.axis),
+                bracted_boll(rng, noise, site.diameter).moved(pose, foot),
                 BUR,
                 target=True,
             )

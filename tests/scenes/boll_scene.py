@@ -7,6 +7,7 @@ import numpy as np
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.files.images import write_ids
 from cotton3dg.files.ply import write_gaussians
+from cotton3dg.masks.bolls import Maps
 from cotton3dg.splat.rasterizer import render_values
 from cotton3dg.workspace import Workspace
 from scenes.splat_scenes import round_gaussians
@@ -83,3 +84,22 @@ def made_workspace(folder: Path) -> Workspace:
     ids[4] = np.zeros_like(ids[4])
     write_masks(workspace, ids)
     return workspace
+
+
+def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> Maps:
+    """What the network should say of an image of the scene, at the size of the image; `noise` in diameters."""
+    pixels, depths = camera.project(CENTRES)
+    size = np.concatenate([[1.0], 2 * RADIUS * camera.fx / depths])
+    table = np.concatenate([[[0.0, 0.0]], pixels])
+    lint = np.where(ids > 0, 0.9, 0.05)
+    probabilities = np.zeros((5, *ids.shape), np.float32)
+    probabilities[1], probabilities[0] = lint, 1 - lint
+    votes = table[ids] + noise * size[ids][..., None] * rng.normal(size=(*ids.shape, 2))
+    return Maps(
+        probabilities,
+        votes.transpose(2, 0, 1).astype(np.float32),
+        np.zeros(ids.shape, np.float32),
+        size[ids].astype(np.float32),
+        1.0,
+        ids.shape,
+    )

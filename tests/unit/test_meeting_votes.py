@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
+from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model
 
-from cotton3dg.masks.bolls import Maps
 from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.meeting_votes import (
@@ -17,25 +16,6 @@ from cotton3dg.masks.meeting_votes import (
 )
 from cotton3dg.masks.outline_bolls import outline_bolls
 from cotton3dg.masks.separate_bolls import find_hidden, is_crowded, separate_bolls
-
-
-def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> Maps:
-    """What the network should say of an image of the scene, at the size of the image; `noise` in diameters."""
-    pixels, depths = camera.project(CENTRES)
-    size = np.concatenate([[1.0], 2 * RADIUS * camera.fx / depths])
-    table = np.concatenate([[[0.0, 0.0]], pixels])
-    lint = np.where(ids > 0, 0.9, 0.05)
-    probabilities = np.zeros((5, *ids.shape), np.float32)
-    probabilities[1], probabilities[0] = lint, 1 - lint
-    votes = table[ids] + noise * size[ids][..., None] * rng.normal(size=(*ids.shape, 2))
-    return Maps(
-        probabilities,
-        votes.transpose(2, 0, 1).astype(np.float32),
-        np.zeros(ids.shape, np.float32),
-        size[ids].astype(np.float32),
-        1.0,
-        ids.shape,
-    )
 
 
 def everything(gaussians) -> np.ndarray:
@@ -83,8 +63,9 @@ def test_either_half_of_the_views_counts_what_it_sees():
     )
     n = len(separate_bolls(sharp, lint).centres)
     assert n >= 4
-    assert separate_all([view for pair in zip(sharp, sharp, strict=True) for view in pair], lint)[1] == (n, n)
-    assert separate_all([view for pair in zip(dull, sharp, strict=True) for view in pair], lint)[1] == (n - 1, n)
+    for first, counts in ((sharp, [n, n]), (dull, [n - 1, n])):
+        halves = separate_all([view for pair in zip(first, sharp, strict=True) for view in pair], lint)[1]
+        assert [len(half.centres) for half in halves] == counts
 
 
 def test_lint_that_most_views_see_is_lint_in_all_of_them():

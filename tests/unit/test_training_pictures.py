@@ -9,9 +9,11 @@ from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN
 from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from cotton3dg.simulate import plates as plates_module
 from cotton3dg.simulate.compositing import Layer, classes_in_blur, compose
-from cotton3dg.simulate.mesh import SolidNoise
+from cotton3dg.simulate.foliage import bracted_boll
+from cotton3dg.simulate.mesh import SolidNoise, icosphere
 from cotton3dg.simulate.organs import Site
 from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
+from cotton3dg.simulate.rays import build_rays
 from cotton3dg.simulate.training_scenes import build_scene
 from cotton3dg.simulate.varied_bolls import draw_kind, grow_boll
 
@@ -59,6 +61,18 @@ def test_bolls_of_every_kind_stand_at_their_sites(seed):
     near = np.linalg.norm(boll.lint.vertices - site.centre, axis=1)
     assert np.median(near) < (0.6 + 1.2 * kind.droop + kind.hang) * site.diameter
     assert near.min() < 0.5 * site.diameter
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_closed_boll_is_wrapped_in_its_bracts_from_its_foot(seed):
+    rng = np.random.default_rng(seed)
+    whole = bracted_boll(rng, SolidNoise(rng), 0.045)
+    boll = whole.vertices[: len(icosphere(3)[0])].astype(np.float32)
+    bracts = whole.triangles[(whole.triangles >= len(boll)).all(axis=1)]
+    away = boll * (1, 1, 0) / np.maximum(np.linalg.norm(boll[:, :2], axis=1, keepdims=True), 1e-9)
+    hidden = build_rays([(whole.vertices, bracts)]).blocked(boll, away.astype(np.float32))
+    assert hidden[boll[:, 2] < 0.5 * boll[:, 2].max()].mean() > 0.95
+    assert np.ptp(whole.vertices[:, 2]) > 1.02 * np.ptp(boll[:, 2])
 
 
 def test_locks_that_hang_reach_farther_down_than_those_that_stand():

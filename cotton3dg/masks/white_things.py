@@ -1,0 +1,67 @@
+"""White things that are no open bolls: cloths, balls and mugs that hang or stand about, closed bolls.
+
+The network is less sure of them than of the plant's open bolls, and beside what grows on no plant it sees no bur, wood
+or leaf.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ..core.scene import Float32, Float64
+from ..core.training_picture import LINT, OTHER
+from .bolls import Maps
+from .group_votes import weighted_median
+
+BESIDE = 0.3
+"""Width of what is beside a boll, by the root of its area in the image."""
+ENOUGH = 0.25
+"""Probability of a plant beside a boll, as most bolls have it; more says nothing more."""
+FEWEST = 12
+"""Pixels of the maps that a boll must have in an image whose surroundings are looked at."""
+
+
+def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Float64:
+    """What the network says on and beside each boll in one image.
+
+    Args:
+        ids: (H, W) of the image, 1 ... `bolls`, 0 = no lint.
+    Returns:
+        (B, 4) sums: probability of lint on it, its pixels, probability of bur, wood or leaf beside it, those pixels.
+    """
+    height, width = maps.lint.shape
+    small = cv2.resize(ids, (width, height), interpolation=cv2.INTER_NEAREST)
+    plant = 1 - maps.probabilities[OTHER] - maps.probabilities[LINT]
+    sums = np.zeros((bolls, 4))
+    for number, box in enumerate(ndimage.find_objects(small, bolls)):
+        if box is None:
+            continue
+        pixels = int((small[box] == number + 1).sum())
+        if pixels < FEWEST:
+            continue
+        margin = max(int(BESIDE * np.sqrt(pixels)), 2)
+        around = tuple(slice(max(side.start - margin, 0), side.stop + margin) for side in box)
+        own = small[around] == number + 1
+        beside = cv2.dilate(own.astype(np.uint8), np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)) > 0
+        beside &= small[around] == 0
+        sums[number] = maps.lint[around][own].sum(), pixels, plant[around][beside].sum(), beside.sum()
+    return sums
+
+
+def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
+    """Which bolls (B,) are none: those whose probability of lint, that of a plant beside them added, is below what is
+    usual for lint alone.
+
+    Args:
+        sums: (B, 4) of `measure_surroundings`, over all images.
+        support: (B,) how much of each is seen.
+    """
+    lint, plant = sums[:, [0, 2]].T / np.maximum(sums[:, [1, 3]].T, 1)
+    shown = sums[:, 1] > 0
+    if not shown.any():
+        return shown
+    usual = weighted_median(lint[shown], support[shown])
+    return shown & (lint + plant.clip(max=ENOUGH) < usual)

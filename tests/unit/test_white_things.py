@@ -1,0 +1,75 @@
+"""What is white but no boll."""
+
+import numpy as np
+import pytest
+from scenes.boll_scene import CENTRES, cameras, maps_of, masks_of, model
+
+from cotton3dg.masks.detect_bolls import detect_bolls
+from cotton3dg.masks.white_things import find_white_things, measure_surroundings
+
+OF_THING = 5
+"""The boll of the scene that stands lowest."""
+
+
+class Speaking:
+    """A network that says of each image what it was told to."""
+
+    def __init__(self, maps):
+        self.waiting = iter(maps)
+
+    def maps(self, image, look=1.0, window=None):
+        return next(self.waiting)
+
+
+def scene(lint_of_thing: float, plant_beside_thing: float):
+    """Images, what the network says of them, and true ids; beside all other bolls half of what is seen is bur."""
+    gaussians, bolls = model()
+    rng = np.random.default_rng(0)
+    images = masks_of(gaussians, bolls, cameras())
+    maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
+    for view, ids, camera in zip(maps, images, cameras(), strict=True):
+        columns, rows = np.meshgrid(np.arange(ids.shape[1]), np.arange(ids.shape[0]))
+        nearest = np.linalg.norm(np.stack([columns, rows], -1)[..., None, :] - camera.project(CENTRES)[0], axis=-1)
+        bur = np.where(nearest.argmin(axis=-1) + 1 == OF_THING, plant_beside_thing, 0.5)
+        view.probabilities[2] = np.where(ids == 0, bur, 0)
+        view.lint[ids == OF_THING] = lint_of_thing
+        view.probabilities[0] = 1 - view.probabilities[1:].sum(axis=0)
+    photos = [np.repeat(np.where(ids > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2) for ids in images]
+    return photos, maps, gaussians, images
+
+
+@pytest.mark.parametrize(
+    "lint, plant, kept",
+    [(0.7, 0.02, False), (0.7, 0.5, True), (0.55, 0.5, False), (0.9, 0.02, True)],
+    ids=["less sure, no plant", "less sure, on a plant", "hardly sure, on a plant", "as sure, no plant"],
+)
+def test_what_the_network_is_less_sure_of_is_a_boll_only_on_a_plant(lint, plant, kept):
+    photos, maps, gaussians, true = scene(lint, plant)
+    masks = detect_bolls(photos, cameras(), Speaking(maps), gaussians)
+    of_thing = np.concatenate([masks.ids[c.name][ids == OF_THING] for c, ids in zip(cameras(), true, strict=True)])
+    assert ((of_thing > 0).mean() > 0.9) == kept
+    assert kept or not of_thing.any()
+    of_others = np.concatenate(
+        [masks.ids[c.name][(ids > 0) & (ids < OF_THING)] for c, ids in zip(cameras(), true, strict=True)]
+    )
+    assert (of_others > 0).mean() > 0.9
+    # Half of the twelve views do not tell the two apart that touch.
+    assert masks.halves == (4 if kept else 3,) * 2
+    assert all(set(masks.scores[name]) == set(np.unique(ids[ids > 0])) for name, ids in masks.ids.items())
+
+
+def test_sums_are_of_what_is_on_and_beside_each_boll():
+    _, maps, _, images = scene(0.6, 0.1)
+    sums = measure_surroundings(maps[0], images[0], 6)
+    for boll in range(1, 6):
+        on = images[0] == boll
+        assert sums[boll - 1, 1] == on.sum()
+        assert sums[boll - 1, 0] == pytest.approx((0.6 if boll == OF_THING else 0.9) * on.sum(), rel=1e-4)
+    assert sums[OF_THING - 1, 2] / sums[OF_THING - 1, 3] == pytest.approx(0.1, abs=0.05)
+    assert sums[0, 2] / sums[0, 3] == pytest.approx(0.5, abs=0.01)
+    assert not sums[5].any()
+
+
+def test_without_bolls_there_are_no_things():
+    assert not find_white_things(np.zeros((0, 4)), np.zeros(0, np.float32)).any()
+    assert not find_white_things(np.zeros((3, 4)), np.ones(3, np.float32)).any()

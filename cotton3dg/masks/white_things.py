@@ -18,8 +18,11 @@ from .group_votes import weighted_median
 
 BESIDE = 0.3
 """Width of what is beside a boll, by the root of its area in the image."""
-ENOUGH = 0.25
-"""Probability of a plant beside a boll, as most bolls have it; more says nothing more."""
+LITTLE, ENOUGH = 0.12, 0.25
+"""Probability of a plant beside a boll: less says no more than that there is none, more no more than that there is one,
+as beside most bolls."""
+SILENT = 0.05
+"""A network that usually sees less of a plant beside bolls does not know plants, as one of other pictures may."""
 FEWEST = 12
 """Pixels of the maps that a boll must have in an image whose surroundings are looked at."""
 
@@ -52,8 +55,8 @@ def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Flo
 
 
 def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
-    """Which bolls (B,) are none: those whose probability of lint, that of a plant beside them added, is below what is
-    usual for lint alone.
+    """Which bolls (B,) are none: those whose probability of lint, that of a plant beside them added (within limits), is
+    below what is usual for lint alone.
 
     Args:
         sums: (B, 4) of `measure_surroundings`, over all images.
@@ -63,5 +66,6 @@ def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
     shown = sums[:, 1] > 0
     if not shown.any():
         return shown
-    usual = weighted_median(lint[shown], support[shown])
-    return shown & (lint + plant.clip(max=ENOUGH) < usual)
+    usual, usual_plant = (weighted_median(means[shown], support[shown]) for means in (lint, plant))
+    beside = plant.clip(LITTLE, ENOUGH) if usual_plant > SILENT else np.full(len(plant), ENOUGH)
+    return shown & (lint + beside < usual)

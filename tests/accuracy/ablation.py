@@ -11,6 +11,7 @@ offsets     each pixel votes for the place where it is itself
 borders     the network is undecided everywhere, so parts are joined by their width alone
 sizes       each boll is as wide as the usual one of its image
 prior       parts are joined by the border alone, however wide they are together
+things      white things that stand out from the plant's bolls stay
 space       each image is taken alone
 """
 
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from unittest import mock
 
@@ -35,13 +36,15 @@ from cotton3dg.files.images import read_image
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.lifting.lift import within_orbit
+from cotton3dg.masks import detect_bolls as detect_bolls_module
 from cotton3dg.masks import join_parts
 from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.detect_lint import lint_score
 from cotton3dg.masks.group_votes import weighted_median
+from cotton3dg.splat.rasterizer import Window
 
-PARTS = ("classes", "offsets", "borders", "sizes", "prior", "space")
+PARTS = ("classes", "offsets", "borders", "sizes", "prior", "things", "space")
 
 
 def take_away(part: str, maps: Maps, image: NDArray[np.uint8]) -> Maps:
@@ -67,19 +70,20 @@ class Lessened:
 
     def __init__(self, network: BollNetwork, part: str):
         self._network, self._part = network, part
-        self._known: dict[int, Maps] = {}
+        self._known: dict[int, tuple[NDArray[np.uint8], Maps]] = {}
+        """With each image, so that no other gets its number."""
 
     def without(self, part: str) -> Lessened:
         other = Lessened(self._network, part)
         other._known = self._known
         return other
 
-    def maps(self, image: NDArray[np.uint8], look: float = 1.0) -> Maps:
+    def maps(self, image: NDArray[np.uint8], look: float = 1.0, window: Window | None = None) -> Maps:
         if look != 1:
-            return take_away(self._part, self._network.maps(image, look), image)
+            return take_away(self._part, self._network.maps(image, look, window), image)
         if id(image) not in self._known:
-            self._known[id(image)] = self._network.maps(image)
-        return take_away(self._part, self._known[id(image)], image)
+            self._known[id(image)] = image, self._network.maps(image, window=window)
+        return take_away(self._part, self._known[id(image)][1], image)
 
 
 @contextmanager
@@ -94,6 +98,11 @@ def join_by_border_alone() -> Iterator[None]:
         yield
 
 
+def keep_white_things() -> AbstractContextManager[object]:
+    """Nothing that was found is dropped for what it looks like."""
+    return mock.patch.object(detect_bolls_module, "find_white_things", lambda sums, _: np.zeros(len(sums), bool))
+
+
 def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[dict[str, object]]:
     """A row for each part that is left out, and first one with all."""
     cameras = read_cameras(plant.run.undistorted / "sparse")
@@ -104,13 +113,14 @@ def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[di
     gaussians = read_gaussians(plant.run.gaussians_ply)
     allowed = within_orbit(gaussians.means, cameras, orbit)
     network = Lessened(open_bolls(), "")
+    changes = {"prior": join_by_border_alone, "things": keep_white_things}
     for part in ("", *parts):
         model = None if part == "space" else gaussians
         seen = [
             (image, view) for image, view in zip(images, views, strict=True) if model is not None or view.name in true
         ]
         by_view, cameras_seen = zip(*seen, strict=True)
-        with join_by_border_alone() if part == "prior" else nullcontext():
+        with changes.get(part, nullcontext)():
             masks = detect_bolls(by_view, cameras_seen, network.without(part), model, allowed)
         ids = np.unique(np.concatenate([np.unique(found) for found in masks.ids.values()]))
         scores, miou = score_masks((masks.ids[name], true[name]) for name in true)

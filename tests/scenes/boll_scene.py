@@ -103,3 +103,13 @@ def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.
         1.0,
         ids.shape,
     )
+
+
+class Speaking:
+    """A network that says of each image what it was told to."""
+
+    def __init__(self, maps):
+        self.waiting = iter(maps)
+
+    def maps(self, image, look=1.0, window=None):
+        return next(self.waiting)

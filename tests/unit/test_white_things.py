@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, cameras, maps_of, masks_of, model
+from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model
 
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.white_things import find_white_things, measure_surroundings
 
 OF_THING = 5
 """The boll of the scene that stands lowest."""
-
-
-class Speaking:
-    """A network that says of each image what it was told to."""
-
-    def __init__(self, maps):
-        self.waiting = iter(maps)
-
-    def maps(self, image, look=1.0, window=None):
-        return next(self.waiting)
 
 
 def scene(lint_of_thing: float, plant_beside_thing: float):
@@ -56,6 +46,16 @@ def test_what_the_network_is_less_sure_of_is_a_boll_only_on_a_plant(lint, plant,
     # Half of the twelve views do not tell the two apart that touch.
     assert masks.halves == (4 if kept else 3,) * 2
     assert all(set(masks.scores[name]) == set(np.unique(ids[ids > 0])) for name, ids in masks.ids.items())
+
+
+def test_a_network_that_knows_no_plants_is_not_asked_for_them():
+    on_and_beside = np.array([[90, 100, 0.4, 40], [90, 100, 0.4, 40], [70, 100, 0.0, 40]])
+    support = np.full(3, 0.5, np.float32)
+    assert not find_white_things(on_and_beside, support).any()
+    on_and_beside[:2, 2] = 8
+    assert find_white_things(on_and_beside, support).tolist() == [False, False, True]
+    on_and_beside[2, 0] = 80
+    assert not find_white_things(on_and_beside, support).any()
 
 
 def test_sums_are_of_what_is_on_and_beside_each_boll():

@@ -9,7 +9,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ..core.scene import Float32, Float64
 from ..core.training_picture import LINT, OTHER
@@ -35,6 +34,8 @@ def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Flo
     Returns:
         (B, 4) sums: probability of lint on it, its pixels, probability of bur, wood or leaf beside it, those pixels.
     """
+    from scipy import ndimage
+
     height, width = maps.lint.shape
     small = cv2.resize(ids, (width, height), interpolation=cv2.INTER_NEAREST)
     plant = 1 - maps.probabilities[OTHER] - maps.probabilities[LINT]

@@ -87,6 +87,7 @@ def _bract(
     up, w = np.meshgrid(np.linspace(0, 1, 26), np.linspace(-1, 1, 10 * teeth + 1), indexing="ij")
     tooth = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** rng.uniform(1.5, 4.0)
     longest = rng.uniform(0.2, 0.7) * (1 - 0.6 * w**2)
+    # Each side of a tooth has a length of its own.
     longest = longest * (1 + 0.3 * rng.normal(0, 1, 2 * teeth + 1)).repeat(5)[: w.shape[1]]
     # Along the blade, 1 is where the egg would end; teeth go on from 0.6 of that.
     along = up * (0.62 + 0.1 * (1 - w**2) + longest.clip(0.05) * tooth)

@@ -105,6 +105,11 @@ def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.
     )
 
 
+def photos_of(images: list[np.ndarray]) -> list[np.ndarray]:
+    """Photos of the scene: bright bolls before a dark ground."""
+    return [np.repeat(np.where(ids > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2) for ids in images]
+
+
 class Speaking:
     """A network that says of each image what it was told to."""
 

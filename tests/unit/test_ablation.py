@@ -2,7 +2,7 @@
 
 import numpy as np
 from ablation import Lessened, keep_white_things
-from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model
+from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model, photos_of
 
 from cotton3dg.masks.detect_bolls import detect_bolls
 
@@ -18,8 +18,7 @@ def test_each_image_is_seen_once():
     maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
     for view, ids in zip(maps, images, strict=True):
         view.lint[ids == 5] = 0.55
-    photos = [np.repeat(np.where(ids > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2) for ids in images]
-    network = Lessened(Speaking(maps), "")
+    photos, network = photos_of(images), Lessened(Speaking(maps), "")
     as_it_is = count(detect_bolls(photos, cameras(), network, gaussians))
     assert 2 < as_it_is < len(CENTRES)
     assert count(detect_bolls(photos, cameras(), network.without(""), gaussians)) == as_it_is

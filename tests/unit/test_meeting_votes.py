@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model
+from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model, photos_of
 
 from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_in_space import gather_lint
@@ -38,9 +38,8 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     assert (middles.views >= 6).all()
     assert (measure_agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
     same = distances.argmin(axis=1)
-    for camera, ids in zip(cameras(), images, strict=True):
-        grey = np.where(ids > 0, 230, 60).astype(np.uint8)
-        found = outline_bolls(np.repeat(grey[..., None], 3, axis=2), camera, lint, middles)
+    for camera, ids, photo in zip(cameras(), images, photos_of(images), strict=True):
+        found = outline_bolls(photo, camera, lint, middles)
         named = np.concatenate([[0], same + 1])[found]
         assert (named == ids).mean() > 0.97
         both = (named > 0) & (ids > 0)

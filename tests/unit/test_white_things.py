@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model
+from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model, photos_of
 
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.white_things import find_white_things, measure_surroundings
@@ -24,8 +24,7 @@ def scene(lint_of_thing: float, plant_beside_thing: float):
         view.probabilities[2] = np.where(ids == 0, bur, 0)
         view.lint[ids == OF_THING] = lint_of_thing
         view.probabilities[0] = 1 - view.probabilities[1:].sum(axis=0)
-    photos = [np.repeat(np.where(ids > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2) for ids in images]
-    return photos, maps, gaussians, images
+    return photos_of(images), maps, gaussians, images
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,11 @@ class SimulateOptions:
     contact: float = option(
         0.90, "least distance of the centres of touching bolls, in their diameters", at_least=0.5, at_most=0.97
     )
+    boll_kind: str = option(
+        "plain",
+        "bolls that are round, or of a kind with locks, fibres and tints of its own, drawn",
+        choices=("plain", "usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"),
+    )
     stem_cm: float = option(0.0, "length of the stem; 0 = 56 to 80, drawn", unit="cm", at_least=0.0, at_most=120.0)
     picked: int = option(0, "bolls of this plant that were taken off with their burs", at_least=0, at_most=60)
     turned_deg: float = option(
@@ -52,6 +57,7 @@ class SimulateOptions:
     cut: float = option(0.0, "share of the plant, from its top, that the frame cuts", at_least=0.0, at_most=0.6)
     turntable: bool = option(False, "the plant turns before a camera that stands still")
     white_room: bool = option(False, "bare white walls and a bare floor")
+    one_sided: bool = option(False, "light from one window only")
     pale_table: bool = option(False, "a table that is nearly white")
     supersampling: int = option(2, "rays a pixel, in each direction", at_least=1, at_most=8)
     mask_interval: int = option(10, "true masks of every n-th image", at_least=1)
@@ -62,6 +68,9 @@ class SimulateOptions:
     marker_cm: float = option(12.0, "black square of a marker", unit="cm", at_least=2.0, at_most=20.0)
     card: str = option("", "id of a plant's card (cotton3dg cards) that lies on the table; none = no card")
     hidden: float = option(0.0, "share of the table that a box hides at one end", at_least=0.0, at_most=0.5)
+    things: int = option(
+        0, "mugs, balls, labels, cloths, boxes on the table, most of them white", at_least=0, at_most=20
+    )
     second_table: bool = option(False, "another table, of another shape, beside the plant's")
     blur: float = option(0.0, "motion blur: open time of the shutter, share of a frame", at_least=0.0, at_most=1.0)
     rolling_shutter: float = option(

@@ -15,11 +15,14 @@ LAMP_SAMPLES = 9
 SKY_SAMPLES = 20
 
 
-def irradiance(rays: Rays, points: Float32, normals: Float32, lamps: Sequence[Lamp], reach: float) -> Float32:
+def irradiance(
+    rays: Rays, points: Float32, normals: Float32, lamps: Sequence[Lamp], ambient: float, reach: float
+) -> Float32:
     """Light that arrives at surface points: soft shadows of the lamps plus ambient occlusion.
 
     Args:
         points, normals: (N, 3) m.
+        ambient: light from all around.
         reach: m, how far away a surface still takes ambient light away.
     Returns:
         (N, 3) linear RGB, relative.
@@ -29,7 +32,7 @@ def irradiance(rays: Rays, points: Float32, normals: Float32, lamps: Sequence[La
     starts = points + 0.0006 * normals
     for lamp in lamps:
         light += _from_lamp(rays, starts, normals, lamp)[:, None] * lamp.power.astype(np.float32)
-    return light + 0.55 * _ambient(rays, starts, normals, reach)[:, None]
+    return light + np.float32(ambient) * _ambient(rays, starts, normals, reach)[:, None]
 
 
 def _from_lamp(rays: Rays, starts: Float32, normals: Float32, lamp: Lamp) -> Float32:

@@ -24,6 +24,7 @@ from .architecture import (
 )
 from .mesh import Float64, Mesh, SolidNoise, merge, smooth_curve, tube, unit
 from .organs import LINT_CENTRE, WOOD, Boll, Site, dry_leaves, open_boll, weather
+from .varied_bolls import draw_kind, grow_boll
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     Args:
         options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
             the top, `contact`, how close these are, `stem_cm` (0 = 56 to 80, drawn), and what was done to the plant:
-            `picked`, `turned_deg`.
+            `picked`, `turned_deg`; `boll_kind`.
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
@@ -91,12 +92,23 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     plant = PlantMeshes(
         wood,
         weather(leaves, noise, 0.45),
-        tuple(open_boll(rng, noise, site) for site in grown.sites),
+        _bolls(rng, noise, grown.sites, options),
         base,
         (*grown.axes, *stalks),
         tuple(grown.positions),
     )
     return _turned(_picked(plant, options.picked), np.deg2rad(options.turned_deg))
+
+
+def _bolls(
+    rng: np.random.Generator, noise: SolidNoise, sites: list[Site], options: SimulateOptions
+) -> tuple[Boll, ...]:
+    """At each site a boll of the kind that the plant bears; the rest of the plant is the same with any."""
+    if options.boll_kind == "plain":
+        return tuple(open_boll(rng, noise, site) for site in sites)
+    of_kind = np.random.default_rng([options.seed, 7])
+    kind = draw_kind(of_kind, options.boll_kind)
+    return tuple(grow_boll(of_kind, noise, site, kind) for site in sites)
 
 
 def _picked(plant: PlantMeshes, n: int) -> PlantMeshes:

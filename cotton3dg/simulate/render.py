@@ -27,7 +27,8 @@ VOID = 0.05
 
 @dataclass(frozen=True)
 class RenderScene:
-    """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant."""
+    """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant, then what
+    stands about."""
 
     rays: Rays
     atlas: Atlas
@@ -38,20 +39,21 @@ class RenderScene:
     plant_triangles: NDArray[np.int32]
     """(T, 3)"""
     plant_light: Float32
-    """(V, 3) linear light that each vertex of the plant sends out."""
+    """(V, 3) linear light that each of its vertices sends out."""
     boll_ids: NDArray[np.uint16]
     """(T,) id of the boll whose lint a triangle belongs to; 0 = none."""
 
 
 def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
     """Build the ray tracer and let the lamps shine once on everything."""
-    whole = merge(plant.parts)
-    triangle_counts = [len(mesh.triangles) for mesh in plant.parts]
-    boll_of_part = [0, 0, *(n for boll in range(1, len(plant.bolls) + 1) for n in (boll, 0))]
+    parts = [*plant.parts, *room.things]
+    whole = merge(parts)
+    triangle_counts = [len(mesh.triangles) for mesh in parts]
+    boll_of_part = [0, 0, *(n for boll in range(1, len(plant.bolls) + 1) for n in (boll, 0)), *(0 for _ in room.things)]
     rays = _trace(room, whole, [True] * len(room.panels))
     vertices = whole.vertices.astype(np.float32)
-    normals = np.concatenate([mesh.normals() for mesh in plant.parts]).astype(np.float32)
-    plant_light = irradiance(rays, vertices, normals, room.lamps, 0.12) * whole.colours.astype(np.float32)
+    normals = np.concatenate([mesh.normals() for mesh in parts]).astype(np.float32)
+    plant_light = irradiance(rays, vertices, normals, room.lamps, room.ambient, 0.12) * whole.colours.astype(np.float32)
     boll_ids = np.repeat(boll_of_part, triangle_counts).astype(np.uint16)
     lint = plant_light[whole.triangles[boll_ids > 0].ravel()]
     gain = np.float32(WHITE / np.quantile(lint if len(lint) else plant_light, 0.98))
@@ -70,10 +72,12 @@ def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
 
 def on_turntable(scene: RenderScene, plant: PlantMeshes, room: Room) -> tuple[RenderScene, RenderScene]:
     """Of a lit scene what turns, the plant with its clamp, and the rest, which stands still."""
-    whole = merge(plant.parts)
-    nothing = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3)))
+    whole = merge([*plant.parts, *room.things])
     turns = [panel.turns for panel in room.panels]
-    turning, standing = _trace(room, whole, turns), _trace(room, nothing, [not turn for turn in turns])
+    # Vertex for vertex as in the lit scene; what has no size is not seen.
+    of_plant = (np.arange(len(whole.vertices)) < len(plant.vertices))[:, None]
+    turning = _trace(room, replace(whole, vertices=whole.vertices * of_plant), turns)
+    standing = _trace(room, replace(whole, vertices=whole.vertices * ~of_plant), [not turn for turn in turns])
     return replace(scene, rays=turning), replace(scene, rays=standing)
 
 
@@ -228,7 +232,7 @@ def _panel_light(rays: Rays, room: Room) -> list[Float32]:
     sizes = [grid.shape[0] * grid.shape[1] for grid in grids]
     points = np.concatenate([grid.reshape(-1, 3) for grid in grids]).astype(np.float32)
     normals = np.repeat([_normal(panel) for panel in room.panels], sizes, axis=0).astype(np.float32)
-    pieces = np.split(irradiance(rays, points, normals, room.lamps, 0.4), np.cumsum(sizes)[:-1])
+    pieces = np.split(irradiance(rays, points, normals, room.lamps, room.ambient, 0.4), np.cumsum(sizes)[:-1])
     lights = []
     for panel, grid, piece in zip(room.panels, grids, pieces, strict=True):
         smooth = cv2.GaussianBlur(piece.reshape(grid.shape), (3, 3), 0.8)

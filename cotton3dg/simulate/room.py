@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..options import SimulateOptions
-from .mesh import Float64
+from .mesh import Float64, Mesh
 from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
+from .things import things_on_table
 
 TABLE_HEIGHT = 0.75
 TABLE_THICKNESS = 0.035
 TUBE = 0.04
 Painter = Callable[[Canvas], Image]
+ONE_SIDED_AMBIENT = 0.12
+"""What a room with one window and dark walls sends back."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,10 @@ class Lamp:
 class Room:
     panels: tuple[Panel, ...]
     lamps: tuple[Lamp, ...]
+    ambient: float = 0.55
+    """Light that comes from all around, by that of a lamp of power 1 at 1 m."""
+    things: tuple[Mesh, ...] = ()
+    """What stands about on the table."""
 
 
 class _Builder:
@@ -82,7 +89,8 @@ def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None 
     """The room of a seed: four walls of different make, a floor, furniture, and the table with the clamp.
 
     Args:
-        options: `seed`, `light`, the table's size and presence; `width` sets how finely textures are painted.
+        options: `seed`, `light`, `one_sided`, the table's size and presence, the `things` on it; `width` sets
+            how finely textures are painted.
         stem_base: (3,) m, where the clamp holds the stem.
         card: (H, W, 3) sRGB in 0..1, a printed sheet of A4 that lies on the table.
     """
@@ -114,7 +122,14 @@ def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None 
     if options.second_table:
         _side_table(build)
     of_light = np.random.default_rng([options.seed, 6, options.light]) if options.light else rng
-    return Room(tuple(build.panels), _lamps(of_light, half))
+    room = Room(tuple(build.panels), _lamps(of_light, half))
+    if options.one_sided:
+        room = replace(room, lamps=(_side_window(of_light, half),), ambient=ONE_SIDED_AMBIENT)
+    if options.things and options.table:
+        of_things = np.random.default_rng([options.seed, 8])
+        size = 0.01 * options.table_length_cm, 0.01 * options.table_width_cm
+        room = replace(room, things=tuple(things_on_table(of_things, options.things, stem_base, *size)))
+    return room
 
 
 def _floor(rng: np.random.Generator) -> Painter:
@@ -297,3 +312,13 @@ def _lamps(rng: np.random.Generator, half: Float64) -> tuple[Lamp, ...]:
     corner = np.array([-0.8 * side, side * (half[1] - 0.05), 0.9])
     window = Lamp(corner, np.array([1.6 * side, 0, 0]), np.array([0, 0, 0.9]), cool * rng.uniform(0.3, 1.2))
     return (*lamps, window)
+
+
+def _side_window(rng: np.random.Generator, half: Float64) -> Lamp:
+    """A bright window in any of the walls."""
+    x, inwards, corner = _wall(half, -TABLE_HEIGHT, 3.0, int(rng.integers(4)))
+    length = 2 * float(np.abs(x[:2]) @ half)
+    width, height = rng.uniform(0.8, 1.6), rng.uniform(0.8, 1.4)
+    right = corner + x * (width + rng.uniform(0.2, 0.8) * (length - width)) + 0.05 * inwards
+    right -= (0, 0, rng.uniform(0.5, 0.9))
+    return Lamp(right, -width * x, np.array([0, 0, -height]), np.array([0.92, 0.97, 1.0]) * rng.uniform(1.5, 3.0))

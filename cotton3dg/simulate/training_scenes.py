@@ -6,7 +6,6 @@ z up.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +13,10 @@ from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES
 from .foliage import bracted_boll, flower, palmate_leaf
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
+from .mesh import Float64, Mesh, SolidNoise, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import LEAF, LINT_CENTRE, WOOD, Site, leaf, weather
 from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
+from .things import draw_thing
 from .varied_bolls import draw_kind, grow_boll
 
 OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))
@@ -163,11 +163,8 @@ def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plan
     low, high = plant.min(axis=0), plant.max(axis=0)
     if rng.random() < 0.35:
         parts.add(_table_top(rng, noise), OTHER)
-    shapes: list[Callable[..., Mesh]] = [_ball, _mug, _tag, _cloth, _tubes, _box]
     for _ in range(int(rng.choice([0, 1, 3, 6], p=[0.4, 0.25, 0.2, 0.15]))):
-        shape = shapes[int(rng.integers(len(shapes)))]
-        white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
-        colour = white if rng.random() < 0.7 else rng.uniform(0.03, 0.8, 3)
+        shape, colour = draw_thing(rng)
         angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.35)
         middle = np.array([np.cos(angle) * away, np.sin(angle) * away, rng.uniform(low[2], high[2])])
         mesh = shape(rng, noise, colour).moved(
@@ -176,64 +173,6 @@ def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plan
         # A thing inside a boll would be neither.
         if np.linalg.norm(np.array(parts.targets or [np.full(3, 9.0)]) - middle, axis=1).min() > 0.07:
             parts.add(weather(mesh, noise, rng.uniform(0, 0.15)), OTHER, target=True)
-
-
-def _ball(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
-    sphere, triangles = icosphere(4)
-    rough = 1 + rng.choice([0, 0.03]) * noise(sphere * 0.03, 0.01)
-    return Mesh(sphere * rng.uniform(0.012, 0.05) * rough[:, None], triangles, np.tile(colour, (len(sphere), 1)))
-
-
-def _mug(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
-    height, radius = rng.uniform(0.05, 0.12), rng.uniform(0.02, 0.045)
-    axis = np.linspace(0, height, 12)[:, None] * (0, 0, 1.0)
-    body = tube(axis, np.full(12, radius), np.tile(colour, (12, 1)), 32)
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
-    bow = np.stack(
-        [radius + 0.4 * height * np.cos(turn) * 0.6, 0 * turn, 0.5 * height * (1 + 0.7 * np.sin(turn))], axis=1
-    )
-    handle = tube(bow, np.full(12, 0.004), np.tile(colour, (12, 1)), 10)
-    return merge([body, handle])
-
-
-def _tag(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
-    """A paper tag, label or sheet, with print on it."""
-    width, height = rng.uniform(0.015, 0.12), rng.uniform(0.02, 0.15)
-    s, t = np.meshgrid(np.linspace(-0.5, 0.5, 48), np.linspace(-0.5, 0.5, 48), indexing="ij")
-    bend = rng.uniform(-0.3, 0.3) * width * (4 * s**2)
-    surface = np.stack([width * s, bend, height * t], axis=-1)
-    paper = np.tile(colour, (*s.shape, 1))
-    lines = rng.integers(0, 8)
-    for _ in range(lines):
-        row, start, length = rng.integers(4, 44), rng.integers(4, 20), rng.integers(6, 24)
-        paper[start : start + length, row : row + rng.integers(1, 4)] *= rng.uniform(0.05, 0.5)
-    return sheet(surface, paper, 0.0008)
-
-
-def _cloth(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
-    """A crumpled cloth or a wad of paper."""
-    size = rng.uniform(0.04, 0.2)
-    s, t = np.meshgrid(np.linspace(-0.5, 0.5, 56), np.linspace(-0.5, 0.5, 56), indexing="ij")
-    flat = np.stack([size * s, 0 * s, size * t], axis=-1)
-    where = flat.reshape(-1, 3) + rng.uniform(0, 1, 3)
-    for axis in range(3):
-        folds = noise(where + axis, 0.6 * size) + 0.5 * noise(where - axis, 0.25 * size)
-        flat[..., axis] += rng.uniform(0.05, 0.25) * size * folds.reshape(s.shape)
-    return sheet(flat, np.tile(colour, (*s.shape, 1)), 0.001)
-
-
-def _tubes(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
-    length = rng.uniform(0.05, 0.4)
-    axis = np.linspace(-0.5 * length, 0.5 * length, 20)[:, None] * (0, 0, 1.0)
-    bend = rng.uniform(0, 0.1) * length * np.cos(np.linspace(0, np.pi, 20))[:, None] * (1, 0, 0)
-    return tube(axis + bend, np.full(20, rng.uniform(0.002, 0.03)), np.tile(colour, (20, 1)), 24)
-
-
-def _box(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
-    """A carton, book or polystyrene block; its faces are fine enough to take shadows."""
-    sphere, triangles = icosphere(4)
-    cube = sphere / np.abs(sphere).max(axis=1, keepdims=True)
-    return Mesh(cube * rng.uniform(0.01, 0.06, 3), triangles, np.tile(colour, (len(sphere), 1)))
 
 
 def _table_top(rng: np.random.Generator, noise: SolidNoise) -> Mesh:

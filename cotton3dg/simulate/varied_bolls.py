@@ -1,7 +1,7 @@
 """Open bolls of every kind that plants bear: tight, fluffy, drooping, torn by storms, half open, yellowed, dirty.
 
-The plants of `simulate` bear one kind, whose size and truth are exact. Networks learn from these, so here nothing is
-measured and everything varies. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
+Networks learn from these, where many a boll is of another kind than its neighbours; a plant of `simulate` bears one
+kind, if that is asked for. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
 """
 
 from __future__ import annotations
@@ -41,12 +41,21 @@ class BollKind:
     """1 = the carpels lie flat, 0 = they stand up around the lint."""
 
 
-def draw_kind(rng: np.random.Generator) -> BollKind:
-    """A kind at random, common ones most often."""
-    name = rng.choice(
-        ["usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"],
-        p=[0.32, 0.1, 0.2, 0.12, 0.12, 0.07, 0.07],
-    )
+KINDS = {
+    "usual": 0.32,
+    "tight": 0.1,
+    "fluffy": 0.2,
+    "drooping": 0.12,
+    "hanging": 0.12,
+    "torn": 0.07,
+    "half_open": 0.07,
+}
+"""How often each is drawn."""
+
+
+def draw_kind(rng: np.random.Generator, name: str | None = None) -> BollKind:
+    """A kind at random, common ones most often; with a name, one of many that bear it."""
+    name = name or str(rng.choice(list(KINDS), p=list(KINDS.values())))
     width, length, spread, lean = 0.245, 0.345, 0.235, rng.uniform(0.15, 0.40)
     droop, hang, puff, fray, openness = 0.0, 0.0, 0.28, 1.0, rng.uniform(0.6, 1.0)
     if name == "tight":

@@ -1,4 +1,5 @@
-"""Films as people make them, simulated: half a turn, an uneven pace, a cut plant, bare rooms, a turntable."""
+"""Films as people make them, simulated: half a turn, an uneven pace, a cut plant, bare rooms, a turntable, bolls of
+other kinds, white things on the table, light from one side."""
 
 from __future__ import annotations
 
@@ -8,8 +9,10 @@ import pytest
 from cotton3dg.commands.simulate import _stage
 from cotton3dg.options import SimulateOptions
 from cotton3dg.simulate.camera import orbit
-from cotton3dg.simulate.film import film
+from cotton3dg.simulate.film import film, film_ids
 from cotton3dg.simulate.plant import PlantMeshes, grow_plant
+from cotton3dg.simulate.room import build_room
+from cotton3dg.simulate.truth import plant_truth
 
 SMALL = {"seed": 3, "bolls": 4, "frames": 24, "width": 128, "height": 72, "supersampling": 1}
 
@@ -73,3 +76,95 @@ def test_before_a_still_camera_only_the_plant_turns(plant: PlantMeshes) -> None:
     assert 0.6 < still.mean() < 0.98
     assert still[:, :20].all()
     assert still[:, -20:].all()
+
+
+@pytest.mark.parametrize("kind", ["usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"])
+def test_a_kind_of_boll_changes_the_bolls_and_nothing_else(plant: PlantMeshes, kind: str) -> None:
+    options = SimulateOptions(**SMALL, boll_kind=kind)
+    other = grow_plant(options)
+    assert other.wood.vertices.tobytes() == plant.wood.vertices.tobytes()
+    assert other.leaves.vertices.tobytes() == plant.leaves.vertices.tobytes()
+    truth, plain = (plant_truth(one, options)["bolls"] for one in (other, plant))
+    assert len(truth) == len(plain)
+    for ours, theirs in zip(truth, plain, strict=True):
+        assert ours["convex_volume_cm3"] != theirs["convex_volume_cm3"]
+        assert np.linalg.norm(np.subtract(ours["centre_xyz_m"], theirs["centre_xyz_m"])) < 0.1
+    again = grow_plant(options)
+    assert again.vertices.tobytes() == other.vertices.tobytes()
+
+
+def test_hanging_bolls_are_longer_than_tight_ones() -> None:
+    lengths = {}
+    for kind in ("hanging", "tight"):
+        options = SimulateOptions(**SMALL, boll_kind=kind)
+        bolls = plant_truth(grow_plant(options), options)["bolls"]
+        lengths[kind] = np.median([boll["max_diameter_cm"] / boll["diameter_cm"] for boll in bolls])
+    assert lengths["hanging"] > 1.05 * lengths["tight"]
+
+
+def test_things_stand_on_the_table_clear_of_the_plant_and_of_each_other(plant: PlantMeshes) -> None:
+    options = SimulateOptions(**SMALL, things=8)
+    room = build_room(options, plant.stem_base)
+    plain = build_room(SimulateOptions(**SMALL), plant.stem_base)
+    assert plain.things == ()
+    assert [panel.corner.tolist() for panel in room.panels] == [panel.corner.tolist() for panel in plain.panels]
+    assert 4 <= len(room.things) <= 8
+    boxes = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in room.things]
+    for number, (low, high) in enumerate(boxes):
+        assert 0 <= low[2] < 0.002
+        assert (low[:2] > (-0.6, -0.3)).all()
+        assert (high[:2] < (0.6, 0.3)).all()
+        assert ((low > plant.stem_base)[:2] | (high < plant.stem_base)[:2]).any()
+        for other_low, other_high in boxes[:number]:
+            assert (low[:2] > other_high[:2]).any() or (high[:2] < other_low[:2]).any()
+    assert build_room(SimulateOptions(**SMALL, things=8, table=False), plant.stem_base).things == ()
+
+
+def test_things_are_seen_and_are_no_bolls(plant: PlantMeshes) -> None:
+    shown = {}
+    for things in (0, 8):
+        options = SimulateOptions(**SMALL, things=things)
+        path = orbit(options, plant.vertices)
+        scene, _ = _stage(plant, path, options)
+        shown[things] = film(scene, path, 0, options).astype(int), film_ids(scene, path, 0, options)
+    changed = np.abs(shown[8][0] - shown[0][0]).max(axis=2) > 20
+    assert changed[45:].mean() > 0.02
+    assert (shown[8][1] > 0).any()
+    # A thing may hide lint, and shows none.
+    assert not ((shown[8][1] > 0) & (shown[0][1] == 0)).any()
+
+
+def test_beside_a_turning_plant_things_stand_still(plant: PlantMeshes) -> None:
+    options = SimulateOptions(**SMALL, turntable=True, things=8)
+    path = orbit(options, plant.vertices)
+    scene, behind = _stage(plant, path, options)
+    bare, empty = _stage(plant, path, SimulateOptions(**SMALL, turntable=True))
+    assert behind is not None
+    assert empty is not None
+    assert (np.abs(behind - empty).max(axis=2) > 0.05).mean() > 0.01
+    assert (scene.rays.cast(*rays_of(path)).meshes == bare.rays.cast(*rays_of(path)).meshes).all()
+
+
+def rays_of(path):
+    camera = path.at(0)
+    y, x = np.mgrid[:72, :128].reshape(2, -1) + 0.5
+    towards = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.size)], axis=1)
+    directions = (towards @ camera.rotation).astype(np.float32)
+    return np.tile(camera.centre.astype(np.float32), (x.size, 1)), directions
+
+
+def test_light_from_one_side_leaves_the_other_in_the_dark(plant: PlantMeshes) -> None:
+    """Lint around the plant as cameras see it: with one window, one side of it is much darker than the other."""
+    spans = {}
+    for one_sided in (False, True):
+        options = SimulateOptions(**SMALL, one_sided=one_sided)
+        path = orbit(options, plant.vertices)
+        scene, _ = _stage(plant, path, options)
+        assert len(build_room(options, plant.stem_base).lamps) == (1 if one_sided else 3)
+        views = []
+        for frame in range(0, 24, 4):
+            lint = film_ids(scene, path, frame, options) > 0
+            views.append(film(scene, path, frame, options)[lint].mean())
+        spans[one_sided] = max(views) / min(views)
+    assert spans[True] > 1.4
+    assert spans[False] < 0.85 * spans[True]

@@ -176,8 +176,9 @@ FLAGS = {
     "bolls_off_plant": Meaning(
         "A boll does not hang on the plant",
         "Something taken for a boll hangs on nothing that hangs together with the stem: a boll that fell, or another"
-        " white thing. It is counted, but height and canopy leave it out.",
-        "Look at the flagged bolls below and delete what is none of this plant (cotton3dg correct); clear the table.",
+        " white thing. It has a row of its own and is neither counted nor part of volume, height and canopy.",
+        "Look at the flagged bolls below. If one is a boll of this plant, delete it and add it again (cotton3dg"
+        " correct); clear the table.",
     ),
     "masks_by_colour": Meaning(
         "Masks by colour alone",
@@ -217,7 +218,7 @@ BOLL_FLAGS = {
     "close": "nearer to another than bolls usually are: perhaps one boll counted twice",
     "disputed": "fewer than half of the views that see it agree on it",
     "few_views": "seen by few views; it may be hidden or no boll",
-    "off_plant": "hangs on nothing that hangs together with the stem: perhaps no boll of this plant",
+    "off_plant": "hangs on nothing that hangs together with the stem: no boll of this plant; it is not counted",
     "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
     "too_small": "narrower than 2.5 cm: perhaps a part of a boll, or none",
     "too_large": "wider than 7 cm: perhaps two bolls in one",

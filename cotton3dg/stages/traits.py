@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -134,14 +134,14 @@ def _measure(
     cameras = _cameras(workspace)
     filming = _filming(workspace, cameras)
 
-    def parts_of(some: list[BollInstance], by: Scale | None) -> Parts:
-        return measure_parts(gaussians, some, by, pixel_su, options.tube_height_cm, cameras, filming)
+    def parts_of(some: list[BollInstance], by: Scale | None, added: Collection[int] = ()) -> Parts:
+        return measure_parts(gaussians, some, by, pixel_su, options.tube_height_cm, cameras, filming, added)
 
     last = before = parts_of(bolls, found)
     corrected = _corrected(workspace, gaussians, bolls, found, before.plant)
     if corrected or scale_info.found:
         corrected = corrected or Corrected(bolls)
-        last = parts_of(corrected.bolls, scale)
+        last = parts_of(corrected.bolls, scale, corrected.added)
     plant_map, plant = _map(gaussians, last, cameras), last.plant
     ends: list[NDArray] = []
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
@@ -295,4 +295,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=30, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=31, inputs=inputs, run=run, cost=_cost, named_files=named_files)

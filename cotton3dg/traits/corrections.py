@@ -41,6 +41,10 @@ class Corrected:
     refused: tuple[str, ...] = ()
     """Why a correction does not apply, one a correction."""
 
+    @property
+    def added(self) -> list[int]:
+        return [boll_id for boll_id, word in self.words.items() if word == "added"]
+
 
 def apply_corrections(
     bolls: Sequence[BollInstance],

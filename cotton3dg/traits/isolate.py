@@ -91,8 +91,14 @@ def isolate_plant(
     candidates = np.flatnonzero(kept | boll_rows)
     if not len(candidates):
         return None
-    stem = fit_stem_axis(places[kept], floor_cm)
     bolls, samples = boll_rows[candidates], _axis_points(gaussians[candidates], places[candidates], scale)
+    standing = ~above | (places[:, 2] < STANDING_CM)
+    high = boll_rows & ~np.isin(boll_of, boll_of[boll_rows & standing])
+    # Mugs and tubes beside the plant may be fuller than its stem, but hold no bolls.
+    holds = find_connected(samples, high[candidates]) if high.any() else np.ones(len(candidates), bool)
+    stem = fit_stem_axis(places[candidates[holds & kept[candidates]]], floor_cm) or fit_stem_axis(
+        places[kept], floor_cm
+    )
     if stem is None:
         seeds = bolls if bolls.any() else np.ones(len(candidates), bool)
         base = np.append(np.median(places[candidates][seeds][:, :2], axis=0), 0.0)
@@ -104,7 +110,6 @@ def isolate_plant(
         seeds = beside & (places[candidates, 2] < floor_cm + STEM_LAYERS)
         held = np.zeros(len(gaussians), bool)
         held[candidates] = find_connected(samples, seeds, BOLL_BRIDGE_CM)
-        standing = ~above | (places[:, 2] < STANDING_CM)
         for boll in np.unique(boll_of[boll_rows]):
             own = boll_of == boll
             if held[own].mean() < 0.5 and standing[own].any():

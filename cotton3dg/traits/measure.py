@@ -45,7 +45,8 @@ NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
-UNSURE = frozenset(("off_plant", "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
+OFF_PLANT = "off_plant"
+UNSURE = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
 UNROUND_FLAG = "unround"
 DOUBTFUL_SHARE = 0.1
@@ -91,6 +92,7 @@ def measure_parts(
     clamp_cm: float,
     cameras: Sequence[Camera] = (),
     filming: Filming = WELL_FILMED,
+    added: Collection[int] = (),
 ) -> Parts:
     """The plant among the Gaussians, and its bolls.
 
@@ -99,6 +101,7 @@ def measure_parts(
         clamp_cm: height of the clamp that holds the plant.
         cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
         filming: how the plant was filmed; whether whole is found here.
+        added: ids of bolls that a person added, so that they are of the plant wherever they are.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -118,11 +121,11 @@ def measure_parts(
     if cut:
         concerns["plant_cut"] = cut
     drawn = as_drawn(gaussians, pixel_su)
-    apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5}
+    apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5} - {*added}
     if apart:
         concerns["bolls_off_plant"] = (
-            f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem; look"
-            " whether it is a boll of this plant, and delete it if it is not (cotton3dg correct)"
+            f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem and is not"
+            " counted; if it is a boll of this plant, delete it and add it again (cotton3dg correct)"
         )
     boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, filming)
     return Parts(plant, boll_traits, boll_of > 0, drawn, scale, pixel_su, clamp_cm, filming, concerns)
@@ -241,7 +244,7 @@ def measure_bolls(
         if scale and foot is not None:
             centre = PlantFrame(scale, foot).cm(boll.centre)
         doubts = [*boll.flags, volume.reason or "", UNROUND_FLAG if unround[number] else ""]
-        doubts += ["off_plant"] if boll.boll_id in apart else []
+        doubts += [OFF_PLANT] if boll.boll_id in apart else []
         doubts += ["near_clamp"] if centre[2] < NEAR_CLAMP * clamp_cm else []
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
@@ -277,6 +280,8 @@ def summarise_plant(
 ) -> PlantTraits:
     """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
 
+    What does not hang on the plant has no part in it but for the count's error: it may be a boll after all.
+
     Args:
         pixel_su, halves, by_colour, filming: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
@@ -284,11 +289,16 @@ def summarise_plant(
     What its traits may be off by is in error_model.py.
     """
     flags = []
+    confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
+    doubtful = bool(bolls) and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE
+    found, bolls = len(bolls), [boll for boll in bolls if OFF_PLANT not in boll.flags]
+    if halves:
+        halves = (max(halves[0] + len(bolls) - found, 0), max(halves[1] + len(bolls) - found, 0))
     volumes = np.array([boll.volume_cm3 for boll in bolls])
     known = volumes[np.isfinite(volumes)]
     if scale and len(known) < len(volumes):
         flags.append("bolls_without_volume")
-    if bolls and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE:
+    if doubtful:
         flags.append("doubtful_bolls")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
     size = silhouette or PlantSize()
@@ -299,14 +309,13 @@ def summarise_plant(
     touching = find_touching(nearest)
     unround = np.array([UNROUND_FLAG in boll.flags for boll in bolls], bool)
     nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
-    if len(bolls) and touching.mean() > CROWDED_SHARE:
+    if bolls and touching.mean() > CROWDED_SHARE:
         flags.append("touching_bolls")
     areas = np.array([boll.projected_area_cm2 for boll in bolls])
     hulls = np.array([boll.volume_published_cm3 for boll in bolls])
     hulls = hulls[np.isfinite(hulls)]
     heights = np.array([boll.centre_cm[2] for boll in bolls])
     heights = heights[np.isfinite(heights)]
-    confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
     thirds = None
     if size.height_cm > 0 and len(heights) == len(bolls):
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)

@@ -24,7 +24,7 @@ from cotton3dg.core.measurements import PlantTraits, Scale
 from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
-from cotton3dg.traits.measure import measure_bolls, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, measure_parts, measure_whole, summarise_plant
 from cotton3dg.traits.plant_size import measure_places, measure_silhouette
 
 UP = POSE.rotation[:, 2]
@@ -72,6 +72,20 @@ def test_without_a_stem_the_bolls_stand_for_the_plant():
     assert not plant.stem_found
 
 
+@pytest.mark.parametrize("on_it", [False, True])
+def test_the_stem_is_what_holds_the_bolls_not_the_fullest_post(on_it):
+    """A white tube beside the plant has more Gaussians than the stem, and its end may pass for a boll."""
+    gaussians, labels = plant_scene()
+    angles = np.linspace(0, 40 * np.pi, 900)
+    tube = np.column_stack([1.2 * np.cos(angles), 1.2 * np.sin(angles), np.linspace(0, 14, 900)]) + [20, 8, 0]
+    taken_for_boll = np.where(on_it & (tube[:, 2] < 4), labels.max() + 1, 0)
+    both = joined(gaussians, gaussians_at(tube, 0.2))
+    plant = isolate_plant(both, SCALE, 4.0, np.concatenate([labels, taken_for_boll]))
+    assert POSE.cm(plant.foot[None])[0] == pytest.approx(FOOT_CM, abs=0.2)
+    assert not plant.rows[len(gaussians) :].any()
+    assert plant.rows[: len(gaussians)].sum() == isolate_plant(gaussians, SCALE, 4.0, labels).rows.sum()
+
+
 def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
     """A white ball on the table, taken for a boll, and a boll that fell between plant and rim."""
     gaussians, labels = plant_scene()
@@ -91,6 +105,24 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
         assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
     assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
     assert both.traits.boll_count_interval[0] <= 4
+    assert both.traits.boll_count == alone.traits.boll_count == 4
+    assert both.traits.boll_volume_cm3 == pytest.approx(alone.traits.boll_volume_cm3, rel=1e-6)
+    assert both.traits.boll_height_min_cm == pytest.approx(alone.traits.boll_height_min_cm)
+
+
+def test_a_boll_that_a_person_added_is_of_the_plant_wherever_it_is():
+    gaussians, labels = plant_scene()
+    ball = np.random.default_rng(1).normal(size=(400, 3))
+    ball = BOLL_RADIUS_CM * ball / np.linalg.norm(ball, axis=1, keepdims=True)
+    both = joined(gaussians, gaussians_at(np.array([50.0, 20.0, 8.0]) + ball, 0.2))
+    bolls = bolls_of(both, np.append(labels, np.full(len(ball), 5)))
+    for added, count in (((), 4), ((5,), 5)):
+        measured = measure_whole(measure_parts(both, bolls, SCALE, 0.0, 4.0, added=added))
+        assert measured.traits.boll_count == count
+        assert len(measured.bolls) == 5
+    assert "bolls_off_plant" not in measured.flags
+    halves = measure_whole(measure_parts(both, bolls, SCALE, 0.0, 4.0), halves=(5, 4)).traits.boll_count_halves
+    assert halves == (4, 3)
 
 
 def test_a_plant_that_no_image_shows_whole_has_no_interval(monkeypatch):

@@ -43,7 +43,8 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace) -> Middles:
     parts = find_middles(votes)
     bolls = join_parts(parts, votes, lint, FITS)
     if is_crowded(bolls):
-        bolls = join_parts(find_hidden(parts, votes), votes, lint, FITS_IN_CROWDS)
+        # Middles that are near to each other are those of bolls here.
+        bolls = join_parts(find_hidden(parts, votes), votes, lint, FITS_IN_CROWDS, close=-np.inf)
     return drop_unlikely(bolls, votes)
 
 

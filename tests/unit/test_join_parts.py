@@ -8,6 +8,7 @@ import pytest
 from scenes.splat_scenes import round_gaussians
 
 from cotton3dg.masks.join_parts import (
+    CLOSE,
     DIVIDES,
     FITS,
     NEAR,
@@ -55,8 +56,15 @@ def view_of(shape, pixels, borders: np.ndarray, surfaces: np.ndarray, probabilit
 
 @pytest.mark.parametrize(
     ("apart", "border", "bolls"),
-    [(0.4, 0.3, 3), (0.4, 0.9, 4), (0.85, 0.3, 4), (0.85, 0.6, 4)],
-    ids=["locks of one boll", "small bolls with a clear border", "bolls that touch", "bolls that touch, with a border"],
+    [(0.4, 0.3, 3), (0.4, 0.9, 4), (0.85, 0.4, 4), (0.85, 0.6, 4), (0.7, 0.36, 3), (0.7, 0.55, 4)],
+    ids=[
+        "locks of one boll",
+        "small bolls with a clear border",
+        "bolls that touch",
+        "bolls that touch, with a border",
+        "a long boll",
+        "bolls that lie in each other",
+    ],
 )
 def test_parts_are_joined_where_both_are_no_wider_than_a_boll(apart, border, bolls):
     middles = join_parts(*touching_pair(apart, border))
@@ -64,6 +72,12 @@ def test_parts_are_joined_where_both_are_no_wider_than_a_boll(apart, border, bol
     if bolls == 3:
         np.testing.assert_allclose(middles.centres[0], [apart / 2, 0, 0], atol=1e-6)
         assert middles.support[0] == 2
+
+
+def test_in_crowds_two_near_middles_are_two_bolls():
+    given = touching_pair(0.7, 0.36)
+    assert len(join_parts(*given, close=-np.inf).centres) == 4
+    assert len(join_parts(*given).centres) == 3
 
 
 def test_a_few_things_that_are_larger_make_no_bolls_that_touch_one():
@@ -116,13 +130,16 @@ def join_slowly(middles: Middles, votes: list[Votes], lint: LintInSpace) -> Midd
     while True:
         owners, borders = middles.nearest(places), measure_all_borders(middles, votes)
         scores = {
-            (a, b): measure_widths(places[np.isin(owners, (a + 1, b + 1))])[1] / usual
+            (a, b): min(
+                measure_widths(places[np.isin(owners, (a + 1, b + 1))])[1] / usual - FITS,
+                np.linalg.norm(middles.centres[a] - middles.centres[b]) / usual - CLOSE,
+            )
             + DIVIDES * (borders[a + 1, b + 1] - UNDECIDED)
             for a, b in find_near_pairs(middles.centres, NEAR * usual)
             if (a + 1, b + 1) in borders
         }
         pair = min(scores, key=scores.__getitem__, default=None)
-        if pair is None or scores[pair] >= FITS:
+        if pair is None or scores[pair] >= 0:
             return middles
         middles = join_pair(middles, *pair)
 

@@ -16,7 +16,9 @@ Shape = Callable[[np.random.Generator, SolidNoise, Float64], Mesh]
 NEAREST, FARTHEST = 0.10, 0.50
 """m from the plant's foot to the middle of a thing on the table."""
 APART = 0.01
-"""m, least distance of the boxes around two things."""
+"""m, least distance of the boxes around two things, and from the plant's foot."""
+ABOVE = 0.0005
+"""m over the table: two surfaces in one place would flicker."""
 
 
 def draw_thing(rng: np.random.Generator) -> tuple[Shape, Float64]:
@@ -34,9 +36,9 @@ def things_on_table(rng: np.random.Generator, count: int, foot: Float64, length:
         foot: (3,) of the plant; the table's middle is the origin, its top z = 0.
         length, width: m, of the table along x and y.
     """
-    noise = SolidNoise(rng)
+    noise, rim = SolidNoise(rng), 0.5 * np.array([length, width])
     meshes: list[Mesh] = []
-    boxes: list[tuple[Float64, Float64]] = []
+    boxes = [(foot[:2], foot[:2])]
     for _ in range(20 * count):
         if len(meshes) == count:
             break
@@ -45,15 +47,12 @@ def things_on_table(rng: np.random.Generator, count: int, foot: Float64, length:
         mesh = weather(shape(rng, noise, colour).moved(lies, np.zeros(3)), noise, rng.uniform(0, 0.15))
         angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(NEAREST, FARTHEST)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        place = (
-            foot + away * np.array([np.cos(angle), np.sin(angle), 0.0]) - (*(0.5 * (low + high)[:2]), low[2] - 0.0005)
-        )
+        # Its middle goes there, and its lowest point on the table.
+        middle = np.array([*(0.5 * (low + high)[:2]), low[2] - ABOVE])
+        place = foot + away * np.array([np.cos(angle), np.sin(angle), 0.0]) - middle
         low, high = (low + place)[:2], (high + place)[:2]
-        within = (np.abs(low) < 0.5 * np.array([length, width])).all() and (
-            np.abs(high) < 0.5 * np.array([length, width])
-        ).all()
         free = all((low > other[1] + APART).any() or (high < other[0] - APART).any() for other in boxes)
-        if within and free and ((low > foot[:2] + APART).any() or (high < foot[:2] - APART).any()):
+        if free and (np.maximum(-low, high) < rim).all():
             meshes.append(mesh.moved(np.eye(3), place))
             boxes.append((low, high))
     return meshes

@@ -5,6 +5,7 @@ Fields of the traits are the columns of the tables: columns.csv and docs/csv.md 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from .columns import column, columns
 
 Float64 = NDArray[np.float64]
+OFF_PLANT = "off_plant"
+"""Flag of what was taken for a boll and hangs on nothing: it has a row of its own and is in no sum."""
+
+
+def is_counted(flags: Collection[str]) -> bool:
+    """Whether a boll with these flags is one of the plant's."""
+    return OFF_PLANT not in flags
 
 
 @dataclass(frozen=True)
@@ -135,10 +143,10 @@ class BollTraits:
 class PlantTraits:
     """The traits in a row of traits.csv; NaN = not measurable, the reason is among the flags."""
 
-    boll_count: int = column("1", "open bolls found", ontology="CO_358:0001327")
-    boll_volume_cm3: float = column("cm3", "sum of volume_cm3 over the measured bolls", 2, blank_when=NO_VOLUME)
+    boll_count: int = column("1", "open bolls found on the plant", ontology="CO_358:0001327")
+    boll_volume_cm3: float = column("cm3", "sum of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
     boll_volume_mean_cm3: float = column(
-        "cm3", "mean of volume_cm3 over the measured bolls", 2, blank_when="no scale; no boll with a volume"
+        "cm3", "mean of volume_cm3 over the counted bolls", 2, blank_when="no scale; no boll with a volume"
     )
     plant_height_cm: float = column(
         "cm",
@@ -198,7 +206,7 @@ class PlantTraits:
     )
     """None = not measurable."""
     lint_area_cm2: float = column(
-        "cm2", "sum of projected_area_cm2 over the measured bolls", 2, blank_when=NO_VOLUME, later=True
+        "cm2", "sum of projected_area_cm2 over the counted bolls", 2, blank_when=NO_VOLUME, later=True
     )
     boll_count_error: float = column(
         "1",
@@ -225,7 +233,7 @@ class PlantTraits:
         later=True,
     )
     boll_volume_published_cm3: float = column(
-        "cm3", "sum of volume_published_cm3 over the measured bolls", 2, blank_when=NO_VOLUME, later=True
+        "cm3", "sum of volume_published_cm3 over the counted bolls", 2, blank_when=NO_VOLUME, later=True
     )
     plant_height_published_cm: float = column(
         "cm",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.columns import Column, columns_of
 from ..core.lint_colour import LintColour
 from ..core.map_measurements import MapTraits
-from ..core.measurements import PlantTraits
+from ..core.measurements import PlantTraits, is_counted
 from ..core.plant_map import PlantMap
 from ..documents.skeleton import SkeletonInfo, read_map
 from ..errors import BadInput
@@ -69,6 +69,7 @@ def read_filmed(folder: Path) -> Filmed:
     if traits.get("scale_source") == "none":
         raise BadInput(f"{folder} has no scale, so its bolls have no places; see docs/scale.md")
     rows = read_rows(workspace.require(workspace.bolls_csv, "traits"))
+    rows = [row for row in rows if is_counted(row.get("qc_flags", "").split(";"))]
 
     def numbers(name: str) -> NDArray[np.float64]:
         return np.array([parse_number(row.get(name)) for row in rows], np.float64)

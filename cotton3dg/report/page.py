@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
+from ..core.measurements import is_counted
 from ..core.state import State
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
@@ -32,7 +33,7 @@ from .pointing import describe_photos
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION = 4
+VERSION = 5
 RECORD = "report"
 TEMPLATES = Path(__file__).with_name("templates")
 OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
@@ -224,7 +225,8 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     if not facts.traits:
         return []
     row = facts.traits
-    doubtful = sum(bool(boll_doubts(boll)) for boll in facts.bolls)
+    counted = [boll for boll in facts.bolls if is_counted(boll.get("qc_flags", "").split(";"))]
+    doubtful = sum(bool(boll_doubts(boll)) for boll in counted)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
         value, low, high = _interval(row, column)
@@ -235,7 +237,7 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
-    solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in facts.bolls]
+    solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in counted]
     volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
     if solid and math.isfinite(sum(solid)):
         volume_note += f"; {sum(solid):.0f} cm³ without hollows"
@@ -243,7 +245,7 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
     low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
     count_range = f"{low} to {high}" if low != high else ""
-    count_notes = [f"{doubtful} of them doubtful" if doubtful else "none doubtful"] if facts.bolls else []
+    count_notes = [f"{doubtful} of them doubtful" if doubtful else "none doubtful"] if counted else []
     if row.get("boll_count_odd"):
         count_notes.append(f"halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}")
     count_note = "; ".join(count_notes)

@@ -14,7 +14,7 @@ from .. import __version__
 from ..core.bolls import BollInstance
 from ..core.columns import Column, cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
-from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale
+from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale, is_counted
 from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
@@ -169,7 +169,9 @@ def _tables(
         colours: boll -> mean reflectances of its lint.
     """
     whose, sites = {"plant_id": plant_id}, boll_rows(plant_map)
-    of_plant = cells_of(measured.traits, evidence, map_traits, plant_colour(colours.values()))
+    counted = [boll.boll_id for boll in measured.bolls if is_counted(boll.flags)]
+    lint = plant_colour(colours[boll_id] for boll_id in counted if boll_id in colours)
+    of_plant = cells_of(measured.traits, evidence, map_traits, lint)
     of_bolls = [
         cells_of(boll, sites.get(boll.boll_id, BollMapTraits()), boll_colour(colours.get(boll.boll_id, [])))
         for boll in measured.bolls

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance
 from ..core.machine import on_all_cores
-from ..core.measurements import BollTraits, PlantFrame, PlantTraits, Scale
+from ..core.measurements import OFF_PLANT, BollTraits, PlantFrame, PlantTraits, Scale, is_counted
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
@@ -45,7 +45,6 @@ NEAR_CLAMP = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
-OFF_PLANT = "off_plant"
 UNSURE = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
 UNROUND_FLAG = "unround"
@@ -157,7 +156,7 @@ def measure_whole(
         concerns["masks_by_colour"] = (
             "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
         )
-    diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls])
+    diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls if is_counted(boll.flags)])
     if scale and blurs_bolls(filming.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
             f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
@@ -291,7 +290,7 @@ def summarise_plant(
     flags = []
     confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
     doubtful = bool(bolls) and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE
-    found, bolls = len(bolls), [boll for boll in bolls if OFF_PLANT not in boll.flags]
+    found, bolls = len(bolls), [boll for boll in bolls if is_counted(boll.flags)]
     if halves:
         halves = (max(halves[0] + len(bolls) - found, 0), max(halves[1] + len(bolls) - found, 0))
     volumes = np.array([boll.volume_cm3 for boll in bolls])

@@ -47,7 +47,7 @@ def test_failures_are_explained_with_what_there_is(reported_copy):
     assert "No result" in seen.text
     assert "7 of 17 frames registered (40 % needed)" in seen.text
     assert "What to do: film one slow full turn" in seen.text
-    assert "Every boll that was counted" not in seen.text  # bolls of an earlier video
+    assert "Every boll that was found" not in seen.text  # bolls of an earlier video
     assert seen.count("img") == 11  # the strip of frames, and the empty one that enlarges
     assert "out of date" in seen.text
 
@@ -59,7 +59,7 @@ def test_a_required_scale_that_is_missing_leaves_the_pictures(reported_copy):
     seen = Page(plant_page(reported_copy))
     assert "No result" in seen.text
     assert "What to do: lay printed markers beside the plant" in seen.text
-    for heading in ("Every boll that was counted", "The plant in 3D", "Photo against model", "Masks", "The walk"):
+    for heading in ("Every boll that was found", "The plant in 3D", "Photo against model", "Masks", "The walk"):
         assert heading in seen.text
     assert "Plant height" not in seen.text
 
@@ -119,7 +119,7 @@ def test_a_damaged_file_costs_its_parts_only(reported_copy, file):
     (reported_copy.root / file).write_bytes(b"damaged")
     seen = Page(plant_page(reported_copy))
     assert "Plant height" in seen.text
-    assert "Every boll that was counted" in seen.text
+    assert "Every boll that was found" in seen.text
     assert "The walk around the plant" in seen.text
 
 

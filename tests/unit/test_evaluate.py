@@ -66,6 +66,13 @@ def test_a_plant_beside_its_truth(plant):
     assert bolls.median_distance_cm == pytest.approx(0.0, abs=1e-9)
 
 
+def test_what_does_not_hang_on_the_plant_is_no_false_boll(plant):
+    rows = plant.bolls_csv.read_text().splitlines()
+    flagged = [f"{row},{flags}" for row, flags in zip(rows, ["qc_flags", "", "", "large"], strict=True)]
+    plant.bolls_csv.write_text("\n".join([*flagged, "20,20,5,400,large;off_plant"]) + "\n")
+    assert evaluate(plant, plant.truth_json)[1].n_measured == 3
+
+
 def test_what_is_missing_is_named(plant):
     with pytest.raises(MissingInput, match="other"):
         evaluate(plant, plant.root / "other.json")

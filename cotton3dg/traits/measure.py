@@ -289,7 +289,6 @@ def summarise_plant(
     """
     flags = []
     confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
-    doubtful = bool(bolls) and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE
     found, bolls = len(bolls), [boll for boll in bolls if is_counted(boll.flags)]
     if halves:
         halves = (max(halves[0] + len(bolls) - found, 0), max(halves[1] + len(bolls) - found, 0))
@@ -297,7 +296,7 @@ def summarise_plant(
     known = volumes[np.isfinite(volumes)]
     if scale and len(known) < len(volumes):
         flags.append("bolls_without_volume")
-    if doubtful:
+    if bolls and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE:
         flags.append("doubtful_bolls")
     measured = bool(scale) and (len(known) > 0 or not len(volumes))
     size = silhouette or PlantSize()

@@ -106,6 +106,7 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
     assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
     assert both.traits.boll_count_interval[0] <= 4
     assert both.traits.boll_count == alone.traits.boll_count == 4
+    assert "doubtful_bolls" not in both.flags
     assert both.traits.boll_volume_cm3 == pytest.approx(alone.traits.boll_volume_cm3, rel=1e-6)
     assert both.traits.boll_height_min_cm == pytest.approx(alone.traits.boll_height_min_cm)
 

@@ -16,7 +16,7 @@ from ..core.measurements import PlantTraits, is_counted
 from ..core.plant_map import PlantMap
 from ..documents.skeleton import SkeletonInfo, read_map
 from ..errors import BadInput
-from ..files.tables import parse_number, read_rows
+from ..files.tables import flags_of, parse_number, read_rows
 from ..workspace import Workspace
 from .align import Layout
 
@@ -68,8 +68,8 @@ def read_filmed(folder: Path) -> Filmed:
     traits = read_rows(workspace.require(workspace.traits_csv, "traits"))[0]
     if traits.get("scale_source") == "none":
         raise BadInput(f"{folder} has no scale, so its bolls have no places; see docs/scale.md")
-    rows = read_rows(workspace.require(workspace.bolls_csv, "traits"))
-    rows = [row for row in rows if is_counted(row.get("qc_flags", "").split(";"))]
+    bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
+    rows = [row for row in bolls if is_counted(flags_of(row))]
 
     def numbers(name: str) -> NDArray[np.float64]:
         return np.array([parse_number(row.get(name)) for row in rows], np.float64)

@@ -16,7 +16,7 @@ from ..core.measurements import is_counted
 from ..documents.truth import Truth
 from ..errors import MissingInput
 from ..files.cloud import read_cloud
-from ..files.tables import parse_number, read_rows
+from ..files.tables import flags_of, parse_number, read_rows
 from ..mapping.summary import summarise_map
 from ..workspace import Workspace
 from .cloud import measure_cloud
@@ -108,7 +108,7 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
         if trait in row
     ]
     rows = read_rows(workspace.require(workspace.bolls_csv, "traits"))
-    bolls = [boll for boll in rows if is_counted(boll.get("qc_flags", "").split(";"))]
+    bolls = [boll for boll in rows if is_counted(flags_of(boll))]
     measured_cm = np.array([[parse_number(boll[f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]).reshape(-1, 3)
     measured_cm3 = np.array([parse_number(boll["volume_cm3"]) for boll in bolls])
     true_cm, true_cm3 = _true_bolls(truth)

@@ -91,6 +91,11 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     return [{name: _restore(cell) for name, cell in row.items()} for row in table.to_dict("records")]
 
 
+def flags_of(row: Mapping[str, Any]) -> list[str]:
+    """Quality flags of a plant's or a boll's row."""
+    return [flag for flag in str(row.get("qc_flags") or "").split(";") if flag]
+
+
 def parse_number(cell: Any) -> float:
     """What a cell says as a number; NaN where there is none, it is blank or says something else."""
     try:

@@ -13,6 +13,7 @@ from ..documents.frames import FramesInfo
 from ..documents.scale import ScaleInfo
 from ..documents.sfm import LensDecision, SfmInfo
 from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
+from ..files.tables import flags_of
 from ..splat.exposure import ALIKE
 from .facts import Facts
 
@@ -246,8 +247,7 @@ def meaning(flag: str) -> Meaning:
 
 def boll_doubts(row: Mapping[str, str]) -> str:
     """The flags of a boll in words."""
-    flags = [flag for flag in row.get("qc_flags", "").split(";") if flag]
-    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags)
+    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags_of(row))
 
 
 def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:
@@ -268,7 +268,7 @@ def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advi
         good = width >= 2 * SMALL_BOLL_PX
         remedy = "" if good else "; go closer, or raise train.max_side: below 10 px bolls can be lost"
         found.append(Advice(good, "Distance", f"A middling boll is {width:.0f} px wide in the images used{remedy}."))
-    hidden = [row["boll_id"] for row in facts.bolls if "few_views" in row.get("qc_flags", "").split(";")]
+    hidden = [row["boll_id"] for row in facts.bolls if "few_views" in flags_of(row)]
     if hidden:
         text = f"Few views see boll {', '.join(hidden[:8])}; raise or lower the camera a little as you walk."
         found.append(Advice(False, "Hidden bolls", text))

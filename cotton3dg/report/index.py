@@ -15,7 +15,7 @@ from ..core.state import State
 from ..errors import Cotton3dgError
 from ..field.genotypes import Fit, Mean, Trial
 from ..files.images import read_image
-from ..files.tables import parse_number
+from ..files.tables import flags_of, parse_number
 from ..workspace import Workspace
 from .checklist import to_film
 from .figures import jpeg_uri
@@ -132,7 +132,7 @@ def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, floa
         "link": quote(f"{row['folder']}/report.html") if (own / "report.html").is_file() else "",
         "thumbnail": _read_thumbnail(own),
         "outliers": outliers,
-        "flags": [flag for flag in str(row.get("qc_flags") or "").split(";") if flag],
+        "flags": flags_of(row),
     }
 
 

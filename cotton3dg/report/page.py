@@ -22,7 +22,7 @@ from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
 from ..files.skeleton import draw_map
-from ..files.tables import parse_number
+from ..files.tables import flags_of, parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 from .advice import advise_on_capture, boll_doubts, meaning
@@ -225,7 +225,7 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     if not facts.traits:
         return []
     row = facts.traits
-    counted = [boll for boll in facts.bolls if is_counted(boll.get("qc_flags", "").split(";"))]
+    counted = [boll for boll in facts.bolls if is_counted(flags_of(boll))]
     doubtful = sum(bool(boll_doubts(boll)) for boll in counted)
 
     def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:

@@ -1,7 +1,8 @@
-"""A plant measured in one call."""
+"""A plant on the table of table_scene, measured in one call."""
 
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import NDArray
 
 from cotton3dg.core.bolls import BollInstance
@@ -9,6 +10,20 @@ from cotton3dg.core.measurements import Scale
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.traits.error_model import WELL_FILMED, Filming
 from cotton3dg.traits.measure import Measured, measure_parts, measure_whole
+from scenes.table_scene import POSE
+
+UP = POSE.rotation[:, 2]
+CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
+SCALE = Scale(POSE.cm_per_su, 0.002, "table", UP, np.append(UP, -UP @ CORNERS[0]), CORNERS)
+
+
+def bolls_of(gaussians: Gaussians, labels: NDArray) -> list[BollInstance]:
+    """The bolls 1, 2, ... that Gaussians are labelled with."""
+    return [
+        BollInstance(k, np.flatnonzero(labels == k), ("a", "b"), gaussians.means[labels == k].mean(0).astype(float),
+                     0.1, 0.9)
+        for k in range(1, labels.max() + 1)
+    ]  # fmt: skip
 
 
 def measure_plant(

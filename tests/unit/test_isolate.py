@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes.measured_plant import measure_plant
+from scenes.measured_plant import SCALE, bolls_of, measure_plant
 from scenes.table_scene import (
     BOLL_RADIUS_CM,
     BOLLS_CM,
@@ -18,26 +18,13 @@ from scenes.table_scene import (
     table_points_cm,
 )
 
-from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.columns import cells_of, columns_of
-from cotton3dg.core.measurements import PlantTraits, Scale
+from cotton3dg.core.measurements import PlantTraits
 from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
 from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
-from cotton3dg.traits.measure import measure_bolls, measure_parts, measure_whole, summarise_plant
+from cotton3dg.traits.measure import measure_bolls, summarise_plant
 from cotton3dg.traits.plant_size import measure_places, measure_silhouette
-
-UP = POSE.rotation[:, 2]
-CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-SCALE = Scale(POSE.cm_per_su, 0.002, "table", UP, np.append(UP, -UP @ CORNERS[0]), CORNERS)
-
-
-def bolls_of(gaussians, labels):
-    return [
-        BollInstance(k, np.flatnonzero(labels == k), ("a", "b"), gaussians.means[labels == k].mean(0).astype(float),
-                     0.1, 0.9)
-        for k in range(1, labels.max() + 1)
-    ]  # fmt: skip
 
 
 def test_table_coordinates():
@@ -84,46 +71,6 @@ def test_the_stem_is_what_holds_the_bolls_not_the_fullest_post(on_it):
     assert POSE.cm(plant.foot[None])[0] == pytest.approx(FOOT_CM, abs=0.2)
     assert not plant.rows[len(gaussians) :].any()
     assert plant.rows[: len(gaussians)].sum() == isolate_plant(gaussians, SCALE, 4.0, labels).rows.sum()
-
-
-def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
-    """A white ball on the table, taken for a boll, and a boll that fell between plant and rim."""
-    gaussians, labels = plant_scene()
-    rng = np.random.default_rng(1)
-    ball = rng.normal(size=(400, 3))
-    ball = BOLL_RADIUS_CM * ball / np.linalg.norm(ball, axis=1, keepdims=True)
-    beside = gaussians_at(np.array([50.0, 20.0, 8.0]) + ball, 0.2)
-    with_ball = joined(gaussians, beside)
-    with_labels = np.append(labels, np.full(len(ball), labels.max() + 1))
-    alone = measure_plant(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0)
-    both = measure_plant(with_ball, bolls_of(with_ball, with_labels), SCALE, 0.0, 4.0)
-    assert "bolls_off_plant" not in alone.flags
-    assert "bolls_off_plant" in both.flags
-    assert [boll.flags for boll in both.bolls] == [(), (), (), (), ("off_plant",)]
-    assert any("boll 5" in warning for warning in both.warnings)
-    for trait in ("plant_height_cm", "canopy_size_cm", "plant_height_published_cm"):
-        assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
-    assert both.traits.boll_count_error == pytest.approx(np.hypot(alone.traits.boll_count_error, 0.5))
-    assert both.traits.boll_count_interval[0] <= 4
-    assert both.traits.boll_count == alone.traits.boll_count == 4
-    assert "doubtful_bolls" not in both.flags
-    assert both.traits.boll_volume_cm3 == pytest.approx(alone.traits.boll_volume_cm3, rel=1e-6)
-    assert both.traits.boll_height_min_cm == pytest.approx(alone.traits.boll_height_min_cm)
-
-
-def test_a_boll_that_a_person_added_is_of_the_plant_wherever_it_is():
-    gaussians, labels = plant_scene()
-    ball = np.random.default_rng(1).normal(size=(400, 3))
-    ball = BOLL_RADIUS_CM * ball / np.linalg.norm(ball, axis=1, keepdims=True)
-    both = joined(gaussians, gaussians_at(np.array([50.0, 20.0, 8.0]) + ball, 0.2))
-    bolls = bolls_of(both, np.append(labels, np.full(len(ball), 5)))
-    for added, count in (((), 4), ((5,), 5)):
-        measured = measure_whole(measure_parts(both, bolls, SCALE, 0.0, 4.0, added=added))
-        assert measured.traits.boll_count == count
-        assert len(measured.bolls) == 5
-    assert "bolls_off_plant" not in measured.flags
-    halves = measure_whole(measure_parts(both, bolls, SCALE, 0.0, 4.0), halves=(5, 4)).traits.boll_count_halves
-    assert halves == (4, 3)
 
 
 def test_a_plant_that_no_image_shows_whole_has_no_interval(monkeypatch):

@@ -2,19 +2,16 @@
 
 import numpy as np
 import pytest
+from scenes.measured_plant import SCALE
 from scenes.table_scene import POSE, gaussians_at, joined
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.core.measurements import Scale
 from cotton3dg.traits.isolate import Plant
 from cotton3dg.traits.measure import measure_bolls, summarise_plant
 from cotton3dg.traits.plant_size import measure_silhouette
 from cotton3dg.traits.published import box_of_means
 
-UP = POSE.rotation[:, 2]
-CORNERS = POSE.scene(np.array([[-60, -30, 0], [60, -30, 0], [60, 30, 0], [-60, 30, 0.0]]))
-SCALE = Scale(POSE.cm_per_su, 0.002, "table", UP, np.append(UP, -UP @ CORNERS[0]), CORNERS)
 FOOT = POSE.scene(np.zeros((1, 3)))[0]
 
 

@@ -25,7 +25,8 @@ from ..files.saving import explain_disk_errors, file_sha256, json_text, write_te
 from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import BollNetwork, seen_size, shipped_weights
-from ..masks.detect_bolls import find_bolls
+from ..masks.group_votes import group_votes
+from ..masks.looks import see_at_all_looks
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
 from ..options import MasksTrainOptions
@@ -243,7 +244,8 @@ def _measure_accuracy(
     network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]
 ) -> dict[str, Any]:
     """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
-    scores, miou = score_masks((find_bolls(image, network)[0], ids) for image, ids in judged)
+    found = ((group_votes(see_at_all_looks(image, network))[0], ids) for image, ids in judged)
+    scores, miou = score_masks(found)
     table = {
         str(score.iou): {key: _round(getattr(score, key)) for key in ("precision", "recall", "f1")} for score in scores
     }

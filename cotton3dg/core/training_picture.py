@@ -12,7 +12,7 @@ UNKNOWN = 255
 NOT_LINT = 254
 """Class of pixels of which an annotation only says that they are no lint."""
 CLASSES = ("other", "lint", "bur", "wood", "leaf")
-OTHER, LINT = 0, 1
+OTHER, LINT, LEAF = 0, 1, 4
 
 
 @dataclass(frozen=True)

@@ -13,27 +13,16 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..splat.rasterizer import Window
 from .bolls import BollNetwork
-from .group_votes import group_votes
 from .lint_in_space import LintInSpace, gather_lint
-from .looks import see_at_all_looks
+from .lint_owners import hear_votes
 from .meeting_votes import Middles, Votes, cast_votes, measure_agreement
+from .one_image import find_bolls
 from .outline_bolls import outline_bolls
 from .separate_bolls import separate_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE = 12
 """Fewer views have halves that say little about the whole."""
-
-
-def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Masks of the bolls in one image.
-
-    Args:
-        image: (H, W, 3) sRGB.
-    Returns:
-        ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
-    """
-    return group_votes(see_at_all_looks(image, network))
 
 
 def detect_bolls(
@@ -71,7 +60,8 @@ def detect_bolls(
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
     middles, halves = separate_all(votes, lint)
     agreed = measure_agreement(votes, middles)
-    outlined = stream_on_all_cores(lambda pair: outline_bolls(*pair, lint, middles), zip(images, cameras, strict=True))
+    owners = hear_votes(votes, middles)
+    outlined = stream_on_all_cores(lambda pair: outline_bolls(*pair, lint, owners), zip(images, cameras, strict=True))
     sums = np.zeros((len(middles.centres), 4))
     for done, (camera, of_image) in enumerate(zip(cameras, outlined, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 from .graph_cut import cut_groups
 from .lint_in_space import LintInSpace
-from .meeting_votes import Middles
+from .lint_owners import LintOwners
 from .paint_bolls import nearest_silhouettes, without_specks
 
 SURELY, POSSIBLY = 0.8, 0.15
@@ -20,17 +20,20 @@ SHOWN = 0.05
 """Least share of lint in a pixel whose lint has a place."""
 
 
-def outline_bolls(image: NDArray[np.uint8], camera: Camera, lint: LintInSpace, middles: Middles) -> NDArray[np.uint16]:
-    """Masks (H, W) of the bolls in one image (H, W, 3), 1 ... B in the order of `middles`, 0 = no lint.
+def outline_bolls(
+    image: NDArray[np.uint8], camera: Camera, lint: LintInSpace, owners: LintOwners
+) -> NDArray[np.uint16]:
+    """Masks (H, W) of the bolls in one image (H, W, 3), 1 ... B in the order of the middles, 0 = no lint.
 
     A minimum cut (GrabCut, Rother et al. 2004) between the colours of what surely is lint and of what surely is none
-    moves the edges of the rendered lint to those of the image; which boll it is, is decided by place.
+    moves the edges of the rendered lint to those of the image; which boll it is, is decided in space.
     """
     share, places = lint.seen(camera)
+    middles = owners.middles
     ids = np.zeros(share.shape, np.uint16)
     if not len(middles.centres) or not (share > POSSIBLY).any():
         return ids
-    ids[share > SHOWN] = middles.nearest(places[share > SHOWN])
+    ids[share > SHOWN] = owners.at(places[share > SHOWN])
     depths = camera.project(middles.centres)[1]
     diameter_px = float(np.median(middles.diameters * camera.fx / np.maximum(depths, 1e-6)))
     trimap = np.where(share > 0.5, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)

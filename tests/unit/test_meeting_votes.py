@@ -6,6 +6,7 @@ from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model
 
 from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_in_space import gather_lint
+from cotton3dg.masks.lint_owners import hear_votes
 from cotton3dg.masks.meeting_votes import (
     Middles,
     Votes,
@@ -39,7 +40,7 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     assert (measure_agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
     same = distances.argmin(axis=1)
     for camera, ids, photo in zip(cameras(), images, photos_of(images), strict=True):
-        found = outline_bolls(photo, camera, lint, middles)
+        found = outline_bolls(photo, camera, lint, hear_votes(votes, middles))
         named = np.concatenate([[0], same + 1])[found]
         assert (named == ids).mean() > 0.97
         both = (named > 0) & (ids > 0)
@@ -119,7 +120,8 @@ def test_no_lint_is_no_boll():
     votes = cast_votes(maps, camera, lint)
     middles = find_middles([votes, votes])
     assert isinstance(middles, Middles) and not len(middles.centres)
-    assert not outline_bolls(np.zeros((camera.height, camera.width, 3), np.uint8), camera, lint, middles).any()
+    photo = np.zeros((camera.height, camera.width, 3), np.uint8)
+    assert not outline_bolls(photo, camera, lint, hear_votes([votes, votes], middles)).any()
 
 
 def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unexplained():

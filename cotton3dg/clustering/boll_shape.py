@@ -14,8 +14,7 @@ from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 
 SEPARATION = 0.75
 """Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
-0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked. Sets of mean
-widths that lie nearer are halves of one boll that all masks part alike: one was counted twice at 0.66, two at 0.92."""
+0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked."""
 
 CLOSE = 0.85
 """Distance, in usual widths, below which two bolls may be one: such halves were 0.7 and 0.8 apart, two bolls 0.9."""

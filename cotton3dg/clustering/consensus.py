@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
 from ..geometry.point_sets import find_compact_part, measure_extent
-from .boll_shape import SEPARATION, number_bolls, split_heap
+from .boll_shape import number_bolls, split_heap
 
 Float32 = NDArray[np.float32]
 
@@ -43,6 +43,9 @@ EDGE_SHARE = 0.3
 WIDE = 1.5
 """Bolls this many times as wide as the usual one are taken for several if their shape says so; touching pairs are 1.4
 to 2 times as wide, large bolls up to 1.3 times."""
+HALVES_APART = 0.78
+"""Distance of the centres, in their mean widths, below which two sets are halves of one boll that all masks part alike:
+such halves were up to 0.76 apart, two bolls 0.81 and more."""
 LEAST_GAUSSIANS = 5
 """In a mask that takes part and in a boll. A small boll of a coarse model has no more than twenty, and what several
 views agree upon needs no strength of numbers."""
@@ -199,7 +202,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray) -> list[BollIn
     groups = move_nodes(evidence, contract(evidence.copy()))
     labels = _reconcile(votes, usable, nodes, groups, points)
     labels, flags = _split_large(labels, points)
-    _join_halves(labels, flags, points)
+    join_halves(labels, flags, points)
     return number_bolls(_make_instances(lifted, votes, usable, labels, flags, points), up)
 
 
@@ -308,7 +311,7 @@ def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np
     return shaped, flags
 
 
-def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArray) -> None:
+def join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArray) -> None:
     """Make one, in place, of sets that lie too deep in each other to be two bolls; what shape has parted stays so.
 
     No vote tells: whatever finds a boll's locks apart in space masks them apart in every view.
@@ -323,7 +326,7 @@ def _join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArr
         apart = np.where(joinable[:, None] & joinable, cdist(centres, centres) / usual, np.inf)
         np.fill_diagonal(apart, np.inf)
         kept, joined = np.unravel_index(apart.argmin(), apart.shape)
-        if apart[kept, joined] >= SEPARATION:
+        if apart[kept, joined] >= HALVES_APART:
             return
         labels[labels == names[joined]] = names[kept]
         centres[kept], axes = measure_extent(points[labels == names[kept]])

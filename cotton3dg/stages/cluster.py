@@ -73,5 +73,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE = Stage(
-    "cluster", version=6, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

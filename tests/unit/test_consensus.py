@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scenes.orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
 
 from cotton3dg.clustering.boll_shape import flag_close, split_heap
-from cotton3dg.clustering.consensus import contract, merge_views, move_nodes
+from cotton3dg.clustering.consensus import contract, join_halves, merge_views, move_nodes
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
@@ -281,3 +281,16 @@ def test_bolls_are_matched_one_to_one():
     assert match_bolls(a, b, 1.5).tolist() == [[0, 0], [1, 1]]
     assert match_bolls(a, b, 0.5).tolist() == [[1, 0]]
     assert match_bolls(np.zeros((0, 3)), b, 1.0).shape == (0, 2)
+
+
+@pytest.mark.parametrize("apart, wanted", [(0.76, 1), (0.81, 2)])
+def test_sets_too_near_to_be_two_bolls_are_one(apart, wanted):
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(2000, 3))
+    ball *= rng.random((2000, 1)) ** (1 / 3) / np.linalg.norm(ball, axis=1, keepdims=True)
+    centre, axes = measure_extent(ball)
+    points = np.concatenate([ball - centre, ball - centre + [apart * axes.mean(), 0, 0]])
+    labels, flags = np.repeat([1, 2], 2000), {}
+    join_halves(labels, flags, points)
+    assert len(np.unique(labels)) == wanted
+    assert flags == ({1: "joined_by_shape"} if wanted == 1 else {})

@@ -25,8 +25,8 @@ AROUND = 32
 """Votes that are heard at a place."""
 MOST_VOTES = 150_000
 """More would not make their means any sharper."""
-PLACES_A_VOTE = 1 / 8
-"""Places at which votes are heard, of as many votes: lint takes what is said at the nearest one."""
+VOTES_A_PLACE = 8
+"""Votes are heard at every so manieth one's lint, and lint takes what is said at the nearest of these places."""
 FARTHEST_VOTE = 1.0
 """Diameters; votes that go farther astray count as this far."""
 
@@ -62,7 +62,7 @@ def hear_votes(votes: Sequence[Votes], middles: Middles) -> LintOwners:
     step = max(1, sum(len(view.places) for view in votes) // MOST_VOTES)
     surfaces = np.concatenate([view.surfaces for view in votes])[::step]
     aims = np.concatenate([view.places for view in votes])[::step]
-    heard_at = surfaces[:: round(1 / PLACES_A_VOTE)]
+    heard_at = surfaces[::VOTES_A_PLACE]
     count = max(min(AROUND, len(surfaces)), 1)
     around = cKDTree(surfaces).query(heard_at, k=count)[1].reshape(len(heard_at), count)
     said = np.empty((len(heard_at), len(middles.centres)), np.float32)

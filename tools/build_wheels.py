@@ -24,7 +24,14 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 GLIBC = "2.28"
 MACHINES = ("x86_64", "aarch64")
-NEEDED = ("masks/bolls.onnx", "masks/bolls.onnx.sha256", "report/templates/report.html", "report/templates/style.css")
+NEEDED = (
+    "masks/bolls.onnx",
+    "masks/bolls.onnx.sha256",
+    "masks/edges.onnx",
+    "masks/edges.onnx.sha256",
+    "report/templates/report.html",
+    "report/templates/style.css",
+)
 """Files without which the program would not run, though it could be imported."""
 
 

@@ -24,9 +24,10 @@ from ..files.images import read_image, write_image
 from ..files.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
-from ..masks.bolls import BollNetwork, seen_size, shipped_weights
+from ..masks.bolls import SHIPPED_FILE, BollNetwork, seen_size
 from ..masks.group_votes import group_votes
 from ..masks.looks import see_at_all_looks
+from ..masks.shipped import read_shipped
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
 from ..options import MasksTrainOptions
@@ -209,8 +210,8 @@ def _open_start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
     if options.weights == "none" or (options.scenes and not options.annotations and not options.weights):
         network, known = BollsNetwork(), False
     else:
-        path = Path(options.weights) if options.weights else None
-        network, known = from_onnx(*((path.read_bytes(), path.name) if path else shipped_weights())), True
+        path = Path(options.weights) if options.weights else SHIPPED_FILE
+        network, known = from_onnx(path.read_bytes() if options.weights else read_shipped(path), path.name), True
     network = network.to(memory_format=torch.channels_last)
     return network.to("cuda" if torch.cuda.is_available() else "cpu"), known
 

@@ -145,7 +145,7 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> dict[str, MaskCounts]:
     Raises:
         BadInput: no image with masks has true ones.
     """
-    truths = read_masks(folder).ids if not (folder / "frames.json").is_file() else _read_video_masks(workspace, folder)
+    truths = read_true_masks(workspace, folder)
     counts = {}
     for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm")):
         stem, png = Path(camera.name).stem, workspace.mask_png(camera.name)
@@ -155,6 +155,14 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> dict[str, MaskCounts]:
     if not counts:
         raise BadInput(f"{folder} has true masks of no image that has masks; make more with masks --views 150")
     return counts
+
+
+def read_true_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
+    """True masks by the stem of their image, as it was before its lens distortion was taken out; `folder` as
+    `evaluate_masks` takes it."""
+    if (folder / "frames.json").is_file():
+        return _read_video_masks(workspace, folder)
+    return read_masks(folder).ids
 
 
 def _read_video_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:

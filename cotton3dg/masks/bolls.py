@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import CLASSES, LINT, OTHER
 from ..errors import BadInput, MissingInput
 from ..splat.rasterizer import Window
+from .shipped import read_shipped
 
 Float32 = NDArray[np.float32]
 CHANNELS = len(CLASSES) + 4
@@ -122,8 +122,7 @@ class BollNetwork:
 
 
 SHIPPED_FILE = Path(__file__).with_name("bolls.onnx")
-"""The weights that the program brings; beside them, with .sha256 in its name, what they must add up to."""
-REINSTALL = "install cotton3dg again, or use --backend lint"
+"""The weights that the program brings."""
 REMEDY = "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
 
 
@@ -132,7 +131,7 @@ def open_bolls(weights: Path | None = None) -> BollNetwork:
 
     Raises:
         MissingInput: there is no such file.
-        BadInput: it holds no network of bolls.
+        BadInput: it holds no network of bolls, or not what the program brought.
     """
     if weights is None:
         return _shipped()
@@ -143,23 +142,7 @@ def open_bolls(weights: Path | None = None) -> BollNetwork:
 
 @cache
 def _shipped() -> BollNetwork:
-    return BollNetwork(*shipped_weights())
-
-
-def shipped_weights() -> tuple[bytes, str]:
-    """The network that the program brings, and its name.
-
-    Raises:
-        MissingInput: it is gone, or not what it was.
-    """
-    try:
-        weights = SHIPPED_FILE.read_bytes()
-        wanted = SHIPPED_FILE.with_name(f"{SHIPPED_FILE.name}.sha256").read_text(encoding="ascii").split()[0]
-    except FileNotFoundError as error:
-        raise MissingInput(f"{error.filename}, which comes with cotton3dg, is not there; {REINSTALL}") from error
-    if hashlib.sha256(weights).hexdigest() != wanted:
-        raise BadInput(f"{SHIPPED_FILE}, which comes with cotton3dg, is damaged; {REINSTALL}")
-    return weights, SHIPPED_FILE.name
+    return BollNetwork(read_shipped(SHIPPED_FILE), SHIPPED_FILE.name)
 
 
 def _in_strides(

@@ -13,6 +13,7 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..splat.rasterizer import Window
 from .bolls import BollNetwork
+from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint
 from .lint_owners import hear_votes
 from .meeting_votes import Middles, Votes, cast_votes, measure_agreement
@@ -61,7 +62,9 @@ def detect_bolls(
     middles, halves = separate_all(votes, lint)
     agreed = measure_agreement(votes, middles)
     owners = hear_votes(votes, middles)
-    outlined = stream_on_all_cores(lambda pair: outline_bolls(*pair, lint, owners), zip(images, cameras, strict=True))
+    edges, likely = open_edges(), [of_image.lint for of_image in maps]
+    seen = zip(images, likely, cameras, strict=True)
+    outlined = stream_on_all_cores(lambda one: outline_bolls(*one, lint, owners, edges), seen)
     sums = np.zeros((len(middles.centres), 4))
     for done, (camera, of_image) in enumerate(zip(cameras, outlined, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)

@@ -20,6 +20,7 @@ from ..geometry.camera_orbit import fit_orbit
 from ..lifting.lift import within_orbit
 from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
 from ..masks.bolls import SHIPPED_FILE, seen_size
+from ..masks.lint_edges import EDGES_FILE
 from ..option_rules import as_dict
 from ..options import MasksOptions
 from ..workspace import Workspace
@@ -40,8 +41,8 @@ def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
     the model, where `bolls` and `lint` look at it."""
     chosen = as_dict(options)
     named = [workspace.named_file(chosen[name]) for name in (*WEIGHTS, "prompts", "source") if chosen.get(name)]
-    if options.backend == "bolls" and not options.bolls.weights:
-        named.append(SHIPPED_FILE)
+    if options.backend == "bolls":
+        named += [EDGES_FILE] if options.bolls.weights else [EDGES_FILE, SHIPPED_FILE]
     return [*named, workspace.gaussians_ply] if _looks_at_model(options) else named
 
 
@@ -52,7 +53,7 @@ def _looks_at_model(options: MasksOptions) -> bool:
 def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
     """Writes masks/<image>.png with 16-bit ids at the size of the undistorted image, and masks.json."""
     start = time.perf_counter()
-    plant = _load(workspace, options)
+    plant = load_plant(workspace, options)
     found = BACK_ENDS[options.backend](plant, options, progress)
     seconds, masks = time.perf_counter() - start, found.masks
     counts = {name: len(np.unique(ids[ids > 0])) for name, ids in masks.ids.items()}
@@ -82,7 +83,8 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
     return StageOutcome(summary, ("no_masks",), (NOTHING_FOUND.get(options.backend, NO_DETECTION), *found.notes))
 
 
-def _load(workspace: Workspace, options: MasksOptions) -> Plant:
+def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
+    """What there is of a plant for a back end."""
     sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
     cameras = read_cameras(sparse)
     # One camera alone has no orbit; the back ends will say so.
@@ -126,4 +128,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=17, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE = Stage("masks", version=18, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -5,6 +5,7 @@ import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model, photos_of
 
 from cotton3dg.masks.detect_bolls import separate_all
+from cotton3dg.masks.lint_edges import open_edges
 from cotton3dg.masks.lint_in_space import gather_lint
 from cotton3dg.masks.lint_owners import hear_votes
 from cotton3dg.masks.meeting_votes import (
@@ -39,8 +40,9 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     assert (middles.views >= 6).all()
     assert (measure_agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
     same = distances.argmin(axis=1)
-    for camera, ids, photo in zip(cameras(), images, photos_of(images), strict=True):
-        found = outline_bolls(photo, camera, lint, hear_votes(votes, middles))
+    owners, edges = hear_votes(votes, middles), open_edges()
+    for camera, ids, photo, view in zip(cameras(), images, photos_of(images), maps, strict=True):
+        found = outline_bolls(photo, view.lint, camera, lint, owners, edges)
         named = np.concatenate([[0], same + 1])[found]
         assert (named == ids).mean() > 0.97
         both = (named > 0) & (ids > 0)
@@ -121,7 +123,7 @@ def test_no_lint_is_no_boll():
     middles = find_middles([votes, votes])
     assert isinstance(middles, Middles) and not len(middles.centres)
     photo = np.zeros((camera.height, camera.width, 3), np.uint8)
-    assert not outline_bolls(photo, camera, lint, hear_votes([votes, votes], middles)).any()
+    assert not outline_bolls(photo, maps.lint, camera, lint, hear_votes([votes, votes], middles), open_edges()).any()
 
 
 def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unexplained():

@@ -1,20 +1,23 @@
-"""The network that comes with the program: gone, or not what it was."""
+"""The networks that come with the program: gone, or not what they were."""
+
+import shutil
 
 import pytest
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.masks import bolls
+from cotton3dg.masks.bolls import SHIPPED_FILE
+from cotton3dg.masks.lint_edges import EDGES_FILE
+from cotton3dg.masks.shipped import read_shipped
 
 
-def test_shipped_weights_that_are_gone_or_damaged_name_the_remedy(tmp_path, monkeypatch):
-    whole, checksum = bolls.SHIPPED_FILE.read_bytes(), bolls.SHIPPED_FILE.with_name("bolls.onnx.sha256").read_bytes()
-    copy = tmp_path / bolls.SHIPPED_FILE.name
-    copy.with_name("bolls.onnx.sha256").write_bytes(checksum)
-    monkeypatch.setattr(bolls, "SHIPPED_FILE", copy)
+@pytest.mark.parametrize("file", [SHIPPED_FILE, EDGES_FILE])
+def test_shipped_weights_that_are_gone_or_damaged_name_the_remedy(tmp_path, file):
+    whole, copy = file.read_bytes(), tmp_path / file.name
+    shutil.copy(file.with_name(f"{file.name}.sha256"), tmp_path)
     with pytest.raises(MissingInput, match="--backend lint"):
-        bolls.shipped_weights()
+        read_shipped(copy)
     copy.write_bytes(whole[:1000])
     with pytest.raises(BadInput, match=r"damaged.*--backend lint"):
-        bolls.shipped_weights()
+        read_shipped(copy)
     copy.write_bytes(whole)
-    assert bolls.shipped_weights() == (whole, "bolls.onnx")
+    assert read_shipped(copy) == whole

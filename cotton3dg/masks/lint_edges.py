@@ -1,0 +1,112 @@
+"""Where lint ends in one image, by a small network that weighs what all images say against the image's colours.
+
+The rendered lint is right about where a boll is, and blurred by a pixel or two; colours are sharp, but lint in its own
+shade looks like a bur, and a pale wall like lint. What decides between them is learnt from simulated plants
+(`edge_training.py`), so it serves all light alike.
+"""
+
+from __future__ import annotations
+
+import threading
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BadInput
+from .shipped import REINSTALL, read_shipped
+
+Float32 = NDArray[np.float32]
+CHANNELS = 7
+"""What the network is told of a pixel: `describe`."""
+NEIGHBOURS_PX = 8.0
+"""Standard deviation of the neighbourhood whose colours of lint and of the rest a pixel's is compared with."""
+SURELY, HARDLY = 0.7, 0.2
+"""Rendered shares of lint above and below which a pixel shows what lint, and what the rest, looks like."""
+LARGEST_PX = 64.0
+"""Bolls of more pixels are seen smaller: the network knows edges, and these are blurred over more pixels then."""
+EDGES_FILE = Path(__file__).with_name("edges.onnx")
+"""The weights that the program brings."""
+
+
+def describe(image: NDArray[np.uint8], share: Float32, likely: Float32) -> Float32:
+    """What the network is told (CHANNELS, H, W).
+
+    Where the pixel's colour lies from that of the rest around it (0) to that of the lint around it (1), how far beside
+    that line, and how long the line is; share; likely; brightness over that of the lint around it; saturation.
+
+    Args:
+        image: (H, W, 3) sRGB.
+        share: (H, W) rendered share of lint, 0..1.
+        likely: (H, W) probability of lint that this image gives by itself.
+    """
+    colours = np.asarray(image / np.float32(255), np.float32)
+    lint, rest = (_mean_around(colours, where) for where in (share > SURELY, share < HARDLY))
+    way = lint - rest
+    square = (way**2).sum(axis=2) + np.float32(1e-3)
+    along = (((colours - rest) * way).sum(axis=2) / square).clip(-1, 2)
+    beside = np.sqrt(((colours - rest - along[..., None] * way) ** 2).sum(axis=2))
+    brightness = (colours.mean(axis=2) / (lint.mean(axis=2) + np.float32(0.05))).clip(0, 2)
+    saturation = colours.max(axis=2) - colours.min(axis=2)
+    return np.stack([along, 3 * beside, np.sqrt(square), share, likely, brightness, saturation]).astype(np.float32)
+
+
+def _mean_around(colours: Float32, where: NDArray[np.bool_]) -> Float32:
+    """Mean colour (H, W, 3) of the chosen pixels around each; towards black where there are none."""
+    weights = where.astype(np.float32)
+    near, total = (
+        cv2.GaussianBlur(values, (0, 0), NEIGHBOURS_PX) for values in (colours * weights[..., None], weights)
+    )
+    return (near / (total[..., None] + np.float32(1e-3))).astype(np.float32)
+
+
+class EdgeNetwork:
+    """Weights ready to run, by any number of threads: each has a copy, as OpenCV's networks serve one at a time."""
+
+    def __init__(self, weights: bytes, name: str):
+        """
+        Raises:
+            BadInput: the weights are no network of edges.
+        """
+        self._weights, self._own = weights, threading.local()
+        try:
+            shape = self._run(np.zeros((CHANNELS, 16, 16), np.float32)).shape
+        except cv2.error as error:
+            raise BadInput(f"{name} is no network of edges that OpenCV reads; {REINSTALL}") from error
+        if shape != (16, 16):
+            raise BadInput(f"{name} is no network of edges; {REINSTALL}")
+
+    def _run(self, described: Float32) -> Float32:
+        if not hasattr(self._own, "net"):
+            self._own.net = cv2.dnn.readNetFromONNX(np.frombuffer(self._weights, np.uint8))
+        self._own.net.setInput(described[None])
+        return np.asarray(self._own.net.forward(), np.float32)[0, 0]
+
+    def find_lint(
+        self, image: NDArray[np.uint8], share: Float32, likely: Float32, diameter_px: float
+    ) -> NDArray[np.bool_]:
+        """Which pixels (H, W) are lint.
+
+        Args:
+            share, likely: as `describe` takes them.
+            diameter_px: usual width of a boll in the image.
+        """
+        factor = LARGEST_PX / max(diameter_px, LARGEST_PX)
+        if factor == 1:
+            return self._run(describe(image, share, likely)) > 0
+        size = max(round(image.shape[1] * factor), 1), max(round(image.shape[0] * factor), 1)
+        smaller = (cv2.resize(whole, size, interpolation=cv2.INTER_AREA) for whole in (image, share, likely))
+        logits = self._run(describe(*smaller))
+        return cv2.resize(logits, image.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0
+
+
+@cache
+def open_edges() -> EdgeNetwork:
+    """The network that the program brings.
+
+    Raises:
+        MissingInput, BadInput: it is gone, or not what it was.
+    """
+    return EdgeNetwork(read_shipped(EDGES_FILE), EDGES_FILE.name)

@@ -1,0 +1,27 @@
+"""Weights that come with the program: FILE, and what it must add up to in FILE.sha256 beside it."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from ..errors import BadInput, MissingInput
+
+REINSTALL = "install cotton3dg again, or use --backend lint"
+
+
+def read_shipped(file: Path) -> bytes:
+    """The content of a file that the program brings.
+
+    Raises:
+        MissingInput: it is gone.
+        BadInput: it is not what it was.
+    """
+    try:
+        content = file.read_bytes()
+        wanted = file.with_name(f"{file.name}.sha256").read_text(encoding="ascii").split()[0]
+    except FileNotFoundError as error:
+        raise MissingInput(f"{error.filename}, which comes with cotton3dg, is not there; {REINSTALL}") from error
+    if hashlib.sha256(content).hexdigest() != wanted:
+        raise BadInput(f"{file}, which comes with cotton3dg, is damaged; {REINSTALL}")
+    return content

@@ -23,6 +23,8 @@ from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.geometry.polylines import nearest_on
+from cotton3dg.masks.lint_edges import EdgeNetwork
+from cotton3dg.masks.shipped import read_shipped
 from cotton3dg.options import resolve
 from cotton3dg.workspace import Workspace
 
@@ -200,6 +202,15 @@ def test_a_scan_that_others_cut_into_branches_is_mapped_and_compared(tmp_path):
     assert "5 of 5 branches at the stem one to one, of 5 found" in done.stdout
     assert "2 of 2 bolls on the right one" in done.stdout
     assert (tmp_path / "map_a.png").stat().st_size > 10_000
+
+
+def test_edges_are_learnt_from_a_run_and_its_true_masks(plant, filmed, tmp_path):
+    run = tmp_path / "plant"
+    shutil.copytree(plant.run.root, run)
+    shutil.copytree(filmed / "instances", run / "instances", dirs_exist_ok=True)
+    out, tool = tmp_path / "edges.onnx", ROOT / "tools" / "train_edges.py"
+    subprocess.run([sys.executable, tool, run, "--steps", "2", "--out", out], check=True, cwd=tmp_path)
+    EdgeNetwork(read_shipped(out), out.name)
 
 
 def test_internodes_are_paired_in_order():

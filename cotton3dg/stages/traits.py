@@ -297,4 +297,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=31, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE = Stage("traits", version=32, inputs=inputs, run=run, cost=_cost, named_files=named_files)

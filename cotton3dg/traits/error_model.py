@@ -46,10 +46,6 @@ BLURRED_SHARE = 0.25
 """Motion blur, of a boll's width, from which the plant has a flag."""
 NEIGHBOUR = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
-CREASE = 0.03
-"""By so much is the volume of a touching boll too large on average, for its body bridges the crease, ..."""
-CREASE_FROM = 0.1
-"""... in full where its neighbour is so much nearer than `NEIGHBOUR`. Fitted."""
 PARTED = 1.3
 """Relative standard error of a touching boll's volume from where it was parted from its neighbour, for the square of
 how much nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
@@ -103,11 +99,6 @@ def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float
     away = np.linalg.norm(centres[:, None] - centres, axis=2) / (0.5 * (diameters[:, None] + diameters))
     np.fill_diagonal(away, np.inf)
     return np.where(np.isnan(away), np.inf, away).min(axis=1)
-
-
-def bridged_share(nearest: NDArray) -> NDArray[np.float64]:
-    """(B,) by how much of themselves volumes are too large where bolls touch, by `nearest_neighbours`."""
-    return CREASE * np.clip((NEIGHBOUR - nearest) / CREASE_FROM, 0.0, 1.0)
 
 
 def find_touching(nearest: NDArray) -> NDArray[np.bool_]:

@@ -21,7 +21,6 @@ from .error_model import (
     Filming,
     blurs_bolls,
     boll_volume_error,
-    bridged_share,
     count_error,
     count_interval,
     find_touching,
@@ -217,9 +216,8 @@ def measure_bolls(
         apart: ids of bolls that do not hang on the plant.
         filming: how the plant was filmed.
 
-    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`), the volume without
-    what bodies that touch have too much (`bridged_share`). For the alpha volume the Gaussians' ellipsoids are blown up
-    until their hull is that large.
+    Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
+    volume the Gaussians' ellipsoids are blown up until their hull is that large.
     """
     cm = scale.cm_per_su if scale else np.nan
     surfaces = [drawn[boll.indices[surface_rows(drawn[boll.indices])]] for boll in bolls]
@@ -230,12 +228,10 @@ def measure_bolls(
     widths = np.array([diameter.value for diameter in diameters])
     nearest = nearest_neighbours(middles, widths)
     unround = find_unround(nearest, np.array([volume.value for volume in volumes]) / (np.pi / 6 * widths**3))
-    bridged = bridged_share(nearest)
     nearest[unround] = np.minimum(nearest[unround], AS_IF_NEAR)
 
     def measure_boll(number: int) -> BollTraits:
-        boll, whole, diameter, body = bolls[number], volumes[number], diameters[number], bodies[number]
-        volume = whole._replace(value=whole.value / (1 + float(bridged[number])))
+        boll, volume, diameter, body = bolls[number], volumes[number], diameters[number], bodies[number]
         rolled = volume
         if not volume.reason:
             rolled = alpha_volume(sample_surface_of_volume(surfaces[number], volume.value), ALPHA * diameter.value)
@@ -248,7 +244,7 @@ def measure_bolls(
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
         views, away = len(boll.views), nearest[number]
-        error = boll_volume_error(diameter.value, whole.value, views, scale, pixel_su, away, filming)
+        error = boll_volume_error(diameter.value, volume.value, views, scale, pixel_su, away, filming)
         return BollTraits(
             boll_id=boll.boll_id,
             centre_cm=centre,

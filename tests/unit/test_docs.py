@@ -127,7 +127,7 @@ def test_every_link_leads_somewhere(page):
 def test_every_file_of_the_sources_that_the_text_names_exists(page):
     for code in prose_code(page):
         path = code.split()[0]
-        if path.startswith(("cotton3dg/", "native/", "tests/", "examples/", "docs/")):
+        if path.startswith(("cotton3dg/", "native/", "tests/", "tools/", "examples/", "docs/")):
             assert list(ROOT.glob(path)), path
         elif re.fullmatch(r"\w+/[\w/]+\.py", path):
             assert (ROOT / "cotton3dg" / path).is_file(), path

@@ -12,7 +12,6 @@ from cotton3dg.traits.error_model import (
     Filming,
     blurs_bolls,
     boll_volume_error,
-    bridged_share,
     count_error,
     count_interval,
     find_touching,
@@ -45,10 +44,6 @@ def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
     assert nearest_neighbours(np.zeros((0, 3)), np.zeros(0)).tolist() == []
     # Two in one place.
     assert nearest_neighbours(np.zeros((2, 3)), np.ones(2)).tolist() == [0.0, 0.0]
-
-
-def test_volumes_of_bolls_are_too_large_where_these_touch() -> None:
-    assert bridged_share(np.array([np.inf, 1.2, 1.15, 1.1, 0.7])) == pytest.approx([0, 0, 0.015, 0.03, 0.03])
 
 
 def test_the_deeper_a_boll_is_in_another_the_less_sure_is_where_it_ends() -> None:

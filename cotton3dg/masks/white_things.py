@@ -20,6 +20,9 @@ BESIDE = 0.3
 LITTLE, ENOUGH = 0.12, 0.25
 """Probability of a plant beside a boll: less says no more than that there is none, more no more than that there is one,
 as beside most bolls."""
+LESS = 0.06
+"""How much less sure than usual a thing is, the plant beside it added: bolls of which half lies in the shade fall short
+by up to 0.045."""
 SILENT = 0.05
 """A network that usually sees less of a plant beside bolls does not know plants, as one of other pictures may."""
 FEWEST = 12
@@ -57,7 +60,7 @@ def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Flo
 
 def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
     """Which bolls (B,) are none: those whose probability of lint, that of a plant beside them added (within limits), is
-    below what is usual for lint alone.
+    clearly below what is usual for lint alone.
 
     Args:
         sums: (B, 4) of `measure_surroundings`, over all images.
@@ -69,4 +72,4 @@ def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
         return shown
     usual, usual_plant = (weighted_median(means[shown], support[shown]) for means in (lint, plant))
     beside = plant.clip(LITTLE, ENOUGH) if usual_plant > SILENT else np.full(len(plant), ENOUGH)
-    return shown & (lint + beside < usual)
+    return shown & (lint + beside < usual - LESS)

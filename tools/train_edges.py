@@ -22,8 +22,8 @@ from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import open_bolls
 from cotton3dg.masks.edge_training import EdgePicture, to_onnx, train_edges
+from cotton3dg.masks.lint_edges import SHOWN
 from cotton3dg.masks.lint_in_space import gather_lint
-from cotton3dg.masks.outline_bolls import SHOWN
 from cotton3dg.options import MasksOptions
 from cotton3dg.splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.stages.masks import load_plant

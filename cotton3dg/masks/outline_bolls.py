@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32
-from .lint_edges import EdgeNetwork
+from .lint_edges import SHOWN, EdgeNetwork
 from .lint_in_space import LintInSpace
 from .lint_owners import LintOwners
 from .paint_bolls import without_specks
 
-SHOWN = 0.05
-"""Least share of lint, rendered, in a pixel that can be lint, and whose lint has a place."""
 SURROUNDINGS_PX = 24
 """Width of what is looked at around it."""
 

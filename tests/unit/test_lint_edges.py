@@ -81,7 +81,18 @@ def test_opencv_computes_what_torch_does():
     told = describe(seen.image, seen.share, seen.likely)
     with torch.no_grad():
         wanted = network(torch.from_numpy(told)[None])[0, 0].numpy()
-    np.testing.assert_allclose(EdgeNetwork(to_onnx(network), "random")._run(told), wanted, atol=1e-4)
+    np.testing.assert_allclose(EdgeNetwork(to_onnx(network), "random")._logits(told[None])[0], wanted, atol=1e-4)
+
+
+def test_tiles_say_what_the_whole_says():
+    seen, network = scene(side=150), open_edges()
+    told, inner = describe(seen.image, seen.share, seen.likely), slice(3, -3)
+    asked = seen.share > 0.05
+    whole, tiled = network._logits(told[None])[0], network._logits_where(asked, told)
+    np.testing.assert_allclose(
+        tiled[inner, inner][asked[inner, inner]], whole[inner, inner][asked[inner, inner]], atol=1e-4
+    )
+    assert (tiled == -1).sum() > 0.2 * tiled.size and not (tiled == -1)[asked].any()
 
 
 def test_pictures_are_varied_within_bounds():

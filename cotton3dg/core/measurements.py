@@ -97,7 +97,7 @@ class BollTraits:
     """(3,) in the plant frame."""
     volume_cm3: float = column(
         "cm3",
-        "volume of the convex body that the boll's silhouettes bound; up to 3 % less where it touches another",
+        "volume of the convex body that the boll's silhouettes bound",
         2,
         blank_when=NO_BODY,
     )

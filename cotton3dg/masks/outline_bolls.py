@@ -36,7 +36,6 @@ def outline_bolls(
     ids = np.zeros(share.shape, np.uint16)
     if not len(middles.centres) or not shown.any():
         return ids
-    ids[shown] = owners.at(places[shown])
     left, top, width, height = cv2.boundingRect(shown.astype(np.uint8))
     window = tuple(
         slice(max(low - SURROUNDINGS_PX, 0), low + side + SURROUNDINGS_PX)
@@ -45,5 +44,7 @@ def outline_bolls(
     depths = camera.project(middles.centres)[1]
     diameter_px = float(np.median(middles.diameters * camera.fx / np.maximum(depths, 1e-6)))
     whole = cv2.resize(likely, share.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    ids[window][~edges.find_lint(image[window], share[window], whole[window], diameter_px)] = 0
+    is_lint = np.zeros(share.shape, bool)
+    is_lint[window] = edges.find_lint(image[window], share[window], whole[window], diameter_px)
+    ids[is_lint] = owners.at(places[is_lint])
     return without_specks(ids)

@@ -117,13 +117,13 @@ coverage: setup ## 24 simulated plants, each filmed five times: whether stated e
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
 	$(BIN)/cotton3dg masks-train results/bolls_network --scenes 200 --steps 16000
 
+ODD_SHOWN = odd-2 odd-3 odd-5 odd-8 odd-10 odd-11
+STUDY_SHOWN = effects-1 effects-3 effects-4 plain-2 plain-4 clustered-1
+
 edges-network: setup ## run simulated plants and train the network of lint's edges on their masks; hours; goes on where it ended
 	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset draft
 	$(BIN)/python tests/accuracy/study_set.py results/odd_plants --odd --preset draft
 	$(BIN)/python tools/train_edges.py $(addprefix results/odd_plants/,$(ODD_SHOWN)) $(addprefix results/study_set/,$(STUDY_SHOWN)) --out results/edges.onnx
-
-ODD_SHOWN = odd-2 odd-3 odd-5 odd-8 odd-10 odd-11
-STUDY_SHOWN = effects-1 effects-3 effects-4 plain-2 plain-4 clustered-1
 
 segmentation-sweep: setup ## methods x views x quality of masks on the plants of study-set; goes on where it ended
 	OMP_NUM_THREADS=1 $(BIN)/python tests/accuracy/segmentation_sweep.py results/segmentation $(PLANTS) $(SWEEP)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
+from ..core.scene import Float32
 from ..files import onnx
-from .lint_edges import CHANNELS, Float32, describe
+from .lint_edges import CHANNELS, describe
 from .paint_bolls import nearest_silhouettes
 
 WIDTH = 24

@@ -2,7 +2,7 @@
 
 The rendered lint is right about where a boll is, and blurred by a pixel or two; colours are sharp, but lint in its own
 shade looks like a bur, and a pale wall like lint. What decides between them is learnt from simulated plants
-(`edge_training.py`), so it serves all light alike.
+(`edge_training.py`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float32
 from ..errors import BadInput
 from .shipped import REINSTALL, read_shipped
 
-Float32 = NDArray[np.float32]
 CHANNELS = 7
 """What the network is told of a pixel: `describe`."""
 NEIGHBOURS_PX = 8.0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.scene import Float32
 from .bolls import OFFSET_PX, Maps
 
-SURE = 0.4
+SURE = 0.32
 """Probability of lint from which a pixel is lint."""
 VOTE_SPREAD = 0.10
 """Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""

@@ -1,5 +1,5 @@
-"""One image seen at several sizes, and sharpened: the network knows bolls of some sizes better than others, and those
-in focus best."""
+"""One image seen at several sizes, and once more sharpened and mirrored: the network knows bolls of some sizes better than
+others, and those in focus best; and the mean of two looks errs less the less they have in common."""
 
 from __future__ import annotations
 
@@ -24,8 +24,22 @@ FAMILIAR_OCTAVES = 1.0
 
 
 def see_at_all_looks(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
-    """What the network says of an (H, W, 3) sRGB image, as it is and sharpened, at all of `LOOKS` together."""
-    return mix_looks([network.maps(shown, look) for shown in (image, sharpen(image)) for look in LOOKS])
+    """What the network says of an (H, W, 3) sRGB image, as it is and sharpened and mirrored, at all of `LOOKS` together."""
+    other = np.ascontiguousarray(sharpen(image)[:, ::-1])
+    as_it_is = [network.maps(image, look) for look in LOOKS]
+    return mix_looks(as_it_is + [mirror(network.maps(other, look)) for look in LOOKS])
+
+
+def mirror(maps: Maps) -> Maps:
+    """The maps of an image from those of its mirror image."""
+    across, down = maps.votes[..., ::-1]
+    return replace(
+        maps,
+        probabilities=maps.probabilities[..., ::-1],
+        votes=np.stack([maps.image_shape[1] - across, down]),
+        borders=maps.borders[:, ::-1],
+        diameters=maps.diameters[:, ::-1],
+    )
 
 
 def sharpen(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

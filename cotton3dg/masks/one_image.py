@@ -16,7 +16,7 @@ IN_LEAF = 0.02
 images of living cotton without open bolls had more."""
 EVIDENCE = 1.5
 """What the bolls of such an image add up to at least (`weigh_evidence`), or it shows none. Of these 100 images one had
-more, of 160 photographs of open cotton one with so much leaf had less."""
+more, of 160 photographs of open cotton none with so much leaf had less."""
 MOST_OF_ONE = 1.5
 """What one boll may count for, in its own discs: one that is larger than the network takes it for."""
 

@@ -128,4 +128,4 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=18, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE = Stage("masks", version=19, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)

@@ -5,7 +5,7 @@ import pytest
 
 from cotton3dg.core.training_picture import LINT
 from cotton3dg.masks.bolls import Maps, middles_of_pixels
-from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mix_looks, see_at_all_looks, sharpen
+from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mirror, mix_looks, see_at_all_looks, sharpen
 
 WIDTH, HEIGHT = 320, 240
 
@@ -64,6 +64,24 @@ def test_a_boll_that_the_network_knows_only_sharpened_is_half_known():
 
     class KnowsWhatIsSharp:
         def maps(self, image, look):
-            return look_at(look, 100, 0.9 if np.array_equal(image, sharpen(blurred)) else 0.1)
+            return look_at(look, 100, 0.9 if np.array_equal(image, sharpen(blurred)[:, ::-1]) else 0.1)
 
     np.testing.assert_allclose(see_at_all_looks(blurred, KnowsWhatIsSharp()).lint, 0.5, atol=1e-3)
+
+
+def test_what_the_mirror_image_shows_is_put_back_where_the_image_has_it():
+    rng = np.random.default_rng(3)
+    x = np.mgrid[: HEIGHT // 2, : WIDTH // 2][1]
+    maps = look_at(1.0, 100, 0.9)
+    left = np.where(x < 40, np.float32(0.9), np.float32(0.1))
+    maps.probabilities[LINT] = left
+    maps.votes[:] = np.array([70.0, 90.0], np.float32)[:, None, None]
+    maps.diameters[:] = 100 + x
+    maps.borders[:] = rng.random(x.shape)
+    back = mirror(maps)
+    np.testing.assert_array_equal(back.lint, left[:, ::-1])
+    assert back.votes[0].max() == back.votes[0].min() == WIDTH - 70
+    assert back.votes[1].max() == back.votes[1].min() == 90
+    again = mirror(back)
+    for name in ("probabilities", "votes", "borders", "diameters"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(maps, name))

@@ -1,5 +1,5 @@
-"""One image seen at several sizes, and once more sharpened and mirrored: the network knows bolls of some sizes better than
-others, and those in focus best; and the mean of two looks errs less the less they have in common."""
+"""One image seen at several sizes, and once more sharpened and mirrored: the network knows bolls of some sizes better
+than others, and those in focus best; and the mean of two looks errs less the less they have in common."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FAMILIAR_OCTAVES = 1.0
 
 
 def see_at_all_looks(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
-    """What the network says of an (H, W, 3) sRGB image, as it is and sharpened and mirrored, at all of `LOOKS` together."""
+    """What the network says of an (H, W, 3) sRGB image, and of it sharpened and mirrored, all `LOOKS` together."""
     other = np.ascontiguousarray(sharpen(image)[:, ::-1])
     as_it_is = [network.maps(image, look) for look in LOOKS]
     return mix_looks(as_it_is + [mirror(network.maps(other, look)) for look in LOOKS])

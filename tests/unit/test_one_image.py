@@ -5,6 +5,7 @@ import pytest
 
 from cotton3dg.core.training_picture import CLASSES, LEAF, LINT, OTHER
 from cotton3dg.masks.bolls import Maps
+from cotton3dg.masks.looks import mirror
 from cotton3dg.masks.one_image import find_bolls, weigh_evidence
 
 SHAPE = (100, 140)
@@ -13,7 +14,8 @@ DIAMETER_PX = 24.0
 
 
 class Network:
-    """Says the same of every image: discs of lint, and leaf from the right edge on."""
+    """Says the same of every image, mirrored where the right is the brighter side: discs of lint, and leaf from the
+    right edge on."""
 
     def __init__(self, discs: int, lint: float, leaf_share: float):
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] + np.float32(0.5)
@@ -29,11 +31,14 @@ class Network:
 
     def maps(self, image: np.ndarray, look: float = 1.0) -> Maps:
         nothing = np.zeros(SHAPE, np.float32)
-        return Maps(self.probabilities, 2 * self.votes, nothing, nothing + 2 * DIAMETER_PX, 2.0, image.shape[:2])
+        maps = Maps(self.probabilities, 2 * self.votes, nothing, nothing + 2 * DIAMETER_PX, 2.0, image.shape[:2])
+        return mirror(maps) if image[:, 0].mean() < image[:, -1].mean() else maps
 
 
 def found(network: Network) -> int:
-    ids, scores = find_bolls(np.zeros((2 * SHAPE[0], 2 * SHAPE[1], 3), np.uint8), network)
+    image = np.zeros((2 * SHAPE[0], 2 * SHAPE[1], 3), np.uint8)
+    image[:, :10] = 255
+    ids, scores = find_bolls(image, network)
     assert set(np.unique(ids[ids > 0])) == set(scores)
     return len(scores)
 

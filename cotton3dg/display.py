@@ -241,13 +241,13 @@ def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
 def print_map_scores(map_scores: MapScores) -> None:
     """How the plant's map agrees with the true skeleton, one subject a line."""
     s = map_scores
+    positions = f"; fruiting position right: {s.positions_right} of {s.positions}" if s.positions else ""
     print(
         f"fruiting branches: {s.matched_branches} of {s.true_branches} found,"
         f" {s.measured_branches - s.matched_branches} false (F1 {s.f1:.3f}); angle {s.angle_error_deg:.1f} deg,"
         f" length {s.length_error_pct:.1f} % off on average\n"
         f"bolls on their branch: {s.bolls_on_branch} of {s.bolls}, of those whose branch the map doubts"
-        f" {s.doubtful_on_branch} of {s.doubtful}; fruiting position right:"
-        f" {s.positions_right} of {s.positions}\n"
+        f" {s.doubtful_on_branch} of {s.doubtful}{positions}\n"
         f"first fruiting branch {s.first_height_error_cm:+.1f} cm, internode {s.internode_error_pct:+.1f} %,"
         f" stem length {s.stem_length_error_pct:+.1f} %, stem diameter {s.stem_diameter_error_mm:+.2f} mm"
     )

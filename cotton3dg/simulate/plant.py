@@ -7,7 +7,7 @@ the branches are says `architecture`, for natural plants. Lengths are metres, z 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from .architecture import (
     Axis,
     FruitingSite,
     grow_axes,
-    stations_of,
     swollen_radii,
 )
 from .mesh import Float64, Mesh, SolidNoise, merge, smooth_curve, tube, unit
@@ -40,7 +39,7 @@ class PlantMeshes:
     axes: tuple[Axis, ...]
     """The stem, the branches, then the peduncle of each boll, in the order of `bolls`."""
     positions: tuple[int | None, ...]
-    """Fruiting position of each boll, 1 next to the stem; None on the stem's tip."""
+    """Fruiting position of each boll, 1 next to the stem; None on a simple plant (it bears where cotton would not)."""
 
     @property
     def parts(self) -> list[Mesh]:
@@ -58,13 +57,6 @@ class Branch:
     curve: Float64
     bolls: int
     touching: bool
-    knots: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
-    """(K, 3) its nodes, outwards."""
-
-    @property
-    def nodes(self) -> tuple[float, ...]:
-        """Path length of each node from the branch's foot, m."""
-        return stations_of(self.curve, self.knots)
 
 
 def grow_plant(options: SimulateOptions) -> PlantMeshes:
@@ -173,12 +165,9 @@ def _simple_plant(
     axes = [Axis("stem", None, stem, swollen_radii(len(stem), *STEM_RADII))]
     for branch in branches[1:]:
         radii = swollen_radii(len(branch.curve), *TWIG_RADII)
-        axes.append(Axis("fruiting", 0, branch.curve, radii, branch.nodes))
-    positions = [
-        None if not owner else 1 + int(np.argmin(np.linalg.norm(branches[owner].knots - site.node, axis=1)))
-        for site, owner in zip(sites, owners, strict=True)
-    ]
-    return _Grown(axes, sites, owners, positions, [twig(branch.curve, *TWIG_RADII) for branch in branches[:1]])
+        axes.append(Axis("fruiting", 0, branch.curve, radii))
+    stubs = [twig(branch.curve, *TWIG_RADII) for branch in branches[:1]]
+    return _Grown(axes, sites, owners, [None] * len(sites), stubs)
 
 
 def _natural_plant(
@@ -240,17 +229,13 @@ def fruiting_branches(rng: np.random.Generator, stem: Float64, count: int, clust
         node = stem[round(min(height, 0.99) * (len(stem) - 1))]
         azimuth = turn + order * 2 * np.pi * 3 / 8 + rng.normal(0, 0.25)
         length = (0.26 - 0.19 * height) * rng.uniform(0.75, 1.2) * (1.25 if load > 1 else 1.0)
-        curve, knots = _branch_curve(rng, node, azimuth, length)
-        branches.append(Branch(curve, load, touching, knots))
+        branches.append(Branch(_branch_curve(rng, node, azimuth, length), load, touching))
     return branches
 
 
-def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, length: float) -> tuple[Float64, Float64]:
-    """Sympodial growth: every internode of about 5 cm turns to the other side; the branch rises, then flattens.
-
-    Returns:
-        The curve (N, 3) and its nodes (K, 3), m.
-    """
+def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, length: float) -> Float64:
+    """(N, 3) m. Sympodial growth: every internode of about 5 cm turns to the other side; the branch rises, then
+    flattens."""
     internodes = max(2, round(length / 0.05))
     rise = np.deg2rad(rng.uniform(32, 58))
     side = rng.choice([-1, 1])
@@ -260,7 +245,7 @@ def _branch_curve(rng: np.random.Generator, node: Float64, azimuth: float, lengt
         slope = rise * (1 - 0.25 * k / internodes)
         step = np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), np.sin(slope)])
         points.append(points[-1] + step * length / internodes)
-    return smooth_curve(points, 0.004), np.array(points[1:])
+    return smooth_curve(points, 0.004)
 
 
 def boll_site(

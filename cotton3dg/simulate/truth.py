@@ -33,7 +33,7 @@ DEFINITIONS = {
         "points_m from its foot on the parent's centre line to its tip, radius_mm at each, nodes_m = path lengths there"
     ),
     "axis": "id of the branch (or stem) that bears the boll; its peduncle is the axis with that boll_id",
-    "position": "fruiting position, 1 = next to the stem; null on the stem's tip",
+    "position": "fruiting position, 1 = next to the stem; null on a simple plant",
 }
 CONVENTION = (
     "camera_to_world 4x4, OpenCV axes (x right, y down, z forward), metres, world as in truth.json; "

@@ -127,7 +127,7 @@ def map_columns(scores: MapScores | None) -> dict[str, float]:
         "on_branch_pct": 100 * scores.bolls_on_branch / max(scores.bolls, 1),
         "doubtful": scores.doubtful,
         "doubtful_on_branch": scores.doubtful_on_branch,
-        "position_pct": 100 * scores.positions_right / max(scores.positions, 1),
+        "position_pct": 100 * scores.positions_right / scores.positions if scores.positions else math.nan,
         "first_cm": scores.first_height_error_cm,
         "internode_pct": scores.internode_error_pct,
         "diameter_mm": scores.stem_diameter_error_mm,

@@ -13,6 +13,7 @@ from cotton3dg.simulate.plant import PlantMeshes, grow_plant
 from cotton3dg.simulate.truth import plant_truth
 
 NATURAL = SimulateOptions(seed=7, architecture="natural", bolls=12)
+SIMPLE = SimulateOptions(seed=3, bolls=4)
 HARD = replace(NATURAL, vegetative=2, barren=0.25, broken=0.3, crossing=3, lean=12.0)
 
 
@@ -24,7 +25,7 @@ def grown(options: SimulateOptions) -> PlantMeshes:
 @pytest.mark.parametrize(
     ("options", "vertices", "sums"),
     [
-        (SimulateOptions(seed=3, bolls=4), 62758, (-1134.7210529437746, 3936.6441786902246, 33254.286503545045)),
+        (SIMPLE, 62758, (-1134.7210529437746, 3936.6441786902246, 33254.286503545045)),
         (
             SimulateOptions(seed=5, bolls=14, clustered=0.6),
             181244,
@@ -38,7 +39,7 @@ def test_simple_plants_stay_as_they_were_before_natural_ones_came(options, verti
     np.testing.assert_allclose(plant.vertices.sum(axis=0), sums, atol=1e-8)
 
 
-@pytest.mark.parametrize("options", [SimulateOptions(seed=3, bolls=4), HARD])
+@pytest.mark.parametrize("options", [SIMPLE, HARD])
 def test_axes_lie_in_the_wood_and_join(options):
     plant = grown(options)
     tree = cKDTree(plant.wood.vertices)
@@ -128,3 +129,11 @@ def test_truth_tells_the_branch_and_the_position_of_each_boll():
         assert np.linalg.norm(np.array(stalk["points_m"][0]) - place) < 0.002
     positions = [boll["position"] for boll in truth["bolls"]]
     assert positions.count(1) >= positions.count(3)
+
+
+def test_a_simple_plant_states_no_fruiting_positions():
+    # Its branches bear where no rule for cotton would look, so nothing may be judged by them.
+    truth = plant_truth(grown(SIMPLE), SIMPLE)
+    assert {boll["position"] for boll in truth["bolls"]} == {None}
+    assert {len(axis["nodes_m"]) for axis in truth["skeleton"]} == {0}
+    assert all(boll["axis"] is not None for boll in truth["bolls"])

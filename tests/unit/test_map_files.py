@@ -12,6 +12,7 @@ import pytest
 from scenes.branch_scene import branch_scene
 
 from cotton3dg.core.plant_map import Axis, PlantMap
+from cotton3dg.display import print_map_scores
 from cotton3dg.documents.skeleton import SkeletonInfo, describe_map, read_map
 from cotton3dg.documents.truth import Truth
 from cotton3dg.evaluation.plant_map import compare_maps, match_branches, true_map
@@ -114,6 +115,15 @@ def test_the_truth_scores_full_marks_against_itself():
     assert scores.positions_right == scores.positions
     assert scores.stem_diameter_error_mm == pytest.approx(0)
     assert {"stem", "fruiting", "vegetative"} == {axis.kind for axis in true.axes}
+
+
+def test_no_word_of_fruiting_positions_where_the_truth_has_none(capsys):
+    true, centres = natural()
+    scores = compare_maps(true, centres, list(range(1, len(centres) + 1)), true, centres)
+    print_map_scores(scores)
+    assert f"fruiting position right: {scores.positions} of {scores.positions}" in capsys.readouterr().out
+    print_map_scores(replace(scores, positions=0, positions_right=0))
+    assert "position" not in capsys.readouterr().out
 
 
 def test_half_a_turn_of_the_table_is_no_error():

@@ -8,11 +8,11 @@ are the pure functions of each stage, on arrays and on the types of `core`, and 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import Any, Final
 
 __version__ = "0.1.0"
 
-_HOMES = {
+_HOMES: Final = {
     "capture.frame_quality": ("blur", "sharpness"),
     "capture.held_frames": ("thin_out",),
     "capture.image_pairs": ("choose_pairs",),
@@ -54,7 +54,7 @@ _HOMES = {
 }
 """Module -> public names; __init__.pyi tells type checkers the same."""
 
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+_HOME_OF: Final = {name: module for module, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, Final
 
 from .core.machine import usable_cores
 from .core.state import State
@@ -34,21 +34,21 @@ from .identity.names import folder_name
 from .resource_checks import OUT_OF_MEMORY
 from .workspace import OWNER_MARK, Workspace
 
-RUN = (sys.executable, "-m", "cotton3dg.cli", "run")
+RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")
 
-OPTIONS_FILE = "cotton3dg.toml"
-INDEX = "index.html"
+OPTIONS_FILE: Final = "cotton3dg.toml"
+INDEX: Final = "index.html"
 
-MEMORY_OF_A_RUN_GIB = 3.0
+MEMORY_OF_A_RUN_GIB: Final = 3.0
 """What one plant needs with room to spare; decides how many run side by side unless --jobs does."""
 
-WORTH_RETRYING = (StageFailed.exit_code, OutOfResources.exit_code)
+WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
 """A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
 
-INTERRUPTED = 130
+INTERRUPTED: Final = 130
 """Exit code of a run that Ctrl-C ended."""
 
-STATES = (State.FAILED, State.WAITING, State.DONE)
+STATES: Final = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
 
 

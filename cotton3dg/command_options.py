@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from .option_rules import option
 
-MARKER_DICTIONARIES = (
+MARKER_DICTIONARIES: Final = (
     "4x4_50",
     "5x5_100",
     "6x6_250",

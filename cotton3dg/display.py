@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .stages.staleness import StageState
     from .workspace import Workspace
 
-PLAIN_INTERVAL_S = 30.0
+PLAIN_INTERVAL_S: Final = 30.0
 """How often a line is printed where there is no terminal."""
 
 

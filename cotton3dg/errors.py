@@ -3,6 +3,8 @@
 Write messages as `what is wrong; what to do`: the command line puts the plant's name in front and prints one line.
 """
 
+from typing import Final
+
 
 class Cotton3dgError(Exception):
     """Base of every error that is reported as one line instead of a traceback."""
@@ -60,8 +62,8 @@ class StageFailed(Cotton3dgError):
     exit_code = 1
 
 
-DOUBTFUL = 9
+DOUBTFUL: Final = 9
 """Exit code of a check that would have a film, though usable, filmed again: no error, the check was done."""
 
-SOME_FAILED = 8
+SOME_FAILED: Final = 8
 """Exit code of a batch when some plants failed or were not tried: no error of its own, the others are done."""

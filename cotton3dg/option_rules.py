@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
-from typing import Any, get_type_hints
+from typing import Any, Final, get_type_hints
 
 from .errors import BadUsage
 
-_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+_KINDS: Final = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 
 
 def option(

@@ -10,15 +10,15 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .command_options import MARKER_DICTIONARIES, CardsOptions, MarkersOptions, RenderOptions, SimulateOptions
 from .errors import BadUsage
 from .option_rules import effective, option, options_of, resolved
 
-FINER_PRESETS = ("draft", "standard", "paper")
+FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
-PRESETS = (*FINER_PRESETS, "paper1", "paper2")
+PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 
 
 @dataclass(frozen=True)
@@ -306,7 +306,7 @@ class TraitsOptions:
     excel: bool = option(False, "write a byte-order mark so that Excel reads UTF-8")
 
 
-STAGE_OPTIONS: dict[str, type] = {
+STAGE_OPTIONS: Final[dict[str, type]] = {
     "frames": FramesOptions,
     "sfm": SfmOptions,
     "train": TrainOptions,
@@ -317,7 +317,7 @@ STAGE_OPTIONS: dict[str, type] = {
     "traits": TraitsOptions,
 }
 
-COMMAND_OPTIONS: dict[str, type] = {
+COMMAND_OPTIONS: Final[dict[str, type]] = {
     **STAGE_OPTIONS,
     "simulate": SimulateOptions,
     "render": RenderOptions,
@@ -326,7 +326,7 @@ COMMAND_OPTIONS: dict[str, type] = {
     "cards": CardsOptions,
 }
 
-PRESET_VALUES: dict[str, dict[str, dict[str, Any]]] = {
+PRESET_VALUES: Final[dict[str, dict[str, dict[str, Any]]]] = {
     "draft": {
         "frames": {"count": 60},
         "train": {"max_side": 640, "steps": 1500, "max_gaussians": 60_000},

@@ -6,19 +6,19 @@ import errno
 import re
 import resource
 import shutil
-from typing import Any
+from typing import Any, Final
 
 from .errors import OutOfResources
 from .stages.stage import stage_of
 from .workspace import Workspace
 
-MIB = 2**20
-SPARE_MIB = 16
+MIB: Final = 2**20
+SPARE_MIB: Final = 16
 """For records, the log and the small tables."""
-LEAST_MEMORY_MIB = {resource.RLIMIT_AS: 2000, resource.RLIMIT_DATA: 1000}
+LEAST_MEMORY_MIB: Final = {resource.RLIMIT_AS: 2000, resource.RLIMIT_DATA: 1000}
 """Address space and data that the libraries take with a small plant. Below it some of them end the process without a
 word that can be caught."""
-OUT_OF_MEMORY = re.compile(
+OUT_OF_MEMORY: Final = re.compile(
     r"allocate memory|out of memory|bad.?alloc|insufficient memory|failed to map segment|can't start new thread|"
     r"Resource temporarily unavailable",
     re.IGNORECASE,

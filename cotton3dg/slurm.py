@@ -14,7 +14,7 @@ import signal
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .core.state import State
@@ -22,17 +22,18 @@ from .documents.batch import Jobs, PlantOutcome
 from .errors import BadInput, BadUsage, EnvironmentUnusable
 from .files.saving import explain_disk_errors
 
-JOBS_FOLDER = ".slurm"
+JOBS_FOLDER: Final = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
-JOBS = f"{JOBS_FOLDER}/jobs.json"
-LOG, OUTCOME = "slurm.log", "records/batch.json"
+JOBS: Final = f"{JOBS_FOLDER}/jobs.json"
+LOG: Final = "slurm.log"
+OUTCOME: Final = "records/batch.json"
 """In the plant's folder."""
 
-DEFAULTS: dict[str, Any] = {"time": 120, "cpus_per_task": 2, "mem": "4G"}
+DEFAULTS: Final[dict[str, Any]] = {"time": 120, "cpus_per_task": 2, "mem": "4G"}
 """As sbatch calls them, time in minutes. Several times what a plant takes at the standard preset; what needs longer is
 queued again."""
-MOST_TIMEOUTS = 10
-MAX_ARRAY_SIZE = 1001
+MOST_TIMEOUTS: Final = 10
+MAX_ARRAY_SIZE: Final = 1001
 """Slurm's default, where it does not say."""
 
 

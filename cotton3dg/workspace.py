@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Final
 
 from .documents.corrections import Pick
 from .documents.document import Document
@@ -27,10 +28,10 @@ from .files.saving import (
     link,
 )
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
-OWNER_MARK = ".cotton3dg"
+VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+OWNER_MARK: Final = ".cotton3dg"
 """Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
-PACKAGE = Path(__file__).resolve().parent
+PACKAGE: Final = Path(__file__).resolve().parent
 
 
 class _Below:

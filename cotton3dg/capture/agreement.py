@@ -7,7 +7,7 @@ of images that it had no use for are the witnesses: where the two cameras contra
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from ..core.scene import Float64
 from .features import Features
 from .matching import PairMatches
 
-MAX_ERROR_PX = 8.0
+MAX_ERROR_PX: Final = 8.0
 """Median distance of a pair's matches from their epipolar lines; twice what made them matches."""
-FULL_WITNESS = 100
+FULL_WITNESS: Final = 100
 """Matches from which on a pair's word has full weight; that of others has less in proportion. Things that look alike
 agree by chance, but in few places: of 190 pairs of photos of a board of markers, placed to a seventh of a per cent, 58
 were contradicted, with 22 matches in the middle, where the others had 126."""

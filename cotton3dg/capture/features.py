@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -15,13 +16,13 @@ from ..core.machine import one_thread_each, usable_cores
 from ..core.progress import Progress
 from ..files.images import read_image
 
-PEAK_THRESHOLD = 0.002
+PEAK_THRESHOLD: Final = 0.002
 """Least difference of Gaussians, of images from 0 to 1; a third of COLMAP's: a dark room's low contrast then still
 gives features, and where light is plenty `max_features` is the limit anyway."""
-OCTAVE_LAYERS = 3
-ROOT_SIFT_NORM = 512
+OCTAVE_LAYERS: Final = 3
+ROOT_SIFT_NORM: Final = 512
 """Length of a descriptor."""
-NOTHING: tuple[list[cv2.KeyPoint], NDArray[np.float32]] = ([], np.zeros((0, 128), np.float32))
+NOTHING: Final[tuple[list[cv2.KeyPoint], NDArray[np.float32]]] = ([], np.zeros((0, 128), np.float32))
 
 
 @dataclass(frozen=True)

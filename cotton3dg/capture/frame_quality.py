@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 Grey = NDArray[np.uint8]
 
-STILL_DISPLACEMENT = 0.002
+STILL_DISPLACEMENT: Final = 0.002
 """Share of the image width that corners move from image to image; a full turn moves them ten and more times as far."""
-BLURRED = 0.4
+BLURRED: Final = 0.4
 """`blur` at 640 px that a Gaussian of about 1.3 px, 2.6 px in a video of 1280, gives to a crisp room."""
-BLANK_CONTRAST = 1.0
+BLANK_CONTRAST: Final = 1.0
 """Standard deviation of the grey values, of 255, below which a frame shows nothing: black, white, a covered lens."""
-REPEATED_SHARE = 0.1
+REPEATED_SHARE: Final = 0.1
 """Change from the frame before, relative to the median one, below which a frame is that frame once more: even encoded
 anew as a key frame it changes less, and what the camera sees while it moves changes more."""
-DARK_HIGHLIGHT = 0.55
+DARK_HIGHLIGHT: Final = 0.55
 """`highlight` of dark images: 0.37 to 0.46 of simulated rooms two stops too dark, 0.64 and more of others. The mean
 would take a black cloth behind a well lit plant for the dark."""
-HIGHLIGHT_PERCENT = 98
-BURNT_SHARE = 0.3
+HIGHLIGHT_PERCENT: Final = 98
+BURNT_SHARE: Final = 0.3
 
 
 def sharpness(grey: Grey) -> float:

@@ -10,12 +10,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-WIDER = 1.5
+WIDER: Final = 1.5
 
 
 class HeldFrames:

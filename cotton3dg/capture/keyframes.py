@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -17,19 +17,20 @@ from ..files.arrays import read_arrays
 from .features import Features
 from .matching import PairMatches
 
-KEYFRAMES = 30
+KEYFRAMES: Final = 30
 """Of a film at least so many images, evenly spaced, are placed one after the other, each with an adjustment of its
 neighbours; the others are then placed by the points that these have given, and all are adjusted together."""
-UNUSUAL_SHARE = 0.4
+UNUSUAL_SHARE: Final = 0.4
 """Where neighbouring keyframes have fewer matches than this share of what is usual in the film, the images between them
 become keyframes, too; ..."""
-TOO_LITTLE_IN_COMMON = (100, 200)
+TOO_LITTLE_IN_COMMON: Final = (100, 200)
 """... but always where they have fewer than the first, and never where they have more than the second. (A walk of
 uneven pace fell apart where 120 to 140 were left of 660, one in a bare room where 54 to 70 were left of 90.)"""
-LEAST_PLACED = 0.95
+LEAST_PLACED: Final = 0.95
 """Share of the keyframes, and then of all images, below which all are placed one after the other."""
-MODEL = "model"
-FEATURES, MATCHES = "features.npz", "matches.npz"
+MODEL: Final = "model"
+FEATURES: Final = "features.npz"
+MATCHES: Final = "matches.npz"
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ class Keyframes:
         )
 
 
-_OF_IMAGE = ("places_px", "descriptors")
-_OF_PAIR = ("fundamental", "rows")
+_OF_IMAGE: Final = ("places_px", "descriptors")
+_OF_PAIR: Final = ("fundamental", "rows")
 
 
 def keyframe_spacing(images: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.machine import on_all_cores
 from ..files.images import read_image, write_image
 
-NEEDLESS_RISE_PCT = 0.1
+NEEDLESS_RISE_PCT: Final = 0.1
 """A lens distortion without which the mean reprojection error rises by less is left out."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,13 +12,13 @@ from ..files.images import read_image
 from .features import Features
 from .matching import MIN_MATCHES, PairMatches
 
-CAMERA_MODEL = "SIMPLE_RADIAL"
+CAMERA_MODEL: Final = "SIMPLE_RADIAL"
 """One focal length and one radial term: phones correct their lenses, and more parameters can bend a closed orbit."""
-UNKNOWN_FOCAL = 1.2
+UNKNOWN_FOCAL: Final = 1.2
 """Focal length to begin with, in longer sides of the image, as COLMAP has it."""
-FINAL_TOLERANCE = 1e-6
+FINAL_TOLERANCE: Final = 1e-6
 """Relative change of the cost at which the last adjustments stop. (One of them leaves cameras 1.5 mm off, two 0.8.)"""
-OUTLIER = 3.0
+OUTLIER: Final = 3.0
 """Times the median error of the points: observations farther off are left out in the end. The mapper keeps all within
 4 px, though their mean error is a tenth of that; without the far ones cameras are a third nearer to the truth."""
 

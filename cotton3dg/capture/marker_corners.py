@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,15 @@ from ..geometry.printed_markers import find_squares
 from .features import Features
 from .matching import PairMatches, verify
 
-FAMILIES = (
+FAMILIES: Final = (
     *("4x4_1000", "5x5_1000", "6x6_1000", "7x7_1000", "aruco_original"),
     *("apriltag_25h9", "apriltag_36h10", "apriltag_36h11"),
 )
 """Dictionaries, by OpenCV's names; smaller ones of a family are the beginning of its largest. (Not AprilTag 16h5, which
 texture shows by chance.)"""
-LOOKED_AT = 12
+LOOKED_AT: Final = 12
 """Images that tell which family was printed."""
-LEAST_SIGHTINGS = 4
+LEAST_SIGHTINGS: Final = 4
 """Markers in these images, below which there are none: single ones may be chance."""
 
 Squares = Mapping[int, Float64]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -13,22 +14,23 @@ from .. import _native
 from ..core.machine import on_all_cores
 from .features import ROOT_SIFT_NORM, Features
 
-MAX_ANGLE = 0.7
+MAX_ANGLE: Final = 0.7
 """rad between descriptors."""
-MAX_RATIO = 0.8
+MAX_RATIO: Final = 0.8
 """Of the angle to the most similar descriptor by that to the next one (Lowe 2004)."""
-MAX_ERROR_PX = 4.0
+MAX_ERROR_PX: Final = 4.0
 """Distance from the epipolar line."""
-CONFIDENCE, MAX_TRIALS = 0.999, 2000
-MIN_MATCHES = 15
+CONFIDENCE: Final = 0.999
+MAX_TRIALS: Final = 2000
+MIN_MATCHES: Final = 15
 
-ALL_PAIRS = 500
+ALL_PAIRS: Final = 500
 """So many pairs, of some 30 images, are all matched whole: images far apart share too little for a quick look."""
-PREVIEWED = 512
+PREVIEWED: Final = 512
 """Features of an image that tell which others it is like, the first."""
-ALIKE = 4
+ALIKE: Final = 4
 """Matches among these from which on images are alike."""
-FEW_ALIKE = 3
+FEW_ALIKE: Final = 3
 """An image with fewer like it is matched with all."""
 
 

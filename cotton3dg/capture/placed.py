@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from ..core.outcome import StageOutcome
 from ..core.scene import Camera
@@ -12,19 +12,20 @@ from ..errors import CaptureFailed
 from ..geometry.camera_orbit import find_out_of_view, fit_orbit
 from .lens import NEEDLESS_RISE_PCT, straighten
 
-MIN_REGISTERED_PCT = 40.0
-FEW_REGISTERED_PCT = 80.0
-MIN_REGISTERED = 3
-MIN_OBSERVATIONS = 10.0
+MIN_REGISTERED_PCT: Final = 40.0
+FEW_REGISTERED_PCT: Final = 80.0
+MIN_REGISTERED: Final = 3
+MIN_OBSERVATIONS: Final = 10.0
 """Points of the model that an image shows, on average; those of a plant show thousands. A model of hardly any point is
 no reconstruction: its cameras are anywhere."""
-MIN_COVERAGE_DEG = 90.0
+MIN_COVERAGE_DEG: Final = 90.0
 """Below it traits would be those of one side; and a camera that only turns on the spot can pass for a short arc, its
 rotation explained by a wrong lens."""
-MAX_GAP_DEG = 60.0
+MAX_GAP_DEG: Final = 60.0
 """Beyond this gap in the orbit, sides of bolls were never seen."""
 
-CONTRADICTED_PCT, MAX_CONTRADICTED_PCT = 5.0, 25.0
+CONTRADICTED_PCT: Final = 5.0
+MAX_CONTRADICTED_PCT: Final = 25.0
 """Of what pairs of images have in common, contradicted by the cameras: doubtful, and refused. Of films that were filmed
 well it is 0.0 %."""
 

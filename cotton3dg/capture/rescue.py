@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,15 +30,17 @@ from .marker_corners import squares_of_images, tie
 from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
 
-FEW = 0.8
+FEW: Final = 0.8
 """Share of the images below which the dearer steps are due."""
-MORE_FEATURES, LARGER, WIDER = 4, 2, 2
+MORE_FEATURES: Final = 4
+LARGER: Final = 2
+WIDER: Final = 2
 """Factors of features, of the side of the images that are looked at, and of the pairs."""
-FOLLOWED_OVER = 2
+FOLLOWED_OVER: Final = 2
 """Lost images are looked for from neighbours so many places away."""
-LEAST_POINTS = 30
+LEAST_POINTS: Final = 30
 """Of the model, that a rescued image shows; one that shows fewer may stand far from where it was, and is left out."""
-MOST_FOLLOWED = 2048
+MOST_FOLLOWED: Final = 2048
 """Features of an image that are followed, the best."""
 
 Pairs = dict[tuple[int, int], PairMatches]
@@ -96,7 +98,7 @@ def rescued(task: Task, first: Attempt) -> tuple[Attempt, tuple[RescueStep, ...]
     return best, tuple(steps)
 
 
-FOLLOWING = "following"
+FOLLOWING: Final = "following"
 
 
 def _ladder(task: Task) -> Iterator[tuple[str, Callable[[Attempt], Attempt | None]]]:

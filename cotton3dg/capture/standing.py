@@ -6,6 +6,7 @@ Structure from motion would try for a quarter of an hour to place cameras that a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import cv2
 import numpy as np
@@ -15,15 +16,15 @@ from ..errors import CaptureFailed
 from .features import Features
 from .matching import PairMatches
 
-MAX_STANDING_PCT = 50.0
+MAX_STANDING_PCT: Final = 50.0
 """Of walks it was 0 to 15 % (a bare room, in which little but the plant is matched), of a turntable 99 %."""
-APART = 3
+APART: Final = 3
 """Images on, at least: neighbours may have been taken from nearly one place."""
-LOOKED_AT = 12
+LOOKED_AT: Final = 12
 """Pairs, about."""
-TREMBLE = 0.05
+TREMBLE: Final = 0.05
 """Of the longer side, by which the picture of a camera that is held, but stands, moves in all."""
-TOLERANCE = 0.003
+TOLERANCE: Final = 0.003
 """Of the longer side, by which a place that stands is off the motion of the picture as a whole."""
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from ..core.progress import Progress
 from ..documents.frames import FramesInfo
@@ -15,7 +16,7 @@ from ..options import FramesOptions
 from . import frame_quality
 from .taken import ORIENTATION_RULE, Keep, Picture, Taken, keep_all
 
-MIN_PHOTOS = 8
+MIN_PHOTOS: Final = 8
 
 
 def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Progress) -> Taken:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, astuple, dataclass, replace
 from itertools import count
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +22,18 @@ from .held_frames import HeldFrames, thin_out
 from .taken import ORIENTATION_RULE, SCAN_SIDE, STANDS_STILL, Keep, Picture, Taken, keep_all
 from .way import WayMeter
 
-MIN_VIDEO_S = 2.0
-MIN_FRAMES = 20
-MIN_INTACT_SHARE = 0.8
-HELD_A_FRAME = 2
+MIN_VIDEO_S: Final = 2.0
+MIN_FRAMES: Final = 20
+MIN_INTACT_SHARE: Final = 0.8
+HELD_A_FRAME: Final = 2
 """Frames held for each that is wanted."""
-LOOKED_AT = 4
+LOOKED_AT: Final = 4
 """Frames looked at for each that is wanted, at least: of a long film or a fast one only every n-th is, ..."""
-LEAST_FPS = 12.0
+LEAST_FPS: Final = 12.0
 """... but never fewer a second, or corners could not be followed."""
-NO_WAY = 0.02
+NO_WAY: Final = 0.02
 """A camera that has gone no farther, in sides of the image, stands still."""
-SAVING_SHARE = 0.3
+SAVING_SHARE: Final = 0.3
 """Of the time for decoding, which saving takes, roughly."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,12 @@ Picture = NDArray[np.uint8]
 Keep = Callable[[str, Picture], None]
 """Saves an image under a name."""
 
-SCAN_SIDE = 640
+SCAN_SIDE: Final = 640
 """Images are judged at this size, px, ..."""
-MOTION_SIDE = 320
+MOTION_SIDE: Final = 320
 """... and motion from one to the next is looked for at this one."""
-STANDS_STILL = "the camera stands still; film one slow full turn around the plant"
-ORIENTATION_RULE = "rotation tags and EXIF orientation are applied to the pixels; the images carry no tag"
+STANDS_STILL: Final = "the camera stands still; film one slow full turn around the plant"
+ORIENTATION_RULE: Final = "rotation tags and EXIF orientation are applied to the pixels; the images carry no tag"
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,20 @@ follows a walk through blur, and over surfaces whose few corners are weak.
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-WINDOW_PX, PYRAMID_LEVELS = 31, 4
+WINDOW_PX: Final = 31
+PYRAMID_LEVELS: Final = 4
 """Side of the square that is compared, and halvings of the image: so it follows some 150 px."""
-LOOK_SIDE_PX = 960
+LOOK_SIDE_PX: Final = 960
 """Longer side of the images that are compared."""
-THERE_AND_BACK_PX = 1.0
+THERE_AND_BACK_PX: Final = 1.0
 """Tracked on and back again, a place comes back to where it was, in px of the images that are compared."""
-LEAST_TEXTURE = 1e-4
+LEAST_TEXTURE: Final = 1e-4
 """Smaller eigenvalue of the gradients in the square, below which nothing is there to follow."""
 
 

@@ -6,21 +6,22 @@ The unit is the longer side of the image: a phone that goes once around a plant 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.images import scale_down
 
-SIDE_PX = 320
+SIDE_PX: Final = 320
 """Frames are compared at this size."""
-CORNERS, LEAST_CORNERS = 150, 10
-FARTHEST = 0.06
+CORNERS: Final = 150
+LEAST_CORNERS: Final = 10
+FARTHEST: Final = 0.06
 """Beyond this way, corners are chosen anew."""
-LEAST_FOLLOWED = 0.5
+LEAST_FOLLOWED: Final = 0.5
 """Share of the corners below which nothing is known, and the camera is taken to go on as before."""
-PERCENTILE = 80
+PERCENTILE: Final = 80
 """Of the corners' ways: what is behind the plant moves most when the camera goes round, the plant itself hardly."""
 
 

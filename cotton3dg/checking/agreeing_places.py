@@ -8,6 +8,7 @@ on, and, as the few things on a bare table may tell its height only, those as le
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import cv2
 import numpy as np
@@ -17,9 +18,9 @@ from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import Orbit
 from ..geometry.planes import CELL, REACH, TOLERANCE, floor_normal, level_planes, parallel_planes
 
-SIDE_PX = 480
+SIDE_PX: Final = 480
 """Longer side of the photos that are compared."""
-LEAST_VIEWS = 5
+LEAST_VIEWS: Final = 5
 
 
 def find_agreeing_places(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,19 @@ from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import Orbit
 from .sights import Sight
 
-LEAST_ANGLE, LARGEST_ANGLE = np.radians(8.0), np.radians(100.0)
+LEAST_ANGLE: Final = np.radians(8.0)
+LARGEST_ANGLE: Final = np.radians(100.0)
 """Between two lines of sight that may suggest a boll."""
-MEETING = 0.35
+MEETING: Final = 0.35
 """Farthest apart that two lines of sight of one boll pass, in its diameters."""
-ALIKE = 1.6
+ALIKE: Final = 1.6
 """Largest ratio of the sizes that two sights give a boll."""
-REACH = 0.45
+REACH: Final = 0.45
 """Farthest distance, in diameters, of a sight from where the boll should be seen."""
-APART = 0.75
+APART: Final = 0.75
 """Least distance of two bolls' middles, in diameters of the larger."""
-LEAST_SIGHTS = 3
-SURE_SHARE = 0.35
+LEAST_SIGHTS: Final = 3
+SURE_SHARE: Final = 0.35
 """Share of the images in which a boll must have been seen to be sure."""
 
 

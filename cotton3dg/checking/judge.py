@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +22,19 @@ from .first_count import n_sure
 from .in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
 from .look import Look
 
-NOTED_GAP_DEG = 20.0
-OFTEN_CUT = 0.25
+NOTED_GAP_DEG: Final = 20.0
+OFTEN_CUT: Final = 0.25
 """Share of the images in which the plant is cut by the frame from which on it matters."""
-ALWAYS_CUT = 0.8
+ALWAYS_CUT: Final = 0.8
 """From here on no image may show the plant whole, and its height is anyone's guess."""
-BURNT_LINT = 0.25
+BURNT_LINT: Final = 0.25
 """Share of the lint without shades from which on bolls lose their shape."""
-SMALL_BOLL_PX = 10.0
+SMALL_BOLL_PX: Final = 10.0
 """Width in the training images below which bolls can be lost."""
-DARK_SIDE = 2.5
+DARK_SIDE: Final = 2.5
 """How many times brighter the lint is on the bright side, from which on the dark side is lost in noise."""
-SCALE_ERROR = 0.01
-RARELY_SEEN = 0.1
+SCALE_ERROR: Final = 0.01
+RARELY_SEEN: Final = 0.1
 """Share of the images that show a corner of the table, below which its place is a guess."""
 
 

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +32,11 @@ from .agreeing_places import find_agreeing_places
 from .first_count import FoundBoll, find_bolls_in_space
 from .sights import Sight, see
 
-VIEWS = 12
+VIEWS: Final = 12
 """Images in which bolls are looked for."""
-TABLE_VIEWS = 20
+TABLE_VIEWS: Final = 20
 """... and in which the rim of the table is measured: half of those of `run`."""
-TOLERANCES = (3.0, 6.0, 10.0)
+TOLERANCES: Final = (3.0, 6.0, 10.0)
 """Grey levels by which photos may differ where they agree; a floor of one colour agrees with itself when it is lax."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +18,10 @@ from ..report.scene import plant_frame
 from ..report.walk import draw_walk
 from .look import Look
 
-PHOTOS, PHOTO_SIDE_PX, STRIP, STRIP_SIDE_PX = 4, 640, 8, 240
+PHOTOS: Final = 4
+PHOTO_SIDE_PX: Final = 640
+STRIP: Final = 8
+STRIP_SIDE_PX: Final = 240
 
 
 def check_page(plant_id: str, info: CheckInfo, look: Look | None, frames: FramesInfo | None, strip: list[Any]) -> str:

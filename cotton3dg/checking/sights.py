@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -13,15 +14,15 @@ from ..masks.bolls import BollNetwork, Maps
 from ..masks.group_votes import group_votes
 from ..splat.rasterizer import Window
 
-SIDES = ("top", "bottom", "left", "right")
+SIDES: Final = ("top", "bottom", "left", "right")
 """Of an image."""
-PLANT = 0.5
+PLANT: Final = 0.5
 """Probability from which a pixel is lint, bur, wood or leaf."""
-BRIDGED = 0.02
+BRIDGED: Final = 0.02
 """Widths of the image: gaps in twigs that the network misses."""
-CUT = 0.01
+CUT: Final = 0.01
 """Share of a side that a plant must run over to be cut by it."""
-BURNT = 250
+BURNT: Final = 250
 """Grey value from which a pixel has lost its shades."""
 
 

@@ -7,6 +7,8 @@ masks themselves show, so that no unit of length matters.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,9 +16,9 @@ from ..core.bolls import BollInstance, LiftedMasks
 from ..geometry.point_sets import measure_extent
 from .view_objects import bolls_of_groups, find_objects, join_nearest
 
-VOLUME_CAP = 3.0
+VOLUME_CAP: Final = 3.0
 """Largest bounding volume of a cluster in medians of one mask's, which covers the visible half of a boll."""
-LEAST_VIEWS = 2
+LEAST_VIEWS: Final = 2
 
 
 def join_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, reach: float = 0.6) -> list[BollInstance]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
 
-EVEN = 0.25
+EVEN: Final = 0.25
 """Agreement of the images at which a boll is as likely none as one ..."""
-STEEPNESS = 20.0
+STEEPNESS: Final = 20.0
 """... and how fast it gets likelier beyond, 1 / agreement."""
-OTHER_WEIGHT = 0.5
+OTHER_WEIGHT: Final = 0.5
 """A boll has a mask when it holds more than this many times the weight there of what is no boll."""
 
 

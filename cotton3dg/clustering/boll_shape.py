@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +13,16 @@ from ..core.bolls import BollInstance
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 
-SEPARATION = 0.75
+SEPARATION: Final = 0.75
 """Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
 0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked."""
 
-CLOSE = 0.85
+CLOSE: Final = 0.85
 """Distance, in usual widths, below which two bolls may be one: such halves were 0.7 and 0.8 apart, two bolls 0.9."""
 
-MOST_PIECES = 8
+MOST_PIECES: Final = 8
 """Bolls that a set is parted into at most: in heaps of more the inner ones show too little."""
-SEEDINGS = 6
+SEEDINGS: Final = 6
 """Starts of each number of pieces: one of a heap's farthest points is no good start for it now and then."""
 
 

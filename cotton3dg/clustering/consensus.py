@@ -9,6 +9,8 @@ that split them and dropped; the Gaussians vote by weight. Nothing depends on th
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -20,36 +22,36 @@ from .boll_shape import number_bolls, split_heap
 
 Float32 = NDArray[np.float32]
 
-CONSENSUS = 0.7
+CONSENSUS: Final = 0.7
 """Share of the views that must put two masks into one for them to be one boll. Views err both ways: some masks hold two
 touching bolls (say 30 % of them), some only half a boll (5 %)."""
-SEEN_SHARE = 0.3
+SEEN_SHARE: Final = 0.3
 """A view has a say about a set of Gaussians when it sees at least this share of them."""
-IN_MASK_SHARE = 0.5
+IN_MASK_SHARE: Final = 0.5
 """... and at least this share of what it sees is in masks; else the detector missed it there, or something hides it."""
-CONTAINED_SHARE = 0.8
+CONTAINED_SHARE: Final = 0.8
 """... and one mask holds the set when it has more than this share of what is in masks; else the view splits the set."""
 
-FIT_WIDTH = 1.3
+FIT_WIDTH: Final = 1.3
 """Two groups fit into one boll when together they are no wider than this many usual widths; touching bolls are 1.4 to
 2."""
-FIT_EVIDENCE = 1.0
+FIT_EVIDENCE: Final = 1.0
 """What fitting is worth: as much as three views for, or somewhat more than one against."""
 
-CORE_SHARE = 0.5
+CORE_SHARE: Final = 0.5
 """Share of its weight in a boll's masks that makes a Gaussian the boll's."""
-EDGE_SHARE = 0.3
+EDGE_SHARE: Final = 0.3
 """... and that suffices when no boll has so much: masks often stop short of the shaded side."""
-WIDE = 1.5
+WIDE: Final = 1.5
 """Bolls this many times as wide as the usual one are taken for several if their shape says so; touching pairs are 1.4
 to 2 times as wide, large bolls up to 1.3 times."""
-HALVES_APART = 0.78
+HALVES_APART: Final = 0.78
 """Distance of the centres, in their mean widths, below which two sets are halves of one boll that all masks part alike:
 such halves were up to 0.76 apart, two bolls 0.81 and more."""
-LEAST_GAUSSIANS = 5
+LEAST_GAUSSIANS: Final = 5
 """In a mask that takes part and in a boll. A small boll of a coarse model has no more than twenty, and what several
 views agree upon needs no strength of numbers."""
-FEW_VIEWS = 3
+FEW_VIEWS: Final = 3
 """Bolls found by fewer views are flagged: two views may agree by chance."""
 
 

@@ -18,6 +18,7 @@ Departures and readings:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +30,9 @@ from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import measure_extent
 from .view_objects import ViewObject, bolls_of_groups, find_objects, join_nearest
 
-VOLUME_CAP = 3.0
+VOLUME_CAP: Final = 3.0
 """Largest convex hull of an object in medians of all; one that two touching bolls share has more than twice as much."""
-NOISE = -1
+NOISE: Final = -1
 
 
 def cluster_objects(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from ..core.bolls import BollInstance, LiftedMasks
 from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_extent
 from .boll_shape import number_bolls
 
-LEAST_CONFIDENCE = 0.2
+LEAST_CONFIDENCE: Final = 0.2
 """Crumbs of halved and hidden masks gather too; whatever fewer than a fifth of the views find that could is no boll."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from ..splat.metrics import to_uint8
 from ..splat.rasterizer import render
 from .view_objects import find_objects
 
-WIDTH_PX = 640
+WIDTH_PX: Final = 640
 
 
 def draw_views(

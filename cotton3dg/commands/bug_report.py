@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import Final
 
 from ..core.version import version_text
 from ..errors import BadUsage
@@ -14,7 +15,7 @@ from ..files.saving import explain_disk_errors
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 
-PICTURES = (".jpg", ".png", ".svg")
+PICTURES: Final = (".jpg", ".png", ".svg")
 
 
 def pack(workspace: Workspace, out: Path, machine: str, *, images: bool = False) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from ..core.card import PAPER_CM
 from ..errors import BadInput, BadUsage
@@ -15,8 +16,8 @@ from ..identity.codes import code_picture
 from ..identity.names import card_text, id_problem
 from ..options import CardsOptions
 
-DOTS_PER_CM = 100
-LINES = 6
+DOTS_PER_CM: Final = 100
+LINES: Final = 6
 
 
 def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> str:

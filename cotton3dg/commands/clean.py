@@ -10,13 +10,14 @@ import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from ..documents.dropped import DroppedFiles
 from ..files.saving import explain_disk_errors, file_sha256
 from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 
-LEFT = re.compile(r"\.(.+)\.(partial|old)")
+LEFT: Final = re.compile(r"\.(.+)\.(partial|old)")
 """How a file or folder is called while it is being replaced."""
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..options import recorded
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 
-EXAMPLE = "000000.jpg:412,530 000012.jpg:388,541"
+EXAMPLE: Final = "000000.jpg:412,530 000012.jpg:388,541"
 
 
 @dataclass(frozen=True)

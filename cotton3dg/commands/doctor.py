@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Final
 
 from packaging.requirements import Requirement
 
@@ -22,7 +23,7 @@ from ..core.version import version_text
 from ..errors import Cotton3dgError
 from ..files.video import ffmpeg_binary
 
-MODULE_OF = {
+MODULE_OF: Final = {
     "ffmpeg-python": "ffmpeg",
     "imageio-ffmpeg": "imageio_ffmpeg",
     "open3d-cpu": "open3d",
@@ -32,7 +33,7 @@ MODULE_OF = {
 }
 """Distribution -> module, where the names differ."""
 
-ONLY_FOR = {
+ONLY_FOR: Final = {
     "open3d": "clusters by DBSCAN, point clouds of scanners",
     "open3d-cpu": "clusters by DBSCAN, point clouds of scanners",
     "openpyxl": "Excel files",
@@ -41,10 +42,11 @@ ONLY_FOR = {
 }
 """Distribution -> what it is needed for; a default run needs all others."""
 
-PHONE_CODECS = ("h264", "hevc")
+PHONE_CODECS: Final = ("h264", "hevc")
 """What smartphones film with."""
 
-LEAST_MEMORY_GIB, LEAST_DISK_GIB = 4.0, 2.0
+LEAST_MEMORY_GIB: Final = 4.0
+LEAST_DISK_GIB: Final = 2.0
 """A plant of 100 images takes 1 to 2 GiB of memory; its folder some 0.3 GiB and as much again while it is made."""
 
 

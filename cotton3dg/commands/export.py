@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from ..errors import BadUsage
 from ..field.brapi import brapi_files
@@ -14,7 +15,7 @@ from ..files.saving import explain_disk_errors, json_text, write_text_atomically
 from ..files.workbook import write_workbook
 from ..workspace import OWNER_MARK
 
-FORMATS = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
+FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
 
 
 def export(folder: Path, kind: str, out: Path | None = None) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from ..core.columns import Column
 from ..core.machine import usable_cores
@@ -29,20 +30,25 @@ from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
-TABLE, MEMORY = "import.csv", ".import.json"
-HOW = ("copy", "move", "link")
-EVERY_S, MOST_FRAMES = 0.25, 160
-SMALL_SIDE = 1920
+TABLE: Final = "import.csv"
+MEMORY: Final = ".import.json"
+HOW: Final = ("copy", "move", "link")
+EVERY_S: Final = 0.25
+MOST_FRAMES: Final = 160
+SMALL_SIDE: Final = 1920
 """Videos are read at this size first and, where that does not tell, as filmed."""
-PART_BYTES = 1 << 20
-STILLS = (".heic", ".heif", ".jpg", ".jpeg", ".dng")
-LIVE_PHOTO_S = 5.0
-LEFTOVERS = (".lrv",)
+PART_BYTES: Final = 1 << 20
+STILLS: Final = (".heic", ".heif", ".jpg", ".jpeg", ".dng")
+LIVE_PHOTO_S: Final = 5.0
+LEFTOVERS: Final = (".lrv",)
 """Small copies that action cameras write beside their videos."""
 
-IMPORTED, THERE, DOUBT, LEFT_OUT = "imported", "there", "doubt", "left out"
+IMPORTED: Final = "imported"
+THERE: Final = "there"
+DOUBT: Final = "doubt"
+LEFT_OUT: Final = "left out"
 
-COLUMNS = (
+COLUMNS: Final = (
     Column("file", "", "the video"),
     Column("plant_id", "", "whose it is; blank when in doubt"),
     Column("state", "", "imported, there (it was before), doubt or left out"),
@@ -248,7 +254,7 @@ def _identify(path: Path, read: ReadVideo, book: FieldBook | None, given: str) -
     return Row(str(path), found.plant_id, reason=found.doubt + remedy, frames_read=n_votes, frames=read.frames)
 
 
-_REMEDY = f"write its plant_id into {TABLE} and give that with --names"
+_REMEDY: Final = f"write its plant_id into {TABLE} and give that with --names"
 
 
 def _find_doubles(rows: dict[Path, Row], prints: dict[Path, str]) -> None:

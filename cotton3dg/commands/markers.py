@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from ..errors import BadUsage
 from ..files.saving import explain_disk_errors, replacing
@@ -10,8 +11,8 @@ from ..files.sheet import write_sheet
 from ..options import MarkersOptions
 from ..scale.markers import MarkerKind, board_squares, draw_sheet
 
-DOTS_PER_CM = 100
-PAPER_CM = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.94)}
+DOTS_PER_CM: Final = 100
+PAPER_CM: Final = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.94)}
 
 
 def print_markers(file: Path, options: MarkersOptions) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,19 +38,19 @@ from ..simulate.plates import Plate, load_plates, render_plates, save_plates
 if TYPE_CHECKING:
     from ..masks.bolls_network import BollsNetwork
 
-LEAST_IMAGES = 2
-BLUR_PX = (0.5, 2.0)
+LEAST_IMAGES: Final = 2
+BLUR_PX: Final = (0.5, 2.0)
 """Standard deviations of blurred copies, of images as large as the model sees them: a moving phone's range."""
-PICTURE_PX = 192
-PLATES_A_SCENE = 20
-SCENES_A_ROOM = 10
+PICTURE_PX: Final = 192
+PLATES_A_SCENE: Final = 20
+SCENES_A_ROOM: Final = 10
 """Scenes for each set of backgrounds."""
-JUDGING_SCENES = 4
+JUDGING_SCENES: Final = 4
 """Simulated scenes that judge and never train, with numbers that no training reaches."""
-FIRST_JUDGING_SCENE = 1_000_000
-JUDGING_PICTURES = 64
-BATCH = 12
-FINE_TUNING_RATE = 2e-4
+FIRST_JUDGING_SCENE: Final = 1_000_000
+JUDGING_PICTURES: Final = 64
+BATCH: Final = 12
+FINE_TUNING_RATE: Final = 2e-4
 
 Draw = Callable[[np.random.Generator], TrainingPicture]
 

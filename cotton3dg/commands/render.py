@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +39,12 @@ from ..splat.appearance import depth_colours, recolour_bolls
 from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 
-QUALITY = 18
+QUALITY: Final = 18
 """x264's constant rate factor; hardly to be told from the images themselves."""
-BACKGROUNDS = {"black": 0.0, "white": 1.0}
-DEPTH_RANGE = (0.5, 1.5)
+BACKGROUNDS: Final = {"black": 0.0, "white": 1.0}
+DEPTH_RANGE: Final = (0.5, 1.5)
 """Depths between which colours change, in distances of the camera from what it looks at: plant and table."""
-RECORD = "render.json"
+RECORD: Final = "render.json"
 
 
 def render(workspace: Workspace, options: RenderOptions, progress: Progress = silent) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +34,13 @@ from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 from ..workspace import Workspace
 
-FRAMES_PER_SECOND = 30
-CARD_DOTS = 60
+FRAMES_PER_SECOND: Final = 30
+CARD_DOTS: Final = 60
 """A cm of a simulated card: as fine as a film from half a metre sees it."""
-QUALITY = 12
+QUALITY: Final = 12
 """x264's constant rate factor; a phone at 15 Mbit/s is about as good."""
 
-STANDARD_PLANT = {"seed": 1, "bolls": 12, "frames": 120}
+STANDARD_PLANT: Final = {"seed": 1, "bolls": 12, "frames": 120}
 """What `study --standard` films unless the folder has a plant."""
 
 

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .srgb import to_linear
 
-PAPER_CM = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
-WIDTH_CM, HEIGHT_CM = 18.6, 25.9
+PAPER_CM: Final = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
+WIDTH_CM: Final = 18.6
+HEIGHT_CM: Final = 25.9
 """Of what is printed, with the ruler; A4 and Letter leave a margin around it."""
-MARKER_DICTIONARY = "4x4_100"
-MARKER_CM = 4.8
-MARKERS_CM = {96: (0.0, 0.0), 97: (13.8, 0.0), 98: (13.8, 20.0), 99: (0.0, 20.0)}
+MARKER_DICTIONARY: Final = "4x4_100"
+MARKER_CM: Final = 4.8
+MARKERS_CM: Final = {96: (0.0, 0.0), 97: (13.8, 0.0), 98: (13.8, 20.0), 99: (0.0, 20.0)}
 """Number of a marker -> its top left corner. Loose markers have others: `cotton3dg markers` prints those of 4x4_50."""
-CODE_CM = (4.1, 5.9, 10.4)
+CODE_CM: Final = (4.1, 5.9, 10.4)
 """Left and top of the code, and its side."""
-PATCHES_CM = ((0.0, 15.7), 5.9, 2.9, 1.73)
+PATCHES_CM: Final = ((0.0, 15.7), 5.9, 2.9, 1.73)
 """Left of both columns, top, width and height of a patch."""
-PATCH_LEVELS = (255, 205, 155, 105, 55, 0)
+PATCH_LEVELS: Final = (255, 205, 155, 105, 55, 0)
 """Grey levels of the left column from the top; the right one has them from below, which tells light that falls off."""
-RULER_CM = 10.0
-INK, PAPER = 0.04, 0.86
+RULER_CM: Final = 10.0
+INK: Final = 0.04
+PAPER: Final = 0.86
 """Reflectance of black toner and of office paper."""
 
 

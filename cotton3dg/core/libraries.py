@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from types import ModuleType
+from typing import Final
 
 from ..errors import EnvironmentUnusable
 
-DEBIAN_PACKAGE_OF = {
+DEBIAN_PACKAGE_OF: Final = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
     "libX11.so.6": "libx11-6",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from .columns import column
 
-NO_PATCHES = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
+NO_PATCHES: Final = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from .columns import column, columns
 from .measurements import NO_SCALE
 
-NO_MAP = f"{NO_SCALE}; no plant on the table; no stem to map (flagged)"
-NO_BRANCH = f"{NO_MAP}; no branch"
-NO_FRUITING = f"{NO_MAP}; no fruiting branch"
-NO_SITE = f"{NO_MAP}; nothing connects the boll with the stem"
+NO_MAP: Final = f"{NO_SCALE}; no plant on the table; no stem to map (flagged)"
+NO_BRANCH: Final = f"{NO_MAP}; no branch"
+NO_FRUITING: Final = f"{NO_MAP}; no fruiting branch"
+NO_SITE: Final = f"{NO_MAP}; nothing connects the boll with the stem"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .columns import column, columns
 
 Float64 = NDArray[np.float64]
-OFF_PLANT = "off_plant"
+OFF_PLANT: Final = "off_plant"
 """Flag of what was taken for a boll and hangs on nothing: it has a row of its own and is in no sum."""
 
 
@@ -69,14 +70,14 @@ class PlantFrame:
         return self.foot + np.asarray(places_cm, np.float64) / self.scale.cm_per_su @ self.scale.table_frame
 
 
-NO_SCALE = "no scale"
-NO_PLANT = "no scale; no plant on the table"
-NEVER_WHOLE = "cut by the frame nearly everywhere (flagged)"
-NO_SIZE = f"{NO_PLANT}; {NEVER_WHOLE}"
-NO_BODY = "no scale; too few Gaussians for a body (flagged)"
-NO_WEIGHT = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
-NOT_CORRECTED = "not corrected"
-NO_VOLUME = "no scale; bolls, but none with a volume"
+NO_SCALE: Final = "no scale"
+NO_PLANT: Final = "no scale; no plant on the table"
+NEVER_WHOLE: Final = "cut by the frame nearly everywhere (flagged)"
+NO_SIZE: Final = f"{NO_PLANT}; {NEVER_WHOLE}"
+NO_BODY: Final = "no scale; too few Gaussians for a body (flagged)"
+NO_WEIGHT: Final = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
+NOT_CORRECTED: Final = "not corrected"
+NO_VOLUME: Final = "no scale; bolls, but none with a volume"
 
 
 @dataclass(frozen=True)

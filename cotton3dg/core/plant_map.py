@@ -6,13 +6,14 @@ Lengths are cm in the plant frame: z up from the table top, the origin where the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
-KINDS = ("stem", "fruiting", "vegetative")
-DOUBTFUL = 0.7
+KINDS: Final = ("stem", "fruiting", "vegetative")
+DOUBTFUL: Final = 0.7
 """Less confidence than this is worth a look."""
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-UNKNOWN = 255
+UNKNOWN: Final = 255
 """Class of pixels that teach nothing, e.g. lint too blurred to be counted."""
-NOT_LINT = 254
+NOT_LINT: Final = 254
 """Class of pixels of which an annotation only says that they are no lint."""
-CLASSES = ("other", "lint", "bur", "wood", "leaf")
-OTHER, LINT, LEAF = 0, 1, 4
+CLASSES: Final = ("other", "lint", "bur", "wood", "leaf")
+OTHER: Final = 0
+LINT: Final = 1
+LEAF: Final = 4
 
 
 @dataclass(frozen=True)

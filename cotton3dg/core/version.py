@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Final
 
 from .. import __version__
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE: Final = Path(__file__).parents[1]
 
 
 def version_text(package: Path = PACKAGE) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from .document import Document, WholeDocument
 
-REMEDY = "submit the batch again"
+REMEDY: Final = "submit the batch again"
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from .document import Document
 from .record import Record
 
-GREEN, YELLOW, RED = "green", "yellow", "red"
+GREEN: Final = "green"
+YELLOW: Final = "yellow"
+RED: Final = "red"
 """Good as it is; usable, but something will be missing or doubtful; no result can come of it."""
-VERDICTS = (GREEN, YELLOW, RED)
+VERDICTS: Final = (GREEN, YELLOW, RED)
 """From good to bad."""
 
 

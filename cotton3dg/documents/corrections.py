@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from .document import Document
 
-BOLLS_NEEDED = {"merge": 2, "split": 1, "delete": 1, "branch": 1, "add": 0, "corner": 0, "ruler": 0}
+BOLLS_NEEDED: Final = {"merge": 2, "split": 1, "delete": 1, "branch": 1, "add": 0, "corner": 0, "ruler": 0}
 """Kind of correction -> bolls that it is about; of a merge or more."""
-OF_BOLLS = ("merge", "split", "delete", "branch", "add")
-CORNER, RULER = "corner", "ruler"
-ENDS = ("a", "b")
+OF_BOLLS: Final = ("merge", "split", "delete", "branch", "add")
+CORNER: Final = "corner"
+RULER: Final = "ruler"
+ENDS: Final = ("a", "b")
 """Names of a ruler's ends."""
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 from ..core.outcome import StageOutcome
 from .document import Document
 
-OK, FAILED = "ok", "failed"
+OK: Final = "ok"
+FAILED: Final = "failed"
 
 
 @dataclass(frozen=True)

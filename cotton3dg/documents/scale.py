@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from ..core.measurements import Scale
 from ..errors import BadInput
 from .document import Document
 
-NO_SOURCE = "none"
-_ARRAYS = {"up": (3,), "plane": (4,), "corners": (4, 3)}
+NO_SOURCE: Final = "none"
+_ARRAYS: Final = {"up": (3,), "plane": (4,), "corners": (4, 3)}
 """Fields of a scale that are arrays, with their shapes."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from .document import Document
 
-DIGITS = 4
+DIGITS: Final = 4
 
 
 @dataclass(frozen=True)

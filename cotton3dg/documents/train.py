@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Final
 
 from .document import Document
 from .sfm import LensDecision
 
-REMEDY = "run `cotton3dg train --force`"
+REMEDY: Final = "run `cotton3dg train --force`"
 
 
 @dataclass(frozen=True)

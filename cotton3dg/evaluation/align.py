@@ -10,6 +10,7 @@ bolls is turned by an angle of its own, many times over, and the best turn of su
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,28 +24,28 @@ Float64 = NDArray[np.float64]
 Groups = list[list[Float64]]
 """Items of a plant by what turns together: a branch on the stem with all that it bears."""
 
-STEP_DEG = 2.0
-NEAR_CM = 1.5
+STEP_DEG: Final = 2.0
+NEAR_CM: Final = 1.5
 """Standard deviation of the places of one boll in two films, relative to the stem."""
-CHANCE_FROM_CM = 3.0
+CHANCE_FROM_CM: Final = 3.0
 """A branch is compared from this far off the stem: nearer to it, all turns are alike."""
-APART_DEG = 20.0
+APART_DEG: Final = 20.0
 """Another turn is one that differs by more."""
-FEWEST = 3
+FEWEST: Final = 3
 """Bolls and branches from which a turn can be told."""
-MOST_CHANCE = 0.01
-LEAST_LEAD = 1.0
+MOST_CHANCE: Final = 0.01
+LEAST_LEAD: Final = 1.0
 """Bolls or branches that lie on each other at the best turn and not at the second best."""
-LEAST_SHARE = 0.5
+LEAST_SHARE: Final = 0.5
 """Of the bolls and branches of the plant that has fewer, that must lie on the other's."""
-SHUFFLES = 1999
-MOST_LEAN_DEG = 12.0
-STEM_STEP_CM = 4.0
-STEM_WEIGHT = 0.3
+SHUFFLES: Final = 1999
+MOST_LEAN_DEG: Final = 12.0
+STEM_STEP_CM: Final = 4.0
+STEM_WEIGHT: Final = 0.3
 """Of a place of the stem beside a boll: the stem bends."""
-WOOD_WEIGHT = 0.05
+WOOD_WEIGHT: Final = 0.05
 """Of a cm of a branch: its points slide along it."""
-REFINEMENTS = 6
+REFINEMENTS: Final = 6
 
 
 @dataclass(frozen=True)

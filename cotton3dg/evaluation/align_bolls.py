@@ -8,6 +8,7 @@ turned at random about their middle do not do as well.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,17 @@ from .match import match_bolls
 
 Float64 = NDArray[np.float64]
 
-NEAR_CM = 1.0
-ALIKE_CM = 1.5
+NEAR_CM: Final = 1.0
+ALIKE_CM: Final = 1.5
 """How far heights and distances of the same bolls may differ."""
-APART_CM = 5.0
+APART_CM: Final = 5.0
 """Bolls nearer to each other tell the turn badly."""
-APART_DEG = 20.0
-FEWEST = 4
-MOST_CHANCE = 0.01
-LEAST_LEAD = 1.0
-LEAST_SHARE = 0.5
-SHUFFLES = 199
+APART_DEG: Final = 20.0
+FEWEST: Final = 4
+MOST_CHANCE: Final = 0.01
+LEAST_LEAD: Final = 1.0
+LEAST_SHARE: Final = 0.5
+SHUFFLES: Final = 199
 
 
 @dataclass(frozen=True)

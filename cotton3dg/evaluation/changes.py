@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,15 @@ from .align import Alignment, NoAlignment, align
 from .filmed import Filmed, comparable_traits, read_filmed
 from .match import match_bolls
 
-REACH_CM = 3.0
+REACH_CM: Final = 3.0
 """How far a boll may have moved and still be taken for the same; bolls are farther apart."""
-SURE = 1.96
+SURE: Final = 1.96
 """A change of so many standard errors happens by chance in one case of twenty."""
-SAME, GONE, NEW = "same", "gone", "new"
-ONE_ONLY = "gone; new"
-NO_VOLUME = f"{ONE_ONLY}; a film gives no volume"
+SAME: Final = "same"
+GONE: Final = "gone"
+NEW: Final = "new"
+ONE_ONLY: Final = "gone; new"
+NO_VOLUME: Final = f"{ONE_ONLY}; a film gives no volume"
 
 
 @dataclass(frozen=True)

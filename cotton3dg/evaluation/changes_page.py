@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,8 @@ from .changes import GONE, NEW, SAME, BollChange, Comparison, TraitChange
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = {SAME: "#1f5fa8", GONE: "#c0392b", NEW: "#2e8b57"}
-WOOD = "0.75"
+COLOURS: Final = {SAME: "#1f5fa8", GONE: "#c0392b", NEW: "#2e8b57"}
+WOOD: Final = "0.75"
 
 
 def write_comparisons(folder: Path, comparisons: Sequence[Comparison]) -> None:
@@ -120,7 +120,7 @@ def _circle(axes: Axes, middle: NDArray[np.float64], radius: float, state: str) 
     )
 
 
-_WORDS = {SAME: "same (number of the first film)", GONE: "gone", NEW: "new (number of the other film)"}
+_WORDS: Final = {SAME: "same (number of the first film)", GONE: "gone", NEW: "new (number of the other film)"}
 
 
 def _rgb(text: str) -> tuple[float, float, float]:

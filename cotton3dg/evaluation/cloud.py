@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,8 @@ from ..mapping.map_plant import map_cloud
 from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
 from ..traits.plant_size import PlantSize, measure_places
 
-LAYER_CM = 0.5
-TABLE_SHARE = 0.05
+LAYER_CM: Final = 0.5
+TABLE_SHARE: Final = 0.05
 """Of the points in one layer of `LAYER_CM`; a plant alone has a hundredth in each."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ from ..files.tables import flags_of, parse_number, read_rows
 from ..workspace import Workspace
 from .align import Layout
 
-NO_TRAIT = ("corrections", "boll_count_odd", "boll_count_even")
-NO_TRAIT_WORDS = {"low", "high", "original"}
+NO_TRAIT: Final = ("corrections", "boll_count_odd", "boll_count_even")
+NO_TRAIT_WORDS: Final = {"low", "high", "original"}
 """Words in the names of columns that are ends of an interval, or what was before corrections."""
 
 

@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column
 from ..files.saving import explain_disk_errors, write_text_atomically
 from ..files.tables import csv_text, parse_number, read_rows
 from .masks import THRESHOLDS, MaskCounts
 
-ALL = "all"
+ALL: Final = "all"
 """In place of an image: all of a plant; in place of a plant: all plants of a back end."""
-SUFFIXES = tuple(f"{round(100 * threshold)}" for threshold in THRESHOLDS)
+SUFFIXES: Final = tuple(f"{round(100 * threshold)}" for threshold in THRESHOLDS)
 
-COLUMNS = (
+COLUMNS: Final = (
     Column("plant_id", "", "name of the plant; all = every plant of this table"),
     Column("backend", "", "who found the bolls in the images"),
     Column("image", "", "name of the image; all = every judged image"),

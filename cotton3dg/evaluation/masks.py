@@ -19,6 +19,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,8 @@ from ..files.colmap import read_cameras
 from ..files.images import read_ids
 from ..workspace import Workspace
 
-THRESHOLDS = (0.25, 0.5, 0.75)
-LEAST_PX = 40
+THRESHOLDS: Final = (0.25, 0.5, 0.75)
+LEAST_PX: Final = 40
 
 
 @dataclass(frozen=True)

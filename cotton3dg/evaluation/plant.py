@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,11 @@ from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls
 
-MATCH_DISTANCE_CM = 3.0
+MATCH_DISTANCE_CM: Final = 3.0
 """A predicted boll counts as a true one when their centres are no farther apart."""
 
-CM_PER_UNIT = {"m": 100.0, "cm": 1.0, "mm": 0.1}
-TRUTH_OF_TRAIT = {
+CM_PER_UNIT: Final = {"m": 100.0, "cm": 1.0, "mm": 0.1}
+TRUTH_OF_TRAIT: Final = {
     "boll_count": "boll_count",
     "boll_volume_cm3": "total_boll_convex_volume_cm3",
     "plant_height_cm": "plant_height_cm",
@@ -38,7 +39,7 @@ TRUTH_OF_TRAIT = {
 """Those as published stand beside the defaults; tables of older versions lack them."""
 
 
-MAP_TRAITS = (
+MAP_TRAITS: Final = (
     "stem_length_cm",
     "stem_diameter_mm",
     "stem_lean_deg",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,12 @@ from ..mapping.summary import summarise_map
 from ..workspace import Workspace
 from .match import match_bolls
 
-FOOT_CM = 3.0
-DIRECTION_DEG = 30.0
+FOOT_CM: Final = 3.0
+DIRECTION_DEG: Final = 30.0
 """A branch is a true one when their feet are no farther apart and their ways out no more turned."""
-LONG_ENOUGH_CM = 3.0
+LONG_ENOUGH_CM: Final = 3.0
 """Shorter true branches need not be found; one that is found is no mistake."""
-MATCH_DISTANCE_CM = 3.0
+MATCH_DISTANCE_CM: Final = 3.0
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,10 @@ from .changes import REACH_CM, compare_films
 from .filmed import Filmed, comparable_traits, read_filmed
 from .match import match_bolls
 
-FEWEST = 3
+FEWEST: Final = 3
 """Pairs for a test of bias."""
-BOLL_TRAITS = {"boll volume": "cm3", "boll diameter": "cm"}
-NOT_ALL = "in one film only; no volume"
+BOLL_TRAITS: Final = {"boll volume": "cm3", "boll diameter": "cm"}
+NOT_ALL: Final = "in one film only; no volume"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,13 @@ from ..files.tables import csv_text, parse_number, read_rows
 from .match import match_bolls
 from .plant import MATCH_DISTANCE_CM
 
-ID, BOLL = "plant_id", "boll_id"
-PLACE = ("x_cm", "y_cm", "z_cm")
+ID: Final = "plant_id"
+BOLL: Final = "boll_id"
+PLACE: Final = ("x_cm", "y_cm", "z_cm")
 """Centre of a boll in the plant's frame."""
-WEIGHT = "boll_weight_g"
-VOLUME = "boll_volume_cm3"
-NOT_TRAITS = (
+WEIGHT: Final = "boll_weight_g"
+VOLUME: Final = "boll_volume_cm3"
+NOT_TRAITS: Final = (
     ID, BOLL, *PLACE, "version", "scale_source", "qc_flags", "seconds", "n_frames", "registered_pct", "psnr_db",
     "n_gaussians", "n_views", "confidence",
 )  # fmt: skip
@@ -236,7 +238,7 @@ def _no_trait(measured_csv: Path, truth_csv: Path) -> BadInput:
     return BadInput(f"{truth_csv.name} has no trait of {measured_csv.name}; name its columns as in traits.csv")
 
 
-SCORES = (
+SCORES: Final = (
     Column("trait", "", "column of traits.csv; boll_weight_g: predicted from boll_volume_cm3, each plant left out"),
     Column("n", "1", "plants that have both values"),
     Column("rmse", "", "root mean square error, in the trait's unit", 4),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,10 @@ from ..files.scatter import write_fit
 from ..traits.weight import predict
 from .tables import VOLUME, WEIGHT, parse_finite, predict_left_out, read_by_plant, score
 
-PREDICTORS = (VOLUME, "boll_count")
+PREDICTORS: Final = (VOLUME, "boll_count")
 """The volume first: a plant without one is predicted by its count."""
-LINT_PCT = "lint_pct"
-LEAST_PLANTS = 3
+LINT_PCT: Final = "lint_pct"
+LEAST_PLANTS: Final = 3
 """A line through two has no scatter to tell an interval from."""
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column
 from .study import Study
 from .tables import TRAIT_COLUMNS, Field, observed, shown
 
-ONTOLOGY = {"ontologyDbId": "CO_358", "ontologyName": "Crop Ontology, cotton"}
-METHOD = "cotton3dg"
+ONTOLOGY: Final = {"ontologyDbId": "CO_358", "ontologyName": "Crop Ontology, cotton"}
+METHOD: Final = "cotton3dg"
 
 
 def brapi_files(field: Field, study: Study) -> dict[str, Any]:

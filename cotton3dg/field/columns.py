@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column
 from ..files.fieldbook import FieldBook, plain_name
 
-ROLES = {
+ROLES: Final = {
     "genotype": ("genotype", "germplasm", "germplasmname", "line", "accession", "variety", "cultivar", "entry",
                  "stock_name", "entry_name"),
     "block": ("block", "rep", "replicate", "replication", "blocknumber"),
@@ -23,8 +23,8 @@ ROLES = {
     "site": ("site", "location", "site_name", "field", "studyname", "study"),
 }  # fmt: skip
 """What a column may be to an experiment -> names that labs give it, the usual ones first."""
-TAKEN_PREFIX = "fieldbook_"
-NUMBER = re.compile(r"-\d+(\.\d+)?")
+TAKEN_PREFIX: Final = "fieldbook_"
+NUMBER: Final = re.compile(r"-\d+(\.\d+)?")
 
 
 def find_roles(columns: Sequence[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,10 @@ from ..core.columns import Column
 from ..files.tables import parse_number
 from .columns import find_roles
 
-TRAITS = ("boll_count", "boll_volume_cm3", "boll_volume_mean_cm3", "plant_height_cm", "canopy_size_cm")
-LEAST_GENOTYPES = 2
+TRAITS: Final = ("boll_count", "boll_volume_cm3", "boll_volume_mean_cm3", "plant_height_cm", "canopy_size_cm")
+LEAST_GENOTYPES: Final = 2
 
-MEANS_COLUMNS = (
+MEANS_COLUMNS: Final = (
     Column("trait", "", "column of batch.csv"),
     Column("genotype", "", "as the field book has it"),
     Column("plants", "1", "with a value"),
@@ -25,7 +25,7 @@ MEANS_COLUMNS = (
     Column("adjusted_mean", "of the trait", "least-squares mean: of a plant in the average block and treatment", 3),
     Column("standard_error", "of the trait", "of the adjusted mean", 3),
 )
-FIT_COLUMNS = (
+FIT_COLUMNS: Final = (
     Column("trait", "", "column of batch.csv"),
     Column("model", "", "what a value is the sum of"),
     Column("plants", "1", "with a value"),

@@ -5,25 +5,25 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from .study import Study
 from .tables import SPECIES, TRAIT_COLUMNS, Field, Sheets, observed, shown
 
-DATA_FILE = "observations.tsv"
+DATA_FILE: Final = "observations.tsv"
 
-INVESTIGATION = (
+INVESTIGATION: Final = (
     "investigationId", "investigationTitle", "investigationDescription", "submissionDate", "publicReleaseDate",
     "license", "miappeVersion", "associatedPublication",
 )  # fmt: skip
-STUDY = (
+STUDY: Final = (
     "studyId", "studyTitle", "studyDescription", "studyStartDate", "studyEndDate", "contactInst", "locationCountry",
     "siteName", "locationLatitude", "locationLongitude", "locationAltitude", "expeDesignDesc", "expeDesignType",
     "obsUnitLevelHierarchy", "obsUnitDesc", "growthFacilityDesc", "growthFacilityType", "culturalPractice",
     "expeDesignMap",
 )  # fmt: skip
-PERSON = ("studyId", "personName", "personEmail", "personId", "personRole", "personAffiliation")
-MATERIAL = (
+PERSON: Final = ("studyId", "personName", "personEmail", "personId", "personRole", "personAffiliation")
+MATERIAL: Final = (
     "studyId", "biologicalMaterialId", "biologicalMaterialExtId", "organism", "genus", "species", "infraspecificName",
     "biologicalMaterialLatitude", "biologicalMaterialLongitude", "biologicalMaterialAltitude",
     "biologicalMaterialCoordUncertainty", "biologicalMaterialPreprocessing", "materialSourceId", "materialSourceDoi",
@@ -31,17 +31,17 @@ MATERIAL = (
     "materialSourceOtherIds", "materialSourceLatitude", "materialSourceLongitude", "materialSourceAltitude",
     "materialSourceCoordUncertainty", "materialSourceDesc",
 )  # fmt: skip
-UNIT = (
+UNIT: Final = (
     "studyId", "biologicalMaterialId", "obsUnitId", "obsUnitType", "externalId", "spatialDistribution",
     "obsUnitFactorValue",
 )  # fmt: skip
-FACTOR = ("studyId", "expeFactorType", "expeFactorDesc", "expeFactorValues")
-VARIABLE = (
+FACTOR: Final = ("studyId", "expeFactorType", "expeFactorDesc", "expeFactorValues")
+VARIABLE: Final = (
     "studyId", "variableId", "variableName", "variableAccNumber", "traitName", "traitEntity",
     "traitEntityAccessionNumber", "traitCharacteristic", "traitCharacteristicAccessionNumber", "traitAccNumber",
     "methodName", "methodAccNumber", "methodDesc", "methodRef", "scaleName", "scaleAccNumber", "timeScale",
 )  # fmt: skip
-REQUIRED = {
+REQUIRED: Final = {
     "Investigation": ("investigationTitle", "miappeVersion"),
     "Study": ("studyTitle", "studyStartDate", "contactInst", "locationCountry", "siteName", "expeDesignDesc",
               "obsUnitDesc", "growthFacilityDesc"),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column
 from .study import Study
 from .tables import BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE, TRAIT_COLUMNS, Field, Sheets, observed, shown
 
-COTTONGEN_ROLES = {"site_name": "site", "rep": "block", "plot": "plot", "row": "row", "position": "column"}
-SHEETS = {TABLE: "plants", BOLL_TABLE: "bolls", MEANS_TABLE: "genotypes", FITS_TABLE: "heritability"}
+COTTONGEN_ROLES: Final = {"site_name": "site", "rep": "block", "plot": "plot", "row": "row", "position": "column"}
+SHEETS: Final = {TABLE: "plants", BOLL_TABLE: "bolls", MEANS_TABLE: "genotypes", FITS_TABLE: "heritability"}
 
 
 def cottongen_sheets(field: Field, study: Study) -> Sheets:

@@ -6,11 +6,12 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from ..errors import BadInput
 
-STUDY_FILE = "study.toml"
-SECTIONS = ("Investigation", "Study", "Person")
+STUDY_FILE: Final = "study.toml"
+SECTIONS: Final = ("Investigation", "Study", "Person")
 
 
 @dataclass(frozen=True)

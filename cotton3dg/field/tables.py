@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column, columns_of
 from ..core.measurements import PlantTraits
@@ -16,9 +16,11 @@ from ..files.tables import BOLLS, TRAITS, read_rows, value_of
 from .columns import find_roles
 from .genotypes import FIT_COLUMNS, MEANS_COLUMNS
 
-TABLE, BOLL_TABLE = "batch.csv", "batch_bolls.csv"
-MEANS_TABLE, FITS_TABLE = "genotypes.csv", "heritability.csv"
-BATCH_COLUMNS = (
+TABLE: Final = "batch.csv"
+BOLL_TABLE: Final = "batch_bolls.csv"
+MEANS_TABLE: Final = "genotypes.csv"
+FITS_TABLE: Final = "heritability.csv"
+BATCH_COLUMNS: Final = (
     Column("folder", "", "the plant's folder, relative to the batch's"),
     Column("state", "", "failed, waiting (not yet tried) or done"),
     Column("exit_code", "1", "of cotton3dg run; negative: the signal that ended it"),
@@ -26,12 +28,12 @@ BATCH_COLUMNS = (
     *TRAITS,
 )
 """Of batch.csv; the field book's columns follow."""
-KNOWN = {TABLE: BATCH_COLUMNS, BOLL_TABLE: BOLLS, MEANS_TABLE: MEANS_COLUMNS, FITS_TABLE: FIT_COLUMNS}
+KNOWN: Final = {TABLE: BATCH_COLUMNS, BOLL_TABLE: BOLLS, MEANS_TABLE: MEANS_COLUMNS, FITS_TABLE: FIT_COLUMNS}
 Sheets = dict[str, tuple[Sequence[str], list[list[Any]]]]
 """Name -> columns and rows."""
-SPECIES = {"hirsutum": 3635, "barbadense": 3634, "arboreum": 29729, "herbaceum": 34274}
+SPECIES: Final = {"hirsutum": 3635, "barbadense": 3634, "arboreum": 29729, "herbaceum": 34274}
 """Of cultivated cotton -> number in NCBI's taxonomy; the first where the field book says nothing."""
-DATE = re.compile(r"\d{4}-\d\d-\d\d(T\d\d:\d\d(:\d\d)?(Z|[+-]\d\d:\d\d)?)?")
+DATE: Final = re.compile(r"\d{4}-\d\d-\d\d(T\d\d:\d\d(:\d\d)?(Z|[+-]\d\d:\d\d)?)?")
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Field:
         return date if DATE.fullmatch(date) else ""
 
 
-TRAIT_COLUMNS: Sequence[Column] = tuple(
+TRAIT_COLUMNS: Final[Sequence[Column]] = tuple(
     column
     for column in columns_of(PlantTraits)
     if column.name != "corrections" and not column.name.startswith("original_")

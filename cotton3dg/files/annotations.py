@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from .instances import AnnotatedImage, paint_all, read_json
 from .labelme import is_labelme, parse_labelme
 from .yolo_labels import read_yolo_labels
 
-SAME_ASPECT = 0.01
+SAME_ASPECT: Final = 0.01
 """Relative difference of aspect ratios that rounding to whole pixels leaves in small images."""
-CLASS_NAMES = "classes.txt"
+CLASS_NAMES: Final = "classes.txt"
 """Beside YOLO labels: the name of a class a line."""
 
 

@@ -7,14 +7,14 @@ import math
 import tokenize
 import zipfile
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
 
-_DAMAGED = (
+_DAMAGED: Final = (
     OSError, EOFError, ValueError, SyntaxError, TypeError, KeyError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, tokenize.TokenError,
 )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,8 @@ from numpy.typing import NDArray
 from ..core.libraries import import_open3d
 from ..errors import BadInput, MissingInput
 
-SUFFIXES = (".ply", ".pcd", ".xyz", ".txt", ".csv")
-LABELS = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label", "scalar_Label")
+SUFFIXES: Final = (".ply", ".pcd", ".xyz", ".txt", ".csv")
+LABELS: Final = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label", "scalar_Label")
 """Names of a point attribute that numbers the bolls from 1 on; CloudCompare puts `scalar_` in front."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from .instances import AnnotatedImage, Instance, check_size, fill_polygons, parse_score, trace_outlines
 
-EXPORT_TOLERANCE_PX = 0.5
+EXPORT_TOLERANCE_PX: Final = 0.5
 """Half a pixel: less than people draw to, and a tenth of the corners."""
 
 

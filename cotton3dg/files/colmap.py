@@ -6,6 +6,7 @@ import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +16,15 @@ from ..errors import BadInput, MissingInput
 
 log = logging.getLogger("cotton3dg")
 
-PARAMETER_COUNTS = {0: 3, 1: 4}
+PARAMETER_COUNTS: Final = {0: 3, 1: 4}
 """Of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
-MAX_COORDINATE = 1e12
+MAX_COORDINATE: Final = 1e12
 """su; beyond it, as with NaN, a pose or point is lost rather than far."""
 
 
-OBSERVATION = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<i8")])
+OBSERVATION: Final = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<i8")])
 """A feature of an image and the triangulated point it shows, -1 = none."""
-POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("n_images", "<u8")])
+POINT: Final = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("n_images", "<u8")])
 """A triangulated point; as many images and features, 8 bytes each, follow."""
 
 

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 from ..errors import Cotton3dgError, EnvironmentUnusable, OutOfResources, StageFailed
 from .video import ffmpeg_binary
 
-COLOURS = {"colorspace": "smpte170m", "color_primaries": "bt709", "color_trc": "bt709"}
+COLOURS: Final = {"colorspace": "smpte170m", "color_primaries": "bt709", "color_trc": "bt709"}
 """Tags that say how ffmpeg converts RGB unless told otherwise; without them players guess by the size."""
-CROPPED_QUALITY = 12
+CROPPED_QUALITY: Final = 12
 """x264's constant rate factor; what is lost is far below what a phone lost before."""
-LOWEST_PRIORITY = 19
+LOWEST_PRIORITY: Final = 19
 
 
 @contextmanager

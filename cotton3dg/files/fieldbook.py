@@ -6,16 +6,17 @@ import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from ..errors import BadInput, BadUsage
 
-ID_COLUMNS = (
+ID_COLUMNS: Final = (
     "plant_id", "unique_id", "observationunitname", "plot_name", "plot_id", "id", "plot", "plantid", "plotid",
 )  # fmt: skip
 """Where the ids are looked for, in this order; spelling of capitals, spaces and hyphens does not matter."""
-FIELD_BOOK = "fieldbook.csv"
+FIELD_BOOK: Final = "fieldbook.csv"
 """Of a field, in its folder."""
-MOST_BYTES = 50_000_000
+MOST_BYTES: Final = 50_000_000
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,21 @@ from __future__ import annotations
 import re
 import struct
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput, MissingInput, OutOfResources
 
-MAX_PIXELS = 2**27
+MAX_PIXELS: Final = 2**27
 """134 Mpx: more than any phone saves, and 400 MB once decoded."""
-MAX_FILE_BYTES = 2**29
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-JPEG_QUALITY = 97
+MAX_FILE_BYTES: Final = 2**29
+IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+JPEG_QUALITY: Final = 97
 
 # A marker inside entropy-coded data: 0xff followed by anything but a stuffed zero, a restart marker or fill.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+_JPEG_MARKER: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 
 def list_images(folder: Path) -> list[Path]:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from ..core.scene import Float64
 from ..errors import BadInput
 from .images import MAX_PIXELS
 
-MAX_JSON_BYTES = 2**28
-FARTHEST_PX = 1e5
+MAX_JSON_BYTES: Final = 2**28
+FARTHEST_PX: Final = 1e5
 """Distance from the image at which a corner is no slip of the hand any more."""
-SUBPIXELS = 8
+SUBPIXELS: Final = 8
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-CHARACTER = 0.58
+CHARACTER: Final = 0.58
 """Width of a character of a sans-serif font, in its size; the mean of letters and digits."""
-PAD_PX = 1.5
-OVERLAP, CROSSING, DISTANCE = 100.0, 4.0, 0.02
+PAD_PX: Final = 1.5
+OVERLAP: Final = 100.0
+CROSSING: Final = 4.0
+DISTANCE: Final = 0.02
 """What it costs to hide all of a label's area, to lie on a line all along, and to stand a pixel farther off."""
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom, px."""

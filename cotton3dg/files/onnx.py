@@ -6,15 +6,18 @@ The format: https://github.com/onnx/onnx/blob/main/onnx/onnx.proto.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
 
-_TENSOR_KINDS = {"float32": 1, "int64": 7, "float16": 10}
-_FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
+_TENSOR_KINDS: Final = {"float32": 1, "int64": 7, "float16": 10}
+_FLOAT: Final = 1
+_INT: Final = 2
+_STRING: Final = 3
+_INTS: Final = 7
 
 
 def model(

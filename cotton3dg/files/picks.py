@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from .tables import read_rows
 
-COLUMNS = ("point", "image", "x_px", "y_px")
+COLUMNS: Final = ("point", "image", "x_px", "y_px")
 
 
 def read_picks(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:

@@ -8,6 +8,7 @@ natural logarithms, rotations are wxyz. Other tools refuse extra columns, so non
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 from ..core.scene import Gaussians
 from ..errors import BadInput
 
-SH_CONSTANT = 0.28209479177387814
+SH_CONSTANT: Final = 0.28209479177387814
 """Value of the constant spherical harmonic, 1 / (2 sqrt(pi))."""
 
-_HEADER_LIMIT = 65536
-_SCALARS = {
+_HEADER_LIMIT: Final = 65536
+_SCALARS: Final = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "<i2", "int16": "<i2", "ushort": "<u2",
     "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "float": "<f4", "float32": "<f4",
     "double": "<f8", "float64": "<f8",

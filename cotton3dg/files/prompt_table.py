@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from ..core.scene import Float64
 from ..errors import BadInput, MissingInput
 from .tables import parse_number, read_rows
 
-POINT, BOX = ("x", "y"), ("x1", "y1", "x2", "y2")
+POINT: Final = ("x", "y")
+BOX: Final = ("x1", "y1", "x2", "y2")
 
 
 def read_prompts(path: Path) -> dict[str, Float64]:

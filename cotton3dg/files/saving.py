@@ -11,11 +11,11 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..errors import EnvironmentUnusable, OutOfResources
 
-FULL_BELOW_BYTES = 2**20
+FULL_BELOW_BYTES: Final = 2**20
 """No stage can work with less."""
 
 

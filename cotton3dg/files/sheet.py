@@ -5,11 +5,12 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-CM_PER_POINT = 2.54 / 72
+CM_PER_POINT: Final = 2.54 / 72
 
 
 def write_sheet(path: Path, sheet: NDArray[np.uint8], dots_per_cm: int, *, pdf: bool = True) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +12,18 @@ from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..geometry.polylines import length_of
 from .labels import Labels, Spot, around, beside, text_box
 
-INK, FRUITING, VEGETATIVE, BOLL = "#222", "#7a4a1e", "#4a7a2e", "#1f5fa8"
-PX_PER_CM = 9.0
-MARGIN_PX = 110.0
-BOLL_PX = 9.0
+INK: Final = "#222"
+FRUITING: Final = "#7a4a1e"
+VEGETATIVE: Final = "#4a7a2e"
+BOLL: Final = "#1f5fa8"
+PX_PER_CM: Final = 9.0
+MARGIN_PX: Final = 110.0
+BOLL_PX: Final = 9.0
 Px = tuple[float, float]
 """A place on the drawing."""
-LEADER_PX = 6.0
+LEADER_PX: Final = 6.0
 """A boll farther from its label has a line to it; a branch, which its label stands off, three times as far."""
-RISE = np.tan(np.radians(18.0))
+RISE: Final = np.tan(np.radians(18.0))
 """Slope at which branches are drawn, one as the other."""
 
 

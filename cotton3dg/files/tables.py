@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column, columns_of
 from ..core.lint_colour import BollColour, LintColour
@@ -14,22 +14,22 @@ from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
 from ..errors import BadInput
 
-BYTE_ORDER_MARK = "\ufeff"
+BYTE_ORDER_MARK: Final = "\ufeff"
 
 
-TRAITS = (
+TRAITS: Final = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
     *columns_of(PlantTraits, PlantEvidence, MapTraits, LintColour),
 )
 """Of traits.csv."""
 
-BOLLS = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
+BOLLS: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
 """Of bolls.csv."""
 
-BRANCHES = (Column("plant_id", "", "name of the plant"), *columns_of(BranchTraits))
+BRANCHES: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BranchTraits))
 """Of branches.csv."""
 
-COLUMNS = (
+COLUMNS: Final = (
     Column("table", "", "file that has the column"),
     Column("column", "", "header of the column"),
     Column("unit", "", "unit of its values"),

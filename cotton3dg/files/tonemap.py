@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-PQ, HLG = "smpte2084", "arib-std-b67"
+PQ: Final = "smpte2084"
+HLG: Final = "arib-std-b67"
 """ffmpeg's names of the two transfer functions of ITU-R BT.2100."""
-REFERENCE_WHITE_NITS = 203.0
+REFERENCE_WHITE_NITS: Final = 203.0
 """Diffuse white of HDR video (ITU-R BT.2408)."""
 
 # ITU-R BT.2087: linear BT.2020 to linear BT.709.
-_BT709_FROM_BT2020 = np.array(
+_BT709_FROM_BT2020: Final = np.array(
     [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]], np.float32
 )
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
-LABEL_PLACES = (("left", 7, 4), ("left", 7, -10), ("right", -7, 4), ("right", -7, -10), ("left", 7, -19))
+LABEL_PLACES: Final = (("left", 7, 4), ("left", 7, -10), ("right", -7, 4), ("right", -7, -10), ("left", 7, -19))
 """Beside a dot: alignment, and distance in points. Where others stand at all of them, a label is left out."""
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Generic, TypeVar
+from typing import IO, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,12 @@ from .images import MAX_PIXELS, fit_size
 from .tonemap import HLG, PQ, tone_map
 from .yuv import Coding, YuvFrame
 
-DEMUXERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
-DECODER_DELAY_FRAMES = 32
+DEMUXERS: Final = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
+DECODER_DELAY_FRAMES: Final = 32
 """A threaded decoder reports a damaged frame up to this many frames before it comes out."""
-PIPE_BYTES = 2**20
+PIPE_BYTES: Final = 2**20
 """The most that Linux gives without asking: a frame then passes in a few steps."""
-FRAME_RATE_OUT = 25
+FRAME_RATE_OUT: Final = 25
 """Any constant: see `_in_step`."""
 
 T = TypeVar("T")

@@ -5,6 +5,7 @@ image's width and height (https://docs.ultralytics.com/datasets/segment). A file
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from .instances import AnnotatedImage, Instance, check_size, fill_polygons, trace_outlines
 
-BOX_COLUMNS = 5
-TOLERANCE_PX = 0.5
+BOX_COLUMNS: Final = 5
+TOLERANCE_PX: Final = 0.5
 
 
 def read_yolo_labels(path: Path, height: int, width: int, names: list[str]) -> AnnotatedImage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from .images import fit_size
 from .tonemap import tone_map
 
-LUMA_WEIGHTS = {"bt709": (0.2126, 0.0722), "bt2020nc": (0.2627, 0.0593), "bt2020c": (0.2627, 0.0593)}
+LUMA_WEIGHTS: Final = {"bt709": (0.2126, 0.0722), "bt2020nc": (0.2627, 0.0593), "bt2020c": (0.2627, 0.0593)}
 """Of red and blue, by the name that ffmpeg gives a matrix (ITU-R BT.709, BT.2020); ..."""
-USUAL_WEIGHTS = (0.299, 0.114)
+USUAL_WEIGHTS: Final = (0.299, 0.114)
 """... and of all others (BT.601), which is what ffmpeg takes where a file does not say."""
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-TIE = 0.01
+TIE: Final = 0.01
 """Relative difference below which two sides count as equal, so that the choice between their axes is arbitrary."""
 
 

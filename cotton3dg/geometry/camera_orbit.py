@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
-GAP_BIN_DEG = 15.0
+GAP_BIN_DEG: Final = 15.0
 """Camera directions farther apart than this leave a gap; bolls still overlap in views 15 degrees apart."""
 
 

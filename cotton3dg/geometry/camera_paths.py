@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
-SMOOTHING = 2.0
+SMOOTHING: Final = 2.0
 """Standard deviation in images: a hand shakes from one image to the next, a walk turns over many."""
 
 

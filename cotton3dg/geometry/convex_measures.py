@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .boxes import fibonacci_directions
 
-FLAT = 1e-5
+FLAT: Final = 1e-5
 """Thickness of a set relative to its length below which it has no volume: ten times what float32 centres resolve."""
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 from .triangulation import triangulate
 
-PICK_PX = 1.0
+PICK_PX: Final = 1.0
 """Standard error of a place picked by hand."""
-SLIP_PX = 6.0
+SLIP_PX: Final = 6.0
 """Farther from the point that the others agree on, a pick is a slip."""
 
 

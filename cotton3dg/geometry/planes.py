@@ -5,28 +5,31 @@ All lengths below are relative to the radius R of the orbit, because nothing has
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
 from .camera_orbit import Orbit
 
-TOLERANCE = 0.006
+TOLERANCE: Final = 0.006
 """Distance from a plane that counts as on it, R: 8 mm at an orbit of 1.3 m."""
-CELL = 0.02
+CELL: Final = 0.02
 """Cells in which covered area is counted, R."""
-REACH = 0.75
+REACH: Final = 0.75
 """As far from the orbit's axis as a table reaches, R."""
-ROOM = 3.0
+ROOM: Final = 3.0
 """As far from it a floor is looked at, R."""
-MOST_PARALLEL, LEAST_PARALLEL = 6, 15
+MOST_PARALLEL: Final = 6
+LEAST_PARALLEL: Final = 15
 """Heights that are looked at, and points that make one."""
-MAX_TILT = np.radians(25.0)
+MAX_TILT: Final = np.radians(25.0)
 """Between the table's normal and the orbit's axis: people raise and lower the phone while they walk."""
-MIN_AREA = 0.2
+MIN_AREA: Final = 0.2
 """Area of a plane relative to the largest one; two clamp tubes cover a twentieth of the table."""
-HYPOTHESES = 10_000
-STANDS_OUT = 1.4
+HYPOTHESES: Final = 10_000
+STANDS_OUT: Final = 1.4
 """Points on a surface, relative to those in the layers right above and below it, each as thick. Of 348 table tops and
 floors 334 have more (most ten times as many), of 38 slices through crowns none."""
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
-MIN_GAUSSIANS = 10
+MIN_GAUSSIANS: Final = 10
 """Least number of Gaussians in an object (the seed paper's min_samples)."""
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 Float64 = NDArray[np.float64]
-TOGETHER = 100_000
+TOGETHER: Final = 100_000
 """Pairs of a place and a piece of a polyline that are looked at in one go."""
 
 

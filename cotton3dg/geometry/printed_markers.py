@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
 
-SMALLEST = 0.02
+SMALLEST: Final = 0.02
 """Least length around a marker, in sides of the picture: one that lies on the table is seen under a small angle and may
 be a few pixels high."""
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
-LEAST_ANGLE = np.radians(3.0)
+LEAST_ANGLE: Final = np.radians(3.0)
 """Between two rays that may suggest a point; closer ones tell its depth badly."""
-HYPOTHESES = 200
-FULL_WIDTH_PX = 1280
+HYPOTHESES: Final = 200
+FULL_WIDTH_PX: Final = 1280
 """Larger photos are judged more leniently, by their width: structure from motion errs by angles."""
 
 

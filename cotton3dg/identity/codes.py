@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from ..geometry.printed_markers import find_squares
 from .card import Picture
 from .names import PREFIX, card_id, id_problem
 
-MODULE_PX = 8
+MODULE_PX: Final = 8
 """Of a code that is seen from above by its markers."""
-CODE_MODULES = (25, 29, 21, 33, 37)
+CODE_MODULES: Final = (25, 29, 21, 33, 37)
 """Along a side of the codes of ids of 1 to 64 letters, the usual ones first."""
-LEAST_FRAMES = 2
+LEAST_FRAMES: Final = 2
 """Frames that must read the same id."""
 
 

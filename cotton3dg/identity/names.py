@@ -7,13 +7,14 @@ import hashlib
 import re
 import unicodedata
 import zlib
+from typing import Final
 
-PREFIX = "c3d:"
+PREFIX: Final = "c3d:"
 """How the text of a card's code begins, so that no other code in the picture is taken for one."""
-CHECK_CHARACTERS = 4
-MOST_CHARACTERS = 64
+CHECK_CHARACTERS: Final = 4
+MOST_CHARACTERS: Final = 64
 """Of an id. Longer ones need codes too fine for a video."""
-DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """What Windows takes for a device, whatever folder it is in."""
 
 

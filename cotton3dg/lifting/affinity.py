@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,13 @@ if TYPE_CHECKING:
 
 Float32 = NDArray[np.float32]
 
-LEARNING_RATE = 0.0025
-RAYS_PER_VIEW, RAYS_PER_STEP = 4096, 1024
-GAUSSIANS_PER_RAY, NEIGHBOURS = 16, 16
-RING_PX = 10
-BETA = 1.0
+LEARNING_RATE: Final = 0.0025
+RAYS_PER_VIEW: Final = 4096
+RAYS_PER_STEP: Final = 1024
+GAUSSIANS_PER_RAY: Final = 16
+NEIGHBOURS: Final = 16
+RING_PX: Final = 10
+BETA: Final = 1.0
 
 
 class FeatureRays(NamedTuple):

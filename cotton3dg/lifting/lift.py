@@ -9,7 +9,7 @@ depth discontinuities disagree; identities are not taken from the masks, the sta
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,12 @@ from ..geometry.camera_orbit import Orbit
 
 Float32 = NDArray[np.float32]
 
-RIM_ID = 65535
+RIM_ID: Final = 65535
 """Mask id of the pixels that count neither for nor against a mask."""
-FOREGROUND_SHARE = 0.25
+FOREGROUND_SHARE: Final = 0.25
 """Least share of a candidate's weight inside masks: a boll that every third view finds is still a candidate, while the
 stem, which masks cover here and there, is not. Each boll's Gaussians are voted on again later, at one half."""
-LEAST_WEIGHT_PX = 0.05
+LEAST_WEIGHT_PX: Final = 0.05
 """Gaussians that nowhere reach this much weight are never seen: hidden inside, or far below one grey level."""
 
 

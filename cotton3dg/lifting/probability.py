@@ -15,7 +15,7 @@ held off 0 and 1 in the loss.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +26,15 @@ from ..splat.rasterizer import ray_weights
 
 Float32 = NDArray[np.float32]
 
-LEARNING_RATE = 0.0005
-MAP_MARGIN = 0.01
+LEARNING_RATE: Final = 0.0005
+MAP_MARGIN: Final = 0.01
 """P is held this far off 0 and 1 in the loss. Adam's steps stay short for thousands of steps after a large gradient, so
 rays that no p can explain, or a wrong beginning, would stop all Gaussians that they touch."""
-ADAM_EPSILON = np.float32(1e-15)
+ADAM_EPSILON: Final = np.float32(1e-15)
 """A Gaussian's share of the gradient may be 1e-9 or less, see Kerbl et al.; torch's 1e-8 would slow it down."""
-THRESHOLDS = (0.7, 0.75, 0.8, 0.9)
+THRESHOLDS: Final = (0.7, 0.75, 0.8, 0.9)
 """Of the paper's Table I."""
-REPORTED_STEPS = (3000, 7000, 10_000, 12_000)
+REPORTED_STEPS: Final = (3000, 7000, 10_000, 12_000)
 """Of the same table."""
 
 

@@ -4,6 +4,7 @@ segmentation, Fig. 3 and 4)."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,10 @@ from ..splat.rasterizer import render, render_values
 
 Float32 = NDArray[np.float32]
 
-PICTURED_STEPS = (0, 250, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 12_000)
-ACROSS = 4
+PICTURED_STEPS: Final = (0, 250, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 12_000)
+ACROSS: Final = 4
 """Maps side by side."""
-WIDTH_PX = 480
+WIDTH_PX: Final = 480
 """Of one map."""
 
 

@@ -12,7 +12,7 @@ has no unit).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,14 @@ from .lift import LEAST_WEIGHT_PX, RIM_ID, ViewWeights
 
 Float32 = NDArray[np.float32]
 
-LEAST_SIMILARITY = 0.75
-FAINT = 0.1
+LEAST_SIMILARITY: Final = 0.75
+FAINT: Final = 0.1
 """Opacity below which a Gaussian belongs to nothing."""
-EDGE_SPACINGS = 3.0
+EDGE_SPACINGS: Final = 3.0
 """Longest step of growing, in median spacings of the seeds."""
-BALL = 1.5
+BALL: Final = 1.5
 """Diameter of the ball that a set stays in, in those of its seeds, which are the side of the boll that is seen."""
-VOLUME_CAP = 3.0
+VOLUME_CAP: Final = 3.0
 """Largest hull in medians of all."""
 
 

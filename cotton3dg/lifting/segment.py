@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ from .probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, sample_vi
 from .probability_pictures import PICTURED_STEPS, draw_lint, draw_training
 from .prompts import PromptView, lift_prompts
 
-SHOWN_VIEWS = 4
+SHOWN_VIEWS: Final = 4
 """Maps of probabilities that are kept."""
 
 

@@ -8,21 +8,22 @@ simulated plants' bolls beyond such a place one in three is on a wrong branch, o
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from ..core.plant_map import Axis, PlantMap
 from ..geometry.polylines import nearest_on, path_lengths
 
-NEAR_CM = 1.6
+NEAR_CM: Final = 1.6
 """Centre lines that pass each other no farther apart may be mixed up."""
-BESIDE_STEM_CM = 1.5
+BESIDE_STEM_CM: Final = 1.5
 """Of a branch, from its foot: others that leave the stem there are no reason for doubt, ..."""
-FORK_CM = 2.0
+FORK_CM: Final = 2.0
 """... nor are its own branches, so far from their feet."""
-BEYOND_CM = 2.5
+BEYOND_CM: Final = 2.5
 """So far beyond a boll's node a place still may be where its branch goes astray."""
-STILL_RIGHT = 0.67
+STILL_RIGHT: Final = 0.67
 """Share of the bolls beyond such a place that are on the right branch all the same."""
 
 

@@ -9,6 +9,7 @@ of a pixel (docs/notes/plant_map.md). Not in the papers.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,12 @@ from ..core.scene import Camera, Gaussians
 from ..core.srgb import to_linear, to_srgb
 from ..splat.rasterizer import render
 
-VIEWS = 12
-LONGER_PX = 320
-HALF = 0.5
-LIKELY = (0.25, 0.75)
+VIEWS: Final = 12
+LONGER_PX: Final = 320
+HALF: Final = 0.5
+LIKELY: Final = (0.25, 0.75)
 """Black before white, and white before black, with some room."""
-LEAST_CONTRAST = 0.002
+LEAST_CONTRAST: Final = 0.002
 """Mean squared difference of wood and what is behind it, below which edges tell nothing."""
 
 

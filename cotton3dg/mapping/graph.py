@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +13,20 @@ from scipy.spatial import cKDTree
 
 from ..core.scene import Float64
 
-NEIGHBOURS = 12
-NEAR_CM = 1.0
+NEIGHBOURS: Final = 12
+NEAR_CM: Final = 1.0
 """Places no farther apart are joined at once."""
-GAP_CM = 0.5
+GAP_CM: Final = 0.5
 """A step of this length costs twice its length, longer ones more and more: wood is seen closer together than that."""
-COARSE_CM, FAR_CM, FAR_NEIGHBOURS = 0.8, 4.0, 16
+COARSE_CM: Final = 0.8
+FAR_CM: Final = 4.0
+FAR_NEIGHBOURS: Final = 16
 """Of the places so far apart, some are joined over so much: for gaps in wood that hangs together elsewhere."""
-BRIDGE_CM = 7.0
+BRIDGE_CM: Final = 7.0
 """The widest gap behind a boll or leaf that is bridged."""
-SMALL_PART = 64
+SMALL_PART: Final = 64
 """Places; larger parts are few."""
-DEAR = 2.0
+DEAR: Final = 2.0
 """A way through blades, burs and other bolls costs so many times its length."""
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise, product
+from typing import Final
 
 import numpy as np
 
@@ -30,21 +31,21 @@ from .untangle import (
     leaves_low,
 )
 
-ONE_FORK_CM = 2.0
+ONE_FORK_CM: Final = 2.0
 """Forks on a way that are no farther apart are one."""
-SAME_CM = 0.01
+SAME_CM: Final = 0.01
 """On the stem, only these are."""
-WINDOW_CM = 2.5
+WINDOW_CM: Final = 2.5
 """Directions are taken over such a piece, `AROUND_CM` from a fork."""
-MOST_DEG = 80.0
+MOST_DEG: Final = 80.0
 """No bend is less likely than this."""
-ROUNDS = 3
-HANGING_DEG = 3.0
+ROUNDS: Final = 3
+HANGING_DEG: Final = 3.0
 """For each centimetre between the foot of what hangs at a fork and a branch, that is as unlikely as such a bend: where
 branches touch that bear bolls there, each has those that are nearer to it."""
-HANGING_CM = 3.0
+HANGING_CM: Final = 3.0
 """That much of the branch at either side of the fork counts."""
-MOST_ARMS = 5
+MOST_ARMS: Final = 5
 """Of a fork besides the two of the loop; with more of them it stays as it is."""
 
 Arm = tuple[int, int]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
 from .wood import classify, thinned, wood_places
 
-CLOUD_SPACING_CM = 0.25
-LARGEST_CM = 400.0
+CLOUD_SPACING_CM: Final = 0.25
+LARGEST_CM: Final = 400.0
 """No cotton plant is taller or wider: a cloud that is shows a room, and the graph of a room has no end."""
 
 BollPlace = tuple[int, Float64, float]

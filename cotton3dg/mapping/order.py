@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -22,35 +23,35 @@ from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 from .untangle import leaves_low, untangled
 from .wood import BollBody, WoodCloud
 
-STALK_CM = 5.0
+STALK_CM: Final = 5.0
 """A way to a boll that is no longer, from a branch, is the boll's stalk; a longer one is a branch of its own."""
-TERMINAL_STALK_CM = 2.0
+TERMINAL_STALK_CM: Final = 2.0
 """Where a branch goes on into the stalk of its last boll, its last node is taken to be so far from the boll's foot."""
-SHORT_BRANCH_CM = 2.0
+SHORT_BRANCH_CM: Final = 2.0
 """On a vegetative branch, whose bolls all hang on branches of its own, so long a way to a boll is one."""
-SUB_BRANCH_CM = 3.5
+SUB_BRANCH_CM: Final = 3.5
 """Shorter ways that leave a branch are scars and dry tips."""
-NO_WAY_CM = 1.0
+NO_WAY_CM: Final = 1.0
 """A boll whose way from the stem is shorter has no branch there: it hangs on another one beside, ..."""
-BRANCH_BESIDE_CM = 3.0
+BRANCH_BESIDE_CM: Final = 3.0
 """... if one is so near to its foot, else on the stem. So does one that seems to hang on a vegetative branch."""
-TIP_CM = 3.0
+TIP_CM: Final = 3.0
 """A boll so near to the stem's tip sits on the stem."""
-CARPEL_CM = 4.5
+CARPEL_CM: Final = 4.5
 """A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
-CARPEL_REACH = 1.3
+CARPEL_REACH: Final = 1.3
 """Such a way ends within so many diameters of the boll's middle."""
-BASE_CM = 2.0
+BASE_CM: Final = 2.0
 """The straight piece of a branch next to its parent, which is continued into the parent's centre line."""
-BESIDE_CM = 0.4
+BESIDE_CM: Final = 0.4
 """It begins so far outside of the parent's wood."""
-BRANCH_RADIUS_CM = 0.2
-SEEN_CM = 0.5
-UPRIGHT_DEG = 55.0
-RISING_DEG = 35.0
+BRANCH_RADIUS_CM: Final = 0.2
+SEEN_CM: Final = 0.5
+UPRIGHT_DEG: Final = 55.0
+RISING_DEG: Final = 35.0
 """The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
-VEGETATIVE_CM = 12.0
-NODE_BEND_DEG = 20.0
+VEGETATIVE_CM: Final = 12.0
+NODE_BEND_DEG: Final = 20.0
 """What seems to be a vegetative branch that ends in a boll bends so much where its last fruiting branch leaves: it is
 straight itself, and the fruiting branch bends once more at its boll."""
 

@@ -9,6 +9,7 @@ trace.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,13 @@ from .. import _native
 from ..core.scene import Camera, Float64
 from ..splat.rasterizer import view_of
 
-ASIDE_PX = (2.5, 3.5)
+ASIDE_PX: Final = (2.5, 3.5)
 """Where, at either side of a line, the photo shows what is behind."""
-NOISE = 3.5
+NOISE: Final = 3.5
 """Of a pixel, grey levels."""
-COLOUR_SHARE = 0.35
+COLOUR_SHARE: Final = 0.35
 """By how much of its contrast to what is behind a twig's colour may differ from the wood's."""
-NEAREST_CM = 1e-9
+NEAREST_CM: Final = 1e-9
 """Depth from which a photo shows a place: all that is before the camera."""
 
 

@@ -9,6 +9,7 @@ them is its probability.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,35 +17,35 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 from ..geometry.polylines import length_of, resampled
 
-STEP_CM = 0.5
-APART_CM = 2.0
+STEP_CM: Final = 0.5
+APART_CM: Final = 2.0
 """Nodes are no nearer to each other."""
-EMPTY = 0.45
+EMPTY: Final = 0.45
 """How likely a site is to have lost its boll when one farther out has kept its own."""
-MOST_EVIDENCE = 3.0
-LAST = 3
+MOST_EVIDENCE: Final = 3.0
+LAST: Final = 3
 """Positions from this on are one."""
-MOST_NODES = 6
-STALK_CM = (2.5, 1.0)
+MOST_NODES: Final = 6
+STALK_CM: Final = (2.5, 1.0)
 """Mean and standard deviation of the straight distance from a node to the foot of its boll."""
-SEEN_CM = 2.5
+SEEN_CM: Final = 2.5
 """Standard deviation, along the branch, of where a stalk seems to leave it: it may lie beside the branch for a while,
 or the boll touch another place of it."""
-BEYOND_CM = 1.0
+BEYOND_CM: Final = 1.0
 """No node is farther out than the foot of its boll by more."""
-WINDOW_CM = 1.8
+WINDOW_CM: Final = 1.8
 """Chord on either side of a place that tells its bend."""
-BEND_DEG = (24.0, 11.0)
+BEND_DEG: Final = (24.0, 11.0)
 """Mean and standard deviation of the bend at a node, ..."""
-STRAIGHT_DEG = 8.0
+STRAIGHT_DEG: Final = 8.0
 """... and root mean square of that between nodes."""
-FIRST_CM = (8.0, 0.55)
+FIRST_CM: Final = (8.0, 0.55)
 """First internode of the lowest fruiting branch, and the share by which that at the stem's tip is shorter. With the
 spreads below these are a broad guess at upland cotton, not a fit to any plants."""
-FIRST_SPREAD = 0.35
-SHRINKS = 0.7
+FIRST_SPREAD: Final = 0.35
+SHRINKS: Final = 0.7
 """An internode to the one before it."""
-SHRINKS_SPREAD = 0.3
+SHRINKS_SPREAD: Final = 0.3
 """Both spreads are of the logarithm."""
 
 

@@ -6,6 +6,7 @@ Wood ends where the model's opacity is that of a pixel which wood half covers (`
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +14,17 @@ from numpy.typing import NDArray
 from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.polylines import nearest_on, path_lengths, place_at
 
-SIDES = 8
-EVERY_CM = 1.0
-WINDOW_CM = 0.9
+SIDES: Final = 8
+EVERY_CM: Final = 1.0
+WINDOW_CM: Final = 0.9
 """What lies farther along the axis does not show at a place."""
-REACH_CM = 1.8
-RAY_CM = 0.02
-MIDDLE_CM = 0.4
+REACH_CM: Final = 1.8
+RAY_CM: Final = 0.02
+MIDDLE_CM: Final = 0.4
 """No farther from the axis is what it runs through."""
-FAINT = 1e-6
+FAINT: Final = 1e-6
 """Opacity anywhere across an axis below which a Gaussian makes no difference there."""
-LIKELY_RADIUS_CM = (0.04, 1.5)
+LIKELY_RADIUS_CM: Final = (0.04, 1.5)
 
 
 def radii_of(

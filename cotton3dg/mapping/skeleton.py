@@ -10,6 +10,7 @@ bolls' feet are ends of their own.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,48 +21,50 @@ from ..geometry.polylines import length_of, nearest_on, path_lengths, resampled,
 from .graph import NEAR_CM, WoodGraph, WoodTree, joined, path_to, shortest_paths
 from .wood import WoodCloud
 
-ROOT_LAYER_CM = 1.5
+ROOT_LAYER_CM: Final = 1.5
 """Above the lowest wood the root is sought."""
-FOOT_REACH_CM = 1.0
-"""Wood no farther from a boll's foot is joined with it."""
-MIN_BRANCH_CM = 2.5
+MIN_BRANCH_CM: Final = 2.5
 """Shorter ways without a boll are scars and noise."""
-COVER_CM = 0.7
+COVER_CM: Final = 0.7
 """Beside an axis, besides its radius, what hangs on it is done."""
-SIDEWAYS = 3.0
+SIDEWAYS: Final = 3.0
 """What a level centimetre counts on the way up the stem."""
-TOP_SHARE = 0.75
+TOP_SHARE: Final = 0.75
 """The stem's tip is higher than so much of the plant's wood."""
-BEND_PRICE_CM = 0.8
+BEND_PRICE_CM: Final = 0.8
 """A degree of all bends beyond `FREE_BEND_DEG` counts as so much height when the stem's tip is chosen."""
-FREE_BEND_DEG = 12.0
-BEND_WINDOW_CM = 3.0
-SPACING_CM = 0.3
-SMOOTHING = 2.0
+FREE_BEND_DEG: Final = 12.0
+BEND_WINDOW_CM: Final = 3.0
+SPACING_CM: Final = 0.3
+SMOOTHING: Final = 2.0
 """Standard deviation of the smoothing of a centre line, in points of `SPACING_CM`."""
-CENTRE_REACH_CM = 0.7
-CENTRINGS = 4
-STEM_SMOOTHING = 4.0
-STEM_REACH_CM = 1.3
+CENTRE_REACH_CM: Final = 0.7
+CENTRINGS: Final = 4
+STEM_SMOOTHING: Final = 4.0
+STEM_REACH_CM: Final = 1.3
 """The same two of the stem, which is thicker and bends less."""
-SURFACE_CM = 1.5
+SURFACE_CM: Final = 1.5
 """How far from the middle of a stem or branch its surface may be."""
-LOOP_CM = 4.0
+LOOP_CM: Final = 4.0
 """Ways that meet sooner after they part close no loop."""
-LINK_CM = 5.0
+LINK_CM: Final = 5.0
 """Between two ways that meet so much wood is left at most that lies on neither."""
-STUB_CM, APART_CM = 1.0, 2.0
+STUB_CM: Final = 1.0
+APART_CM: Final = 2.0
 """So much of a branch is left beside the stem, so far from the foot of the way that it meets."""
-MIN_STEM_CM = 12.0
-FEWEST_PLACES = 20
-BLADE_CM = 3.0
-BESIDE_CM = 0.45
-PETIOLE_CM = 9.0
+MIN_STEM_CM: Final = 12.0
+FEWEST_PLACES: Final = 20
+"""A cloud of fewer places has no stem."""
+BLADE_CM: Final = 3.0
+BESIDE_CM: Final = 0.45
+PETIOLE_CM: Final = 9.0
 """A way whose bare piece before a blade is no longer is a leaf's stalk."""
-BLADE_PLACES, BLADE_SHARE, BLADE_ONWARDS = 12, 0.35, 0.6
+BLADE_PLACES: Final = 12
+BLADE_SHARE: Final = 0.35
+BLADE_ONWARDS: Final = 0.6
 """A way is in a blade where, of the places so near, this share lies so far beside it, and so on for most of the rest;
 at its tip there are so many."""
-FEWEST_PLACES = 4
+FEWEST_PLACES_PER_CM: Final = 4
 """A centimetre of a way with fewer says neither."""
 
 
@@ -302,7 +305,7 @@ def bare_length(curve: Float64, free: Float64) -> float:
         return np.inf
     bins = np.arange(0.0, length_of(curve) + 1.0)
     counts = np.histogram(station[near], bins)[0]
-    told = counts >= FEWEST_PLACES
+    told = counts >= FEWEST_PLACES_PER_CM
     blade = told & (np.histogram(station[near & beside], bins)[0] > BLADE_SHARE * counts)
     # The blade begins where it and most of what follows is blade.
     onwards = np.cumsum(blade[::-1])[::-1] / np.maximum(np.cumsum(told[::-1])[::-1], 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -12,19 +13,21 @@ from ..core.scene import Float64
 from ..geometry.polylines import length_of, nearest_on, path_lengths
 from .order import base_angle_deg
 
-DIAMETER_ABOVE_CLAMP_CM = 5.0
-BRANCH_DIAMETER_CM = 5.0
-EDGE_PX = 0.3
+DIAMETER_ABOVE_CLAMP_CM: Final = 5.0
+BRANCH_DIAMETER_CM: Final = 5.0
+EDGE_PX: Final = 0.3
 """Standard error of a width (docs/notes/plant_map.md)."""
-TIP_CM = 0.5
+TIP_CM: Final = 0.5
 """Standard error of where a branch ends."""
-BASE_CM = 3.0
+BASE_CM: Final = 3.0
 """Length that tells a branch's angle."""
-BOLL_AT_TIP_CM = 2.0
+BOLL_AT_TIP_CM: Final = 2.0
 """Standard error of where a stem ends on which a boll sits: it hides the tip, and the stem goes on into a stalk."""
-WRONG_SHARE = 0.09
+WRONG_SHARE: Final = 0.09
 """Of the branches so many are missing or none (docs/notes/plant_map.md); ..."""
-LENGTH_SHARE, ANGLE_DEG, FOOT_CM = 0.2, 9.0, 0.4
+LENGTH_SHARE: Final = 0.2
+ANGLE_DEG: Final = 9.0
+FOOT_CM: Final = 0.4
 """... one branch's length errs by such a share, where it has another's outer part or lacks its own, its angle and the
 place of its foot by so much."""
 

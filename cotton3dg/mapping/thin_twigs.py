@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,49 +23,49 @@ from ..geometry.polylines import path_lengths, place_at, resampled
 from ..splat.rasterizer import render
 from .photo_lines import PhotoLines
 
-VIEWS = 60
-LONGER_PX = 960
+VIEWS: Final = 60
+LONGER_PX: Final = 960
 """Size of the photos that are looked at."""
-VEILED = 0.1
+VEILED: Final = 0.1
 """Opacity of the model of the plant from which on a pixel tells nothing about what the model lacks."""
-STEP_CM = 1.0
-SPACING_CM = 0.25
+STEP_CM: Final = 1.0
+SPACING_CM: Final = 0.25
 """Of the places of a trail."""
-PLACES = 4
+PLACES: Final = 4
 """Looked at on each step."""
-TURNS_DEG = {10: 5, 22: 8}
+TURNS_DEG: Final = {10: 5, 22: 8}
 """How far a step may turn from the one before, and to how many sides."""
-MOST_TURNED_DEG = 60.0
+MOST_TURNED_DEG: Final = 60.0
 """From an axis's own direction; what turns more follows something else."""
-HEADING_CM = 2.5
+HEADING_CM: Final = 2.5
 """End of an axis that tells its direction."""
-BEAM = 8
+BEAM: Final = 8
 """Walks that go on at once, ..."""
-APART_CM = 0.35
+APART_CM: Final = 0.35
 """... with ends so far apart."""
-LONGEST_CM = 25.0
-RETREATS_CM = (0.0, 1.5)
+LONGEST_CM: Final = 25.0
+RETREATS_CM: Final = (0.0, 1.5)
 """Before an axis's end, whence walks begin where none does from farther on: a speck beside a twig may bend the axis."""
-HIDDEN_STEPS = 3
+HIDDEN_STEPS: Final = 3
 """That a walk may begin with where no photo tells anything, just beside the model's own end."""
-SHOWN_SHARE = 0.12
+SHOWN_SHARE: Final = 0.12
 """Share of the views below which this is so."""
-LIKELY_COVERAGE = 0.35
+LIKELY_COVERAGE: Final = 0.35
 """What a twig that was lost covers. A step's gain is the logarithm of how much likelier the photos are with it."""
-LEAST_COVERAGE = 0.22
+LEAST_COVERAGE: Final = 0.22
 """Of a step, and in the median over views. Where nothing is, texture makes up to 0.2."""
-BLOCKS = 12
+BLOCKS: Final = 12
 """Neighbouring views, whose backgrounds are alike, count as one: as many groups of them differ by chance."""
-WINDOW = 3
+WINDOW: Final = 3
 """Steps that together have to be ..."""
-LEAST_EVIDENCE = 4.5
+LEAST_EVIDENCE: Final = 4.5
 """... so many standard errors away from none."""
-LEAST_GAIN = 250.0
+LEAST_GAIN: Final = 250.0
 """Of a whole walk. Of those that this was settled with, true ones gained 500 and more, most that followed nothing up to
 125 (docs/notes/stated_errors.md)."""
-BEND_COST = 20.0
+BEND_COST: Final = 20.0
 """Off the gain, for 1 - cos of each turn."""
-FADED = 0.6
+FADED: Final = 0.6
 """Of the coverage that is usual on a walk: what is fainter at its end is no part of it."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -16,37 +17,39 @@ from ..core.scene import Float64
 from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 
-TOUCH_CM = 2.0
+TOUCH_CM: Final = 2.0
 """Centre lines that come as near may belong to branches that touch."""
-ENDS_CM = 2.0
+ENDS_CM: Final = 2.0
 """A way that took nothing over ends so near to the touch, ..."""
-STALK_CM = 5.0
+STALK_CM: Final = 5.0
 """... or, if it found a boll there, its stalk is no longer."""
-BESIDE_CM = 4.0
+BESIDE_CM: Final = 4.0
 """A fork so near belongs to the touch."""
-INNER_CM = 1.5
+INNER_CM: Final = 1.5
 """Nearer to its foot a way touches nothing but its parent."""
-TWIG_CM = 3.5
+TWIG_CM: Final = 3.5
 """Outer parts no longer than this, or to a boll than `STALK_CM`, are stalks, scars and tips, and bend as they like."""
-TIP_CM, TIP_GAIN_DEG = 2.0, 15.0
+TIP_CM: Final = 2.0
+TIP_GAIN_DEG: Final = 15.0
 """But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
 top of a vegetative branch is shorter than the last branch that leaves it."""
-LEAST_BLADE_CM = 1.0
+LEAST_BLADE_CM: Final = 1.0
 """What is broad over less at the end of a tip is no blade."""
-AROUND_CM, WINDOW_CM = 0.8, 3.0
+AROUND_CM: Final = 0.8
+WINDOW_CM: Final = 3.0
 """Directions are taken so far from where ways meet, over such a piece."""
-DEAD_END_DEG = 40.0
+DEAD_END_DEG: Final = 40.0
 """A branch that ends at a touch is as unlikely as such a bend, ..."""
-BOLL_END_DEG = 15.0
+BOLL_END_DEG: Final = 15.0
 """... and one that ends there with a boll as this."""
-VEGETATIVE_FOOT = 0.5
+VEGETATIVE_FOOT: Final = 0.5
 """Vegetative branches leave the stem in its lower half. Others bear no branches, ..."""
-BEARING_DEG = 40.0
+BEARING_DEG: Final = 40.0
 """... and one that does is as unlikely as such a bend."""
-GAIN_DEG = 8.0
+GAIN_DEG: Final = 8.0
 """Bends that a new pairing must save at least."""
-MOST = 100
-_GONE = -2
+MOST: Final = 100
+_GONE: Final = -2
 """Parent of a way that is part of another one now."""
 
 

@@ -6,6 +6,7 @@ Colour and shape decide: lint is known from the bolls, burs lie around them, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,26 +14,26 @@ from scipy.spatial import cKDTree
 
 from ..core.scene import Float64, Gaussians, rotations
 
-MIN_OPACITY = 0.1
-SPACING_CM = 0.25
+MIN_OPACITY: Final = 0.1
+SPACING_CM: Final = 0.25
 """Between places along the longest axis of a Gaussian, and side of the voxels that thin them."""
-REACH = 1.5
+REACH: Final = 1.5
 """Standard deviations that a Gaussian is followed along its longest axis."""
-SHELL = 1.25
+SHELL: Final = 1.25
 """The bur hides within so many radii of the boll's middle, ..."""
-CARPELS = 1.75
+CARPELS: Final = 1.75
 """... and its carpels spread as far as this: what ends there is no branch."""
-LEAF_CM = 1.3
+LEAF_CM: Final = 1.3
 """Radius of the neighbourhood that tells a line from a blade."""
-LEAF_BREADTH_CM = 0.42
+LEAF_BREADTH_CM: Final = 0.42
 """Standard deviation of places across the line from which they may be a blade, ..."""
-LEAF_FLATNESS = 0.72
+LEAF_FLATNESS: Final = 0.72
 """... the share of it that a blade has at most in the third direction (a thick stem is as broad, but round), ..."""
-LEAF_PLACES = 35
+LEAF_PLACES: Final = 35
 """... and how many voxels of it are there at least; lines that fork have fewer."""
-RIM_CM = 1.0
+RIM_CM: Final = 1.0
 """How far the rim of a blade is from places that are broad on both sides."""
-FOOT_CM = 1.2
+FOOT_CM: Final = 1.2
 """Around the foot of a boll wood goes on into the bur."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.training_picture import LINT, NOT_LINT, TrainingPicture
 
-ZOOM = (0.7, 1.5)
-LEAST_PX = 9
+ZOOM: Final = (0.7, 1.5)
+LEAST_PX: Final = 9
 
 
 @dataclass(frozen=True)

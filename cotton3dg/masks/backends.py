@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +26,21 @@ from .sam import Prompts, detect_sam, open_sam, prompts_around, table_prompts
 from .yolo import detect_yolo
 from .yolo_networks import class_numbers, open_network
 
-VOTING_VIEWS = 36
+VOTING_VIEWS: Final = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
-NO_LINT = (
+NO_LINT: Final = (
     "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
     "should stand in the middle of the orbit with its lint lit; or draw masks and use --backend import"
 )
-NOTHING_FOUND = {
+NOTHING_FOUND: Final = {
     "bolls": NO_LINT,
     "lint": NO_LINT,
     "import": "none of the imported images has a mask; if the plant has open bolls, draw them",
 }
-NO_DETECTION = "the network found no boll in any image; if the plant has open bolls, try a lower --confidence or --tile"
+NO_DETECTION: Final = (
+    "the network found no boll in any image; if the plant has open bolls, try a lower --confidence or --tile"
+)
 
 Detector = Callable[[str, NDArray[np.uint8]], tuple[NDArray[np.uint16], dict[int, float]]]
 """From the name and the pixels of an image to ids and scores."""
@@ -219,7 +222,7 @@ def _listed(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-BACK_ENDS: dict[str, Callable[[Plant, MasksOptions, Progress], Found]] = {
+BACK_ENDS: Final[dict[str, Callable[[Plant, MasksOptions, Progress], Found]]] = {
     "bolls": by_bolls,
     "lint": by_lint,
     "import": imported,

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -17,17 +18,17 @@ from ..splat.rasterizer import Window
 from .shipped import read_shipped
 
 Float32 = NDArray[np.float32]
-CHANNELS = len(CLASSES) + 4
+CHANNELS: Final = len(CLASSES) + 4
 """What the network gives for a pixel: classes, x and y of the way to the middle, border, size, in this order."""
-OFFSET_PX = 32.0
+OFFSET_PX: Final = 32.0
 """What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
-STRIDE = 32
+STRIDE: Final = 32
 """Sides of what the network sees are multiples of this."""
-IMAGE_SIDE = 1280
+IMAGE_SIDE: Final = 1280
 """px, longer side of what the network sees; larger images are scaled down, smaller ones up, ..."""
-LARGEST_ZOOM = 2.0
+LARGEST_ZOOM: Final = 2.0
 """... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
-SURE = 20.0
+SURE: Final = 20.0
 """Logit of what is taken for certain."""
 
 
@@ -121,9 +122,11 @@ class BollNetwork:
         return np.asarray(maps, np.float32)
 
 
-SHIPPED_FILE = Path(__file__).with_name("bolls.onnx")
+SHIPPED_FILE: Final = Path(__file__).with_name("bolls.onnx")
 """The weights that the program brings."""
-REMEDY = "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
+REMEDY: Final = (
+    "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
+)
 
 
 def open_bolls(weights: Path | None = None) -> BollNetwork:

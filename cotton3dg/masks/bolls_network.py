@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import torch
@@ -21,9 +22,9 @@ from ..errors import BadInput
 from ..files import onnx
 from .bolls import CHANNELS, REMEDY
 
-WIDTHS = (16, 32, 64, 128, 160)
+WIDTHS: Final = (16, 32, 64, 128, 160)
 """Channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the image."""
-BLOCKS = (0, 1, 2, 2, 2)
+BLOCKS: Final = (0, 1, 2, 2, 2)
 """Residual blocks there."""
 
 

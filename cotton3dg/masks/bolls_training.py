@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Final
 from zipfile import BadZipFile
 
 import cv2
@@ -23,19 +24,19 @@ from ..errors import BadInput
 from .bolls import OFFSET_PX
 from .bolls_network import BollsNetwork
 
-LEARNING_RATE = 2e-3
-WARM_UP = 100
-FALL = 0.3
+LEARNING_RATE: Final = 2e-3
+WARM_UP: Final = 100
+FALL: Final = 0.3
 """Share of the steps in which the learning rate falls."""
-WEIGHT_DECAY = 1e-4
-MEMORY = 0.998
+WEIGHT_DECAY: Final = 1e-4
+MEMORY: Final = 0.998
 """Share of the mean of the weights that a step leaves as it was: what is learnt is the mean of some 500 steps, which is
 better than any of them (Polyak averaging)."""
-TERMS = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
-BORDER_PX = 2
+TERMS: Final = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
+BORDER_PX: Final = 2
 """Distance from another boll within which a pixel of lint is on the border."""
-CHECKPOINT_STEPS = 200
-BATCHES_AHEAD = 4
+CHECKPOINT_STEPS: Final = 200
+BATCHES_AHEAD: Final = 4
 
 Draw = Callable[[int], TrainingPicture]
 """The picture of a number; the same one each time."""

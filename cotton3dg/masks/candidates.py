@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
 
-SAME = 0.5
+SAME: Final = 0.5
 """IoU from which two masks are one object: two objects cannot both own most of their union."""
-INSIDE = 0.8
+INSIDE: Final = 0.8
 """Share of a mask's pixels from which it counts as contained in another; the rest is the raggedness of its edge."""
-TILE_OVERLAP = 0.25
+TILE_OVERLAP: Final = 0.25
 """Share of a tile that its neighbour sees too: what is narrower than that is whole in one of them."""
 
 

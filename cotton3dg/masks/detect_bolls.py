@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from .outline_bolls import outline_bolls
 from .separate_bolls import separate_bolls
 from .white_things import find_white_things, measure_surroundings
 
-FEWEST_TO_HALVE = 12
+FEWEST_TO_HALVE: Final = 12
 """Fewer views have halves that say little about the whole."""
 
 

@@ -10,6 +10,7 @@ trained model of the plant tells the painter what is near which boll (`proximity
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,18 +24,18 @@ from .model_proximity import ModelProximity
 from .paint_bolls import REACH, paint_bolls
 from .voxel_voting import LintVolume, find_bolls, refine_bolls
 
-SHADE = (0.2, 0.6)
+SHADE: Final = (0.2, 0.6)
 """Luminance, relative to the image's white, at which lint is impossible and certain."""
-CHROMA = (12.0, 22.0)
+CHROMA: Final = (12.0, 22.0)
 """CIELAB chroma at which lint is certain and impossible: cream-coloured lint, colour cast and chroma subsampling."""
-PALE = 0.35
+PALE: Final = 0.35
 """Largest difference of linear red, green and blue, relative to the largest of them, of what may be white."""
-_CODES = np.arange(256) / 255
-_LINEAR = np.where(_CODES <= 0.04045, _CODES / 12.92, ((_CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
+_CODES: Final = np.arange(256) / 255
+_LINEAR: Final = np.where(_CODES <= 0.04045, _CODES / 12.92, ((_CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Linear light of each sRGB code (IEC 61966-2-1)."""
-VOTING_SIDE_PX = 640
+VOTING_SIDE_PX: Final = 640
 """Longer side of the images that vote: a voxel is then about two pixels wide, and finer detail has no say."""
-FLOOR = 0.1
+FLOOR: Final = 0.1
 """Least height of the orbit's centre, which is amid the plant, above what the plant stands on, R."""
 
 

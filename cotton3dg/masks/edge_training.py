@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -21,17 +22,18 @@ from ..files import onnx
 from .lint_edges import CHANNELS, describe
 from .paint_bolls import nearest_silhouettes
 
-WIDTH = 24
+WIDTH: Final = 24
 """Channels between the convolutions."""
-DEPTH = 3
+DEPTH: Final = 3
 """Convolutions of 3 x 3 before the last one."""
-BATCH, PIECE_PX = 24, 48
-LEARNING_RATE = 4e-3
+BATCH: Final = 24
+PIECE_PX: Final = 48
+LEARNING_RATE: Final = 4e-3
 """The largest."""
-FOUND = 0.3
+FOUND: Final = 0.3
 """Least share of a patch of rendered lint that is true, and of a patch of true lint that is rendered: the others are
 false or missed bolls, which edges have nothing to do with."""
-BESIDE_PX = 8.0
+BESIDE_PX: Final = 8.0
 """How far the shade of a boll reaches beyond its lint."""
 
 

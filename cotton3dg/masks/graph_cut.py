@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-ITERATIONS = 2
+ITERATIONS: Final = 2
 """Rounds of GrabCut; more change hardly a pixel."""
-FEWEST = 20
+FEWEST: Final = 20
 """Pixels, of lint and of surroundings, that a colour model of five Gaussians takes."""
 
 Window = tuple[slice, slice]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,13 @@ from .candidates import cut_by_tile, tiles
 from .transformer_models import load_model, model_kind, normalise, transformers_class
 from .yolo import suppress
 
-KINDS = ("grounding-dino",)
-SHORT_SIDE_PX, LONG_SIDE_PX = 800, 1333
+KINDS: Final = ("grounding-dino",)
+SHORT_SIDE_PX: Final = 800
+LONG_SIDE_PX: Final = 1333
 """Size of the images it was trained on."""
-SAME_BOX = 0.7
+SAME_BOX: Final = 0.7
 """IoU of two boxes that are one box: queries answer more than once."""
-LARGEST = 0.5
+LARGEST: Final = 0.5
 """Share of the image above which a box is the plant or the scene, not one boll."""
 
 Finder = Callable[[NDArray[np.uint8]], tuple[Float64, NDArray]]

@@ -6,6 +6,8 @@ that voted for it are its mask (Hough voting).
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +15,19 @@ from numpy.typing import NDArray
 from ..core.scene import Float32
 from .bolls import OFFSET_PX, Maps
 
-SURE = 0.32
+SURE: Final = 0.32
 """Probability of lint from which a pixel is lint."""
-VOTE_SPREAD = 0.10
+VOTE_SPREAD: Final = 0.10
 """Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""
-APART = 0.55
+APART: Final = 0.55
 """Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
-LEAST_SHARE = 0.06
+LEAST_SHARE: Final = 0.06
 """Share of its disc that a boll must show."""
-REACH = 0.7
+REACH: Final = 0.7
 """Farthest distance, in diameters, from a middle of a vote for it."""
-MARGIN = 48
+MARGIN: Final = 48
 """Width, in pixels of the maps, of the frame around them in which middles are looked for, too."""
-OCTAVES = range(-2, 4)
+OCTAVES: Final = range(-2, 4)
 """Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import cv2
 import numpy as np
@@ -18,23 +19,23 @@ from ..core.scene import Float32
 from .lint_in_space import LintInSpace
 from .meeting_votes import FARTHEST, Middles, Votes
 
-FITS = 1.585
+FITS: Final = 1.585
 """Largest width of one boll in any direction, in usual mean widths, where the network is undecided of a border ..."""
-UNDECIDED = 0.4
+UNDECIDED: Final = 0.4
 """... as it is with this mean probability of one; by as much as it is surer, ..."""
-DIVIDES = 2.0
+DIVIDES: Final = 2.0
 """... times this, less width is allowed."""
-CLOSE = 0.75
+CLOSE: Final = 0.75
 """Distance of two middles, in usual mean widths, up to which they are of one boll however wide it is, where the network
 is undecided of a border; changed by what it says as `FITS` is. Long hanging bolls are so; of 73 pairs of touching bolls
 on 21 plants none came nearer than 0.85."""
-USUAL = 0.6
+USUAL: Final = 0.6
 """Quantile of the mean widths of parts that is taken for the width of a boll: some parts are halves, some are no bolls
 and wider."""
-NEAR = 1.2
+NEAR: Final = 1.2
 """Farthest distance, in usual widths, of middles that may be of one boll."""
-DIRECTIONS = 64
-TAIL = 0.02
+DIRECTIONS: Final = 64
+TAIL: Final = 0.02
 """Share of a part's Gaussians at either end that its width leaves out."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -19,19 +20,21 @@ from ..core.scene import Float32
 from ..errors import BadInput
 from .shipped import REINSTALL, read_shipped
 
-CHANNELS = 7
+CHANNELS: Final = 7
 """What the network is told of a pixel: `describe`."""
-NEIGHBOURS_PX = 8.0
+NEIGHBOURS_PX: Final = 8.0
 """Standard deviation of the neighbourhood whose colours of lint and of the rest a pixel's is compared with."""
-SURELY, HARDLY = 0.7, 0.2
+SURELY: Final = 0.7
+HARDLY: Final = 0.2
 """Rendered shares of lint above and below which a pixel shows what lint, and what the rest, looks like."""
-LARGEST_PX = 64.0
+LARGEST_PX: Final = 64.0
 """Bolls of more pixels are seen smaller: the network knows edges, and these are blurred over more pixels then."""
-SHOWN = 0.05
+SHOWN: Final = 0.05
 """Least share of lint, rendered, in a pixel that can be lint."""
-TILE_PX, REACH_PX = 32, 3
+TILE_PX: Final = 32
+REACH_PX: Final = 3
 """Side of the tiles that the network sees, and how far around a pixel it looks: most of an image shows no lint."""
-EDGES_FILE = Path(__file__).with_name("edges.onnx")
+EDGES_FILE: Final = Path(__file__).with_name("edges.onnx")
 """The weights that the program brings."""
 
 

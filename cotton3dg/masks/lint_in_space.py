@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,12 @@ from ..core.scene import Camera, Float32, Gaussians
 from ..splat import rasterizer
 from .bolls import Maps
 
-LEVELS = 64
+LEVELS: Final = 64
 """Steps in which probabilities are counted: the core sums weights by whole numbers."""
-EDGE = 0.33
+EDGE: Final = 0.33
 """Mean probability that parts lint from the rest: less than one half, as what is in the shade in most views is lint as
 well."""
-STEEPNESS = 15.0
+STEEPNESS: Final = 15.0
 """How sharply a Gaussian is lint or not on either side of `EDGE`, 1 / probability."""
 
 

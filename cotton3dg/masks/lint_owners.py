@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,15 @@ from .meeting_votes import FARTHEST, Middles, Votes
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-SAID = 1.0
+SAID: Final = 1.0
 """How much the distance of the votes from a middle counts beside that of the lint itself."""
-AROUND = 32
+AROUND: Final = 32
 """Votes that are heard at a place."""
-MOST_VOTES = 150_000
+MOST_VOTES: Final = 150_000
 """More would not make their means any sharper."""
-VOTES_A_PLACE = 8
+VOTES_A_PLACE: Final = 8
 """Votes are heard at every so manieth one's lint, and lint takes what is said at the nearest of these places."""
-FARTHEST_VOTE = 1.0
+FARTHEST_VOTE: Final = 1.0
 """Diameters; votes that go farther astray count as this far."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -13,13 +14,14 @@ from numpy.typing import NDArray
 from ..core.scene import Float32
 from .bolls import BollNetwork, Maps, middles_of_pixels
 
-LOOKS = (1.0, 0.5, 0.25)
+LOOKS: Final = (1.0, 0.5, 0.25)
 """Sizes, in those of `seen_size`, at which an image is looked at: a boll that fills it is known only from afar."""
-EDGES_PX, EDGES_GAIN = 3.0, 1.5
+EDGES_PX: Final = 3.0
+EDGES_GAIN: Final = 1.5
 """What sharpening adds of an image's details that are finer than this."""
-FAMILIAR_PX = 90.0
+FAMILIAR_PX: Final = 90.0
 """Width of a boll, in pixels that the network sees, that it knows best; ..."""
-FAMILIAR_OCTAVES = 1.0
+FAMILIAR_OCTAVES: Final = 1.0
 """... one that is that many octaves (standard deviation) wider or narrower counts less."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,37 +20,37 @@ from .bolls import Maps
 from .group_votes import find_nearest, weighted_median
 from .lint_in_space import LintInSpace
 
-SPREAD = 0.12
+SPREAD: Final = 0.12
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
-PITCH = 0.06
+PITCH: Final = 0.06
 """Side of the cells that votes are counted in, in diameters."""
-APART = 0.6
+APART: Final = 0.6
 """Least distance, in mean diameters, of the middles of two bolls: those of bolls that touch are 0.65 to 1 apart, of
 locks of one boll 0.4 to 0.8. Parts that are not told apart here are lost; parts of one boll are joined later."""
-LEAST_VIEWS = 3
+LEAST_VIEWS: Final = 3
 """Views whose votes a middle needs ..."""
-LEAST_SUPPORT = 0.04
+LEAST_SUPPORT: Final = 0.04
 """... and their sum, in bolls seen whole, a view."""
-LARGEST_GRID = 30_000_000
-SEEN = 0.4
+LARGEST_GRID: Final = 30_000_000
+SEEN: Final = 0.4
 """Least share of lint, by all views, in a pixel that votes ..."""
-HEARD = 0.2
+HEARD: Final = 0.2
 """... and least probability of lint by its own: the network says nothing of the boll of what it takes for no lint."""
-DEEPER = 0.6
+DEEPER: Final = 0.6
 """How much deeper than what is seen of it the middle of a boll lies, in the depths of a ball: the middles of Gaussians
 lie below the surface that they show."""
-OWN = 0.45
+OWN: Final = 0.45
 """Distance, in diameters, from a middle of the votes whose rays move it."""
-AGREES = 0.15
+AGREES: Final = 0.15
 """Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
 that the boll is there."""
-ROUNDS = 4
-FAINT = 0.08
+ROUNDS: Final = 4
+FAINT: Final = 0.08
 """Sum of the votes for a boll, in bolls seen whole, a view, below which it is none ..."""
-UNSURE = 0.62
+UNSURE: Final = 0.62
 """... if the views' mean probability that it is lint is as low as this, too. Segments of a pineapple had 0.07 and 0.58
 at most; of true bolls those of the densest heap had 0.07 but 0.68, those of a leafy plant 0.63 but 0.13."""
-FARTHEST = 1.2
+FARTHEST: Final = 1.2
 """Distance, in diameters, from its middle of the farthest lint of a boll. No more than half of one if the network were
 right about sizes, but it takes bolls for smaller than they are, large ones most."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +13,13 @@ from .bolls import BollNetwork, Maps
 from .group_votes import group_votes
 from .looks import see_at_all_looks
 
-IN_LEAF = 0.02
+IN_LEAF: Final = 0.02
 """Share of an image's pixels that are leaf from which much may only look like lint: bracts, flowers, shine. All of 100
 images of living cotton without open bolls had more."""
-EVIDENCE = 1.5
+EVIDENCE: Final = 1.5
 """What the bolls of such an image add up to at least (`weigh_evidence`), or it shows none. Of these 100 images one had
 more, of 160 photographs of open cotton none with so much leaf had less."""
-MOST_OF_ONE = 1.5
+MOST_OF_ONE: Final = 1.5
 """What one boll may count for, in its own discs: one that is larger than the network takes it for."""
 
 

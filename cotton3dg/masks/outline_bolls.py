@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from .lint_in_space import LintInSpace
 from .lint_owners import LintOwners
 from .paint_bolls import without_specks
 
-SURROUNDINGS_PX = 24
+SURROUNDINGS_PX: Final = 24
 """Width of what is looked at around it."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,27 +12,29 @@ from .graph_cut import FEWEST, cut_groups
 from .model_proximity import ModelProximity
 from .voxel_voting import LintVolume, pixels_of
 
-SURELY, LIKELY = 0.5, 0.25
+SURELY: Final = 0.5
+LIKELY: Final = 0.25
 """Scores of a pixel that is lint where its place says so too, and of one to begin with as lint."""
-CORE = 1.0
+CORE: Final = 1.0
 """Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
-SHARP_PX = 3.0
+SHARP_PX: Final = 3.0
 """Least such distance: chroma subsampling and compression blur edges by two pixels."""
-REACH, BLIND_REACH = 8.0, 5.0
+REACH: Final = 8.0
+BLIND_REACH: Final = 5.0
 """How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
 views. Where nothing tells a wall behind from lint, that half must do."""
-NEAR = 0.5
+NEAR: Final = 0.5
 """Least share of what is near in the light of a pixel of lint."""
-TRUSTED = 0.8
+TRUSTED: Final = 0.8
 """Least share of the pixels that surely are lint which a model must call near to have a say: models of 480 and 960 px
 images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
-NO_LINT = 0.05
+NO_LINT: Final = 0.05
 """Score below which what is near is no lint but bur, branch or leaf."""
-MARGIN = 4.0
+MARGIN: Final = 4.0
 """Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
-UNDECIDED = 1.5
+UNDECIDED: Final = 1.5
 """Voxels on either side of the border of two bolls within which the crease in the image decides."""
-SPECK = 9
+SPECK: Final = 9
 """Pixels of the smallest piece of a mask."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,10 @@ from ..files.prompt_table import read_prompts
 from .candidates import Candidate, crop, paint_candidates, resolve_overlaps, tiles
 from .transformer_models import load_model, model_kind, normalise
 
-CLASSES = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Model"}
+CLASSES: Final = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Model"}
 """Class of transformers by `model_type`; SAM 2 is published with the type of its video model."""
-PROMPTS_AT_ONCE = 32
-MARGIN = 0.05
+PROMPTS_AT_ONCE: Final = 32
+MARGIN: Final = 0.05
 """By which boxes around masks are larger on each side: what drew the masks may have missed the fringe."""
 
 

@@ -9,6 +9,7 @@ of large ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,20 @@ from .join_parts import FITS, join_parts
 from .lint_in_space import LintInSpace
 from .meeting_votes import FARTHEST, Middles, Votes, drop_unlikely, find_middles
 
-NEIGHBOUR = 1.2
+NEIGHBOUR: Final = 1.2
 """Distance, in mean diameters, up to which two bolls may touch."""
-CROWDED = 0.3
+CROWDED: Final = 0.3
 """Share of the bolls with a neighbour from which a plant is crowded: it was 0 on five path-traced plants whose bolls
 stand apart, and 0.58 to 0.93 on seven plants most of whose bolls touch."""
-FITS_IN_CROWDS = 1.4
+FITS_IN_CROWDS: Final = 1.4
 """`FITS` of crowded plants."""
-EXPLAINED = 0.25
+EXPLAINED: Final = 0.25
 """Distance, in diameters, from a middle up to which a ray needs no other: twice as far would explain most votes for a
 boll next to it."""
-LOOKS_AGAIN = 3
-HIDDEN_SUPPORT = 0.08
+LOOKS_AGAIN: Final = 3
+HIDDEN_SUPPORT: Final = 0.08
 """Sum of the votes, in bolls seen whole, a view, for a boll that only unexplained votes are for ..."""
-HIDDEN_APART = 0.4
+HIDDEN_APART: Final = 0.4
 """... and its least distance, in mean diameters, from all others."""
 
 

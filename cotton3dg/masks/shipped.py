@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Final
 
 from ..errors import BadInput, MissingInput
 
-REINSTALL = "install cotton3dg again, or use --backend lint"
+REINSTALL: Final = "install cotton3dg again, or use --backend lint"
 
 
 def read_shipped(file: Path) -> bytes:

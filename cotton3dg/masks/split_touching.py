@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
 
-SOLID = 0.8
+SOLID: Final = 0.8
 """Share of its boll's highest contrast at which a voxel counts as lint: near the top of the edge, which spreads
 outwards because the views that look past a boll into another one, or onto a white wall, see lint too."""
-HALF = 0.6
+HALF: Final = 0.6
 """Contrast half way down that edge, whose surface encloses about the volume of a boll."""
-LEVELS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+LEVELS: Final = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Contrasts whose surfaces tell how deep inside of lint a voxel is: the necks between bolls show in some of them only,
 the lower the deeper the bolls stand in a heap."""
-SMOOTHING = 0.1
+SMOOTHING: Final = 0.1
 """Standard deviation, in boll diameters, that levels the ripples of depths that voxels and locks make."""
-DIP = 0.97
+DIP: Final = 0.97
 """Two hills are two bolls where the pass between them is lower than this share of the lower one ..."""
-LOCKS_APART, LOCKS_DIP = 0.55, 0.5
+LOCKS_APART: Final = 0.55
+LOCKS_DIP: Final = 0.5
 """... or than this one, when they are closer than so many boll diameters: the four or five locks of an open boll are
 half a diameter apart."""
-LARGEST_HEAP = 1000
+LARGEST_HEAP: Final = 1000
 """Volume of connected lint, in typical bolls, beyond which it is a room and no plant, and not worth the time."""
-SMALLEST, LARGEST = 0.35, 2.0
+SMALLEST: Final = 0.35
+LARGEST: Final = 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
-THINNEST = 0.25
+THINNEST: Final = 0.25
 """Least ratio of a boll's shortest to its longest extent; paper, table edges and bright stems are thinner ..."""
-CAP_THICKNESS, CAP_ROUNDNESS, CAP_APART = 1 / 3, 0.6, 1.0
+CAP_THICKNESS: Final = 1 / 3
+CAP_ROUNDNESS: Final = 0.6
+CAP_APART: Final = 1.0
 """... but of a boll that its bur hides from below only a flat cap is seen: at least so thick, relative to the extent of
 a typical boll, its second extent at least so long, relative to its longest, and so many diameters from other bolls, for
 else it is a lock of one of them."""

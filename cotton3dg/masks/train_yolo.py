@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..core.progress import Progress
 from ..errors import BadUsage, EnvironmentUnusable, MissingInput, StageFailed
@@ -12,9 +12,9 @@ from ..options import MasksTrainOptions
 from .trust import demand_trust
 from .yolo_networks import ultralytics_model
 
-BATCH = 16
+BATCH: Final = 16
 """The paper's images a step."""
-OPSET = 17
+OPSET: Final = 17
 """Of ONNX; OpenCV's importer knows it."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,28 +19,29 @@ from ..core.scene import Camera, Float32, Float64
 from ..geometry.camera_orbit import Orbit, azimuths
 from .split_touching import split_touching
 
-REACH = 0.4
+REACH: Final = 0.4
 """Radius of the searched space, R: walls and shelves stand outside the circle of the cameras, plants well inside."""
-COARSE = 0.01
+COARSE: Final = 0.01
 """Pitch of the first search, R: a boll of 4-5 cm filmed from 1.3-1.6 m is three voxels wide."""
-REFINED = 3
+REFINED: Final = 3
 """Fine voxels along a coarse one."""
-IN_VIEW = 0.6
+IN_VIEW: Final = 0.6
 """Least share of the views that have a voxel in their image; the plant is meant to be in all."""
-CONTRAST = 0.8
+CONTRAST: Final = 0.8
 """Least contrast of a boll's best voxels: the share of an arc's views that see lint there, beyond those that see white
 through empty space anyway."""
-SECTORS, ARC = 6, 4
+SECTORS: Final = 6
+ARC: Final = 4
 """The orbit's sectors and how many of them, side by side, have a vote of their own; the best one counts. What a boll
 hangs on hides it from one side, and half a turn shows as much of its outline as a whole one; an arc of two thirds
 holds that half, while a white wall shines through empty space from half a turn at most."""
-LEAST_ROOM = 0.25
+LEAST_ROOM: Final = 0.25
 """Least share of the views with another background than white that a full contrast takes."""
-CLEARANCE = 0.04
+CLEARANCE: Final = 0.04
 """Height above the table below which nothing is a boll, R: the clamp, labels, fallen locks."""
-GROWTH = 4
+GROWTH: Final = 4
 """Voxels by which a boll may grow when its first masks vote again."""
-AGREED = 0.8
+AGREED: Final = 0.8
 """Share of its boll's highest vote that a voxel keeps. Views all around a ball see it through a point just outside it,
 unless they look past; so nearly all must agree, but for those that burs and branches block."""
 

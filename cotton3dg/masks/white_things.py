@@ -6,6 +6,8 @@ or leaf.
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +17,18 @@ from ..core.training_picture import LINT, OTHER
 from .bolls import Maps
 from .group_votes import weighted_median
 
-BESIDE = 0.3
+BESIDE: Final = 0.3
 """Width of what is beside a boll, by the root of its area in the image."""
-LITTLE, ENOUGH = 0.12, 0.25
+LITTLE: Final = 0.12
+ENOUGH: Final = 0.25
 """Probability of a plant beside a boll: less says no more than that there is none, more no more than that there is one,
 as beside most bolls."""
-LESS = 0.06
+LESS: Final = 0.06
 """How much less sure than usual a thing is, the plant beside it added: bolls of which half lies in the shade fall short
 by up to 0.045."""
-SILENT = 0.05
+SILENT: Final = 0.05
 """A network that usually sees less of a plant beside bolls does not know plants, as one of other pictures may."""
-FEWEST = 12
+FEWEST: Final = 12
 """Pixels of the maps that a boll must have in an image whose surroundings are looked at."""
 
 

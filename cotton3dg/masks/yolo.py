@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,9 @@ from ..errors import BadInput
 from .candidates import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
 from .yolo_networks import Network
 
-PADDING = 114 / 255
+PADDING: Final = 114 / 255
 """Grey around the image, as in training."""
-STRIDE = 32
+STRIDE: Final = 32
 """Sides of what a network sees are multiples of its coarsest step, px."""
 
 

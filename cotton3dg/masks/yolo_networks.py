@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from numpy.typing import NDArray
 
@@ -17,12 +17,12 @@ from ..core.scene import Float32
 from ..errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
 from .trust import demand_trust
 
-AGPL_NOTICE = (
+AGPL_NOTICE: Final = (
     "this uses ultralytics, which is under the AGPL-3.0 (https://ultralytics.com/license): whoever passes on or serves "
     "a work built with it must pass on its source; .onnx weights run without ultralytics"
 )
 
-SWITCHES = {"YOLO_OFFLINE": "1", "YOLO_AUTOINSTALL": "0", "YOLO_VERBOSE": "0"}
+SWITCHES: Final = {"YOLO_OFFLINE": "1", "YOLO_AUTOINSTALL": "0", "YOLO_VERBOSE": "0"}
 """Read by ultralytics when it is imported: no network, no pip, no chatter."""
 
 

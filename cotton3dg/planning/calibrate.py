@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,17 +24,20 @@ from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
 from .cost import Machine
 
-VERSION = 2
+VERSION: Final = 2
 """Raised when what is measured, or what it is compared with, changes."""
 
-SPLATTING_S, IMAGING_S = 0.040, 0.36
+SPLATTING_S: Final = 0.040
+IMAGING_S: Final = 0.36
 """CPU-seconds of one step and of one image on the machines that the constants of `cost` were measured on."""
-SPLATTING_TIMES, IMAGING_TIMES = 20, 6
-BUSY = 0.5
+SPLATTING_TIMES: Final = 20
+IMAGING_TIMES: Final = 6
+BUSY: Final = 0.5
 """Load for each core from which on other programs keep this one from all cores."""
 
-N_GAUSSIANS = 60_000
-SPLATTED_PX, FEATURES_PX = (480, 270), (1280, 720)
+N_GAUSSIANS: Final = 60_000
+SPLATTED_PX: Final = (480, 270)
+FEATURES_PX: Final = (1280, 720)
 
 
 @dataclass(frozen=True)

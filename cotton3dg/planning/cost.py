@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from ..core.machine import usable_cores
 from ..files.images import image_size, list_images
@@ -18,9 +18,9 @@ from ..stages.sfm import VIDEO_FEATURE_SIDE
 from ..stages.stage import STAGES, Cost, Footage, Work, stage_of
 from ..workspace import Workspace
 
-USUAL_FRAMES = 900
+USUAL_FRAMES: Final = 900
 """Of a video that does not say how long it is: half a minute."""
-REPORT = Cost(0.0, 8.0)
+REPORT: Final = Cost(0.0, 8.0)
 """The page and the start of the program."""
 
 

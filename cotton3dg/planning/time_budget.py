@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .. import pipeline
 from ..documents.document import Document
@@ -21,8 +21,8 @@ from ..workspace import Workspace
 from .cost import Machine, estimate_costs, examine_footage, sum_seconds
 from .tradeoff import format_duration
 
-RECORD = "time_budget"
-RESERVE = 0.05
+RECORD: Final = "time_budget"
+RESERVE: Final = 0.05
 """Share of the time that is left unplanned: predictions err to both sides, and being late is worse."""
 
 
@@ -46,7 +46,7 @@ class Rung:
         return {"frames": {"count": self.images}, "train": train}
 
 
-LADDER = (
+LADDER: Final = (
     Rung(150, 960, 1_000_000, 15_000, 30_000),
     Rung(150, 960, 300_000, 7000, 30_000),
     Rung(100, 960, 150_000, 2500, 10_000),

@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from statistics import median
+from typing import Final
 
 from ..errors import BadUsage
 
-_UNITS_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
+_UNITS_S: Final = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def pareto_front(seconds: Sequence[float], losses: Sequence[float]) -> list[int]:

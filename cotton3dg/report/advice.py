@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -17,13 +18,13 @@ from ..files.tables import flags_of
 from ..splat.exposure import ALIKE
 from .facts import Facts
 
-SMALL_BOLL_PX = 10.0
+SMALL_BOLL_PX: Final = 10.0
 """Width in the training images below which bolls can be lost."""
-EXPOSURE_RATIO = 1.6
+EXPOSURE_RATIO: Final = 1.6
 """Brightest to darkest frame; two thirds of an aperture stop."""
-WIDE_GAP_DEG = 20.0
-FEW_SECONDS = 15.0
-WEAK_EDGE = 0.6
+WIDE_GAP_DEG: Final = 20.0
+FEW_SECONDS: Final = 15.0
+WEAK_EDGE: Final = 0.6
 """Share of a table edge that is found in the photos."""
 
 
@@ -36,7 +37,7 @@ class Meaning:
     action: str
 
 
-FLAGS = {
+FLAGS: Final = {
     "video_damaged": Meaning(
         "Part of the video is damaged",
         "Some frames could not be decoded; the rest was used.",
@@ -211,7 +212,7 @@ FLAGS = {
     ),
 }
 
-BOLL_FLAGS = {
+BOLL_FLAGS: Final = {
     "parted_by_shape": "was joined with a neighbour and parted by shape; its volume is less sure",
     "joined_by_shape": "was masked as two, which lie too deep in each other to be two bolls",
     "large": "much larger than the others: perhaps two bolls in one",

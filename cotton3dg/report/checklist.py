@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..core.state import State
 from ..documents.check import RED, CheckInfo, Finding, film_of
@@ -14,7 +14,7 @@ from ..field.genotypes import Trial
 from ..workspace import Workspace
 from .advice import meaning
 
-FILM_AGAIN = {
+FILM_AGAIN: Final = {
     "video_damaged": "the whole turn again; part of the video cannot be read",
     "few_frames": "one slow full turn of 20 to 60 s",
     "blurred": "walk more slowly, in more light",
@@ -30,8 +30,8 @@ FILM_AGAIN = {
     "no_plant": "with the plant on the table, both in view",
 }
 """Flag that another film may mend -> what to film."""
-FILM_AGAIN_CODES = (CaptureFailed.exit_code, NoScale.exit_code)
-USUAL = "one slow full turn with the whole plant and the table in view"
+FILM_AGAIN_CODES: Final = (CaptureFailed.exit_code, NoScale.exit_code)
+USUAL: Final = "one slow full turn with the whole plant and the table in view"
 
 
 def to_film(folder: Path, plants: Sequence[Mapping[str, Any]], trial: Trial) -> list[dict[str, Any]]:

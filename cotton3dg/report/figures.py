@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,11 @@ from ..splat.appearance import boll_colours
 from ..splat.metrics import to_uint8
 
 Picture = NDArray[np.uint8]
-UNNAMED = (255, 255, 255)
+UNNAMED: Final = (255, 255, 255)
 """Colour of masks that became no boll."""
-OUTLINE, RULER = (255, 0, 200), (255, 230, 0)
-CUT_MARGIN = 0.35
+OUTLINE: Final = (255, 0, 200)
+RULER: Final = (255, 230, 0)
+CUT_MARGIN: Final = 0.35
 """Around a cut-out, in sizes of its mask."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 import numpy as np
@@ -21,22 +21,22 @@ from .checklist import to_film
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
 
-SHOWN = {
+SHOWN: Final = {
     "boll_count": ("Bolls", "", 0),
     "boll_volume_cm3": ("Volume", "cm³", 0),
     "plant_height_cm": ("Height", "cm", 1),
     "canopy_size_cm": ("Canopy", "cm", 1),
 }
 """Trait -> name, unit, digits."""
-OUTLYING = 3.5
+OUTLYING: Final = 3.5
 """Robust z-score beyond which a value is flagged (Iglewicz and Hoaglin 1993)."""
-FEWEST = 5
+FEWEST: Final = 5
 """With fewer plants nothing is an outlier."""
-BINS = 10
-THUMBNAIL_PX = 160
-MOST_CHOICES = 40
+BINS: Final = 10
+THUMBNAIL_PX: Final = 160
+MOST_CHOICES: Final = 40
 """A column of the field book with more values, or with one, is no filter."""
-MOST_GENOTYPES = 40
+MOST_GENOTYPES: Final = 40
 
 
 def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial: Trial | None = None) -> str:

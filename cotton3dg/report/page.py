@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
 from ..core.measurements import is_counted
@@ -33,10 +33,11 @@ from .pointing import describe_photos
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION = 5
-RECORD = "report"
-TEMPLATES = Path(__file__).with_name("templates")
-OWN_TITLE, MARKED_BYTES = "– cotton3dg</title>".encode(), 4096
+VERSION: Final = 5
+RECORD: Final = "report"
+TEMPLATES: Final = Path(__file__).with_name("templates")
+OWN_TITLE: Final = "– cotton3dg</title>".encode()
+MARKED_BYTES: Final = 4096
 """How a page begins that this tool made."""
 log = logging.getLogger("cotton3dg")
 
@@ -161,7 +162,7 @@ def fill_template(template: str, scripts: list[str], content: dict[str, Any]) ->
     )
 
 
-USUAL_PCT = {"boll_count": 10.0, "boll_volume_cm3": 10.0, "plant_height_cm": 1.0, "canopy_size_cm": 2.0}
+USUAL_PCT: Final = {"boll_count": 10.0, "boll_volume_cm3": 10.0, "plant_height_cm": 1.0, "canopy_size_cm": 2.0}
 """Column -> half-width of its 95 % interval, up to which it is as sure as usual; films in good light are surer
 (docs/notes/stated_errors.md)."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,15 @@ from .figures import (
 from .scene import Frame, boll_bodies, describe_scene, plant_frame, skeleton_lines
 from .walk import draw_walk
 
-WIDE_PX, MIDDLE_PX, SMALL_PX = 1100, 800, 200
-COMPARED, OVERLAID, STRIP = 3, 4, 10
-CUT_OUTS, MANY_BOLLS, MOST_BOLLS = 3, 120, 500
+WIDE_PX: Final = 1100
+MIDDLE_PX: Final = 800
+SMALL_PX: Final = 200
+COMPARED: Final = 3
+OVERLAID: Final = 4
+STRIP: Final = 10
+CUT_OUTS: Final = 3
+MANY_BOLLS: Final = 120
+MOST_BOLLS: Final = 500
 """Cut-outs a boll; one where there are many bolls. Beyond the most, bolls have a row and no picture: no plant has as
 many, but a room full of white things may."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from .figures import jpeg_uri
 from .pictures import Pictures
 from .scene import Frame
 
-PHOTOS, SIDE_PX, QUALITY = 12, 1280, 72
+PHOTOS: Final = 12
+SIDE_PX: Final = 1280
+QUALITY: Final = 72
 """Photos, 30 degrees apart; their longer side."""
 
 

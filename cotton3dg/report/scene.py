@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from ..geometry.polylines import length_of
 from ..traits.surface import sample_visible_surface, surface_rows
 from .figures import colour_of, encode
 
-MAX_PLANT_POINTS = 20_000
-MAX_GROUND_POINTS = 6_000
-GROUND_CM = 6.0
+MAX_PLANT_POINTS: Final = 20_000
+MAX_GROUND_POINTS: Final = 6_000
+GROUND_CM: Final = 6.0
 """What lies on the table, from a little below its top up to this height, is shown as its surroundings."""
 
 

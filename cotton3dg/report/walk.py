@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..documents.frames import FrameInfo
 from ..geometry.camera_orbit import fit_orbit
 from .scene import Frame
 
-FARTHEST = 138.0
+FARTHEST: Final = 138.0
 """Where cameras are drawn that stand farther away than the map reaches."""
 
 

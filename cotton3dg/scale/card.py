@@ -6,6 +6,7 @@ All markers of a card make one rigid body: the scale comes from distances of up 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..core.scene import Camera, Float64
 from .markers import Corner, MarkerFit, MarkerKind, fit_bodies
 from .references import NoReference
 
-CARD_MARKERS = MarkerKind(MARKER_DICTIONARY, MARKER_CM)
+CARD_MARKERS: Final = MarkerKind(MARKER_DICTIONARY, MARKER_CM)
 
 
 def scale_from_card(

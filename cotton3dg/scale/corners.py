@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,13 @@ from .seek import PICTURES, FoundScale, Plant, doubts_of, facts_of
 from .table import outline_table
 from .two_points import MAX_ERROR
 
-SOURCE = "corners"
-TABLE_SOURCES = frozenset(("table", "sections", "all-sections"))
+SOURCE: Final = "corners"
+TABLE_SOURCES: Final = frozenset(("table", "sections", "all-sections"))
 """References that the table gives; the corners take their place."""
-ALONG_X, ALONG_Y = (1, 0, 3, 2), (3, 2, 1, 0)
+ALONG_X: Final = (1, 0, 3, 2)
+ALONG_Y: Final = (3, 2, 1, 0)
 """Corner -> the one at the other end of its long edge, which has the same y, and of its short edge, of the same x."""
-OFF_TABLE = 0.05
+OFF_TABLE: Final = 0.05
 """Farther from the table top or from a rectangle, in widths of the table, what was picked is no corner of it."""
 
 Moves = Sequence[Mapping[str, NDArray[np.float64]]]

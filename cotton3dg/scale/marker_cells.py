@@ -9,23 +9,25 @@ with them; 0.1 % without).
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
 
-LEAST_CELL_PX = 4.0
+LEAST_CELL_PX: Final = 4.0
 """Smaller cells run into each other."""
-REACH = 0.45
+REACH: Final = 0.45
 """Cells on either side of an edge in which it is sought."""
-STEPS = 37
+STEPS: Final = 37
 """Places along that way."""
-ACROSS = (0.25, 0.5, 0.75)
+ACROSS: Final = (0.25, 0.5, 0.75)
 """Where in a cell's breadth edges are sought."""
-LEAST_EDGES = 12
-LARGEST_SPREAD = 0.3
+LEAST_EDGES: Final = 12
+LARGEST_SPREAD: Final = 0.3
 """Cells; what seems to have spread farther is no print."""
-OUTLIER = 3.0
+OUTLIER: Final = 3.0
 
 
 def fit_to_cells(light: NDArray[np.float32], quad: Float64, dark: NDArray[np.bool_]) -> Float64:

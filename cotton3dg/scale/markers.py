@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,12 @@ from ..geometry.triangulation import Sighting, triangulate
 from .marker_cells import fit_to_cells
 from .references import LEAST_ERROR, NoReference, Reference, distance_ratios
 
-INNER = 0.75
+INNER: Final = 0.75
 """Side of a ChArUco board's markers in squares of the board."""
-LEAST_VIEWS = 6
-MAX_ERROR = 0.02
+LEAST_VIEWS: Final = 6
+MAX_ERROR: Final = 0.02
 """Relative; what scatters more is no reference."""
-PLACES = 24
+PLACES: Final = 24
 """Places along a side of a square at which its edge is sought."""
 
 Corner = tuple[str, int, int]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +12,16 @@ from ..core.card import MARKERS_CM, PATCH_LEVELS, PATCHES_CM, marker_corner_cm
 from ..core.scene import Float64
 from .markers import Corner
 
-LEAST_MARKERS = 2
-INNER = 0.55
+LEAST_MARKERS: Final = 2
+INNER: Final = 0.55
 """Share of a patch's sides that is looked at: the rest is blurred into its rim."""
-LEAST_PX = 4.0
+LEAST_PX: Final = 4.0
 """Height of a patch in the photo."""
-PLACES = 9
+PLACES: Final = 9
 """Places along a side of a patch."""
-CLIPPED = 250
+CLIPPED: Final = 250
 """Grey level from which a channel tells no more."""
-DARKER = 2.0
+DARKER: Final = 2.0
 """Grey levels by which each patch is darker than the one before, or something lies on the card."""
 
 

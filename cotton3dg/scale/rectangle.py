@@ -8,36 +8,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
-EDGES = (0, 1, 2, 3)
-PLACES = 64
+EDGES: Final = (0, 1, 2, 3)
+PLACES: Final = 64
 """Places along an edge at which it is looked for."""
-SEARCH = 0.12
+SEARCH: Final = 0.12
 """How far an edge may lie from its first estimate, in widths of the table."""
-TURN = np.radians(3.0)
+TURN: Final = np.radians(3.0)
 """How far the first rectangle may be turned against the table."""
-PLANE_PRIOR = 0.004
+PLANE_PRIOR: Final = 0.004
 """Standard error of the plane, in widths of the table, where nothing better is known; the edges may move it so much."""
-CAUCHY = 2.385
+CAUCHY: Final = 2.385
 """Distance from an edge, in robust standard deviations, at which a maximum's pull begins to weaken: least squares lose
 5 % of their efficiency by it when errors are normal (Holland and Welsch 1977)."""
-SHARPEST_PX = 0.2
+SHARPEST_PX: Final = 0.2
 """Standard deviation of the sharpest edges."""
-ROUNDS = ((6.0, 1e-3), (3.0, 1e-4))
+ROUNDS: Final = ((6.0, 1e-3), (3.0, 1e-4))
 """How far around an edge its maxima are sought, px, until the corners move less than so many widths of the table."""
-MOST_ROUNDS = 8
-ALONG = 0.3
+MOST_ROUNDS: Final = 8
+ALONG: Final = 0.3
 """Quantile along an edge by which its contrast is judged: a sheet of paper beside it is brighter, but shorter."""
-STRONG = 0.75
+STRONG: Final = 0.75
 """Contrast of an edge relative to the strongest line beside it ..."""
-WEAK = 0.3
+WEAK: Final = 0.3
 """... and where a line beside it is known to be stronger."""
-MIN_VIEWS = 3
+MIN_VIEWS: Final = 3
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from ..geometry.planes import level_planes
 from .rectangle import Rectangle
 from .table import find_first_rectangle, turn_along_long_side
 
-LEAST_ERROR = 1e-3
+LEAST_ERROR: Final = 1e-3
 """Relative; what paper, printers and rulers are true to."""
-TOLERANCE = 0.01
+TOLERANCE: Final = 0.01
 """Two references that differ by less never disagree: 1 % is 1.2 cm of a table's length."""
 
 

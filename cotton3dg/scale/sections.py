@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +24,16 @@ from ..geometry.planes import TOLERANCE as ON_PLANE
 from .rectangle import Rectangle
 from .references import LEAST_ERROR, NoReference, Reference
 
-SECTIONS = 11
-LEAST_POINTS = 20
+SECTIONS: Final = 11
+LEAST_POINTS: Final = 20
 """In a section; fewer do not reach from edge to edge."""
-RIM = 0.1
+RIM: Final = 0.1
 """How far beyond its rectangle the table's points are taken, in its widths."""
-TRIM = 0.002
+TRIM: Final = 0.002
 """Share of a section's points at either end that are taken for floaters."""
-MAX_ERROR = 0.05
-POINT_PX = 3
-LEAST_ERROR_OF_ONE = 0.01
+MAX_ERROR: Final = 0.05
+POINT_PX: Final = 3
+LEAST_ERROR_OF_ONE: Final = 0.01
 """Relative, of the central section: no other length checks it, and points end short of an edge or lie beyond it."""
 
 

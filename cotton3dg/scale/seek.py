@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,10 @@ from .sections import cut_table, draw_sections, scale_from_all_sections, scale_f
 from .table import NoTable, TableFit, find_table, outline_table, scale_from_table
 from .two_points import scale_from_distance
 
-VIEWS = 40
+VIEWS: Final = 40
 """Photos in which the rim of the table is measured."""
-PICTURES = 3
-NO_GROUND = NoReference("no level plane is bounded like a table")
+PICTURES: Final = 3
+NO_GROUND: Final = NoReference("no level plane is bounded like a table")
 Pictures = dict[str, NDArray[np.uint8]]
 
 
@@ -203,7 +203,7 @@ def _distance(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
     return reference, {f"points_{number}.jpg": picture for number, picture in enumerate(shown)}
 
 
-_FIND = {
+_FIND: Final = {
     "table": _table,
     "sections": _sections,
     "all-sections": _all_sections,
@@ -211,10 +211,10 @@ _FIND = {
     "card": _card,
     "distance": _distance,
 }
-_TABLE_REMEDY = (
+_TABLE_REMEDY: Final = (
     "film so that all of the table top is seen, or give its size with --table-length-cm and --table-width-cm"
 )
-_REMEDY = {
+_REMEDY: Final = {
     "table": _TABLE_REMEDY,
     "sections": _TABLE_REMEDY,
     "all-sections": _TABLE_REMEDY,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +20,22 @@ from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..geometry.planes import CELL, TOLERANCE, level_planes
 from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fit_rim, smoothed
 
-ASPECT_TOLERANCE = 0.05
-USUAL_ASPECT_ERROR = 0.01
+ASPECT_TOLERANCE: Final = 0.05
+USUAL_ASPECT_ERROR: Final = 0.01
 """Beyond it another fit, with edges closer to where the points end, is taken if it is nearer to the known shape."""
-MIN_FILL = 0.8
-LEAST_TRACKS = 30
-LEAST_PLANE_ERROR = 2e-4
+MIN_FILL: Final = 0.8
+LEAST_TRACKS: Final = 30
+LEAST_PLANE_ERROR: Final = 2e-4
 """In widths of the table; 0.1 mm, about how flat a table is."""
-MIN_SUPPORT = 0.4
+MIN_SUPPORT: Final = 0.4
 """Share of the places along an edge that show it; a third would by chance."""
-CLEAR_SUPPORT = 0.5
+CLEAR_SUPPORT: Final = 0.5
 """The same for the two edges that alone give the scale, because a third one is unclear."""
-LEAST_ERROR = 2e-3
+LEAST_ERROR: Final = 2e-3
 """Relative; sides that are too short alike, because the plane lies a millimetre too high, do not disagree."""
-LEAST_ERROR_OF_POINTS = 1e-2
+LEAST_ERROR_OF_POINTS: Final = 1e-2
 """The same without photos: points end short of an edge, floaters lie beyond it."""
-LEAST_ERROR_OF_ONE_SIDE = 1e-2
+LEAST_ERROR_OF_ONE_SIDE: Final = 1e-2
 """The same where one edge is unclear: no second side checks the first."""
 
 

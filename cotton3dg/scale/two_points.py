@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from ..core.scene import Camera
 from ..geometry.picks import point_of_picks
 from .references import LEAST_ERROR, NoReference, Reference
 
-MAX_ERROR = 0.03
+MAX_ERROR: Final = 0.03
 
 
 def scale_from_distance(

@@ -8,7 +8,7 @@ internodes shorten outwards and upwards and whose sites keep or lose their boll.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -18,18 +18,18 @@ from ..options import SimulateOptions
 from .mesh import Float64, smooth_curve, unit
 
 Kind = Literal["stem", "fruiting", "vegetative", "peduncle"]
-STEM_RADII = (0.0075, 0.0026)
-TWIG_RADII = (0.0034, 0.0019)
-PEDUNCLE_RADII = (0.0017, 0.0026)
-PHYLLOTAXIS = 2 * np.pi * 3 / 8
+STEM_RADII: Final = (0.0075, 0.0026)
+TWIG_RADII: Final = (0.0034, 0.0019)
+PEDUNCLE_RADII: Final = (0.0017, 0.0026)
+PHYLLOTAXIS: Final = 2 * np.pi * 3 / 8
 """Turn from a node to the next in Gossypium."""
-THINNEST = 0.00075
-RETENTION = (1.0, 0.55, 0.3, 0.2)
+THINNEST: Final = 0.00075
+RETENTION: Final = (1.0, 0.55, 0.3, 0.2)
 """How likely a site keeps its boll, relative to a first position (COTMAP: these bear two thirds to three quarters)."""
-INTERNODE = 0.045
-CROSSING = 0.66
+INTERNODE: Final = 0.045
+CROSSING: Final = 0.66
 """How far out a branch touches another, share of its length."""
-TURNS = 200
+TURNS: Final = 200
 """Steps of a turn until branches touch."""
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-BORDER = 2
+BORDER: Final = 2
 """Texels repeated around each texture, so that interpolation never reads a neighbour's."""
-FULL = 65535.0 / 4.0
+FULL: Final = 65535.0 / 4.0
 """Stored value of linear light 1; brighter highlights fit up to 4."""
 
 

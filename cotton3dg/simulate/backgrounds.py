@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import cv2
 import numpy as np
@@ -16,8 +17,8 @@ from .render import develop, light_scene, render
 from .room import build_room
 from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, spine, terrazzo
 
-BACKGROUND_PX = 448
-ROOM_VIEWS = 6
+BACKGROUND_PX: Final = 448
+ROOM_VIEWS: Final = 6
 
 
 def paint_backgrounds(seed: int) -> NDArray[np.uint8]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -10,13 +11,13 @@ from ..core.scene import Camera
 from ..options import SimulateOptions
 from .mesh import Float64, unit
 
-FOCAL = 0.82
+FOCAL: Final = 0.82
 """Focal length in image widths: the main camera of a phone, about 26 mm in 35 mm terms with a video's crop."""
-HURRIES = 2
+HURRIES: Final = 2
 """How often an uneven walk slows down and hurries."""
 
 
-LOCAL_RADIUS_M = 0.55
+LOCAL_RADIUS_M: Final = 0.55
 """Of local shots: a third to a half of the plant is in view."""
 
 

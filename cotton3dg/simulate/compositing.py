@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -16,14 +17,15 @@ from .plates import LIGHTS, PLATE_PX, Plate
 Float32 = NDArray[np.float32]
 
 
-BARE = 0.12
+BARE: Final = 0.12
 """Share of the pictures without a plant: most of what a camera sees is none."""
 
-BACKLIT = (1.7, 12.0)
+BACKLIT: Final = (1.7, 12.0)
 """Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
-CROWDED = 0.25
+CROWDED: Final = 0.25
 """Share of the pictures in which many plants stand before each other, as in a field."""
-SHARP_PX, SOFT = 1.5, 0.05
+SHARP_PX: Final = 1.5
+SOFT: Final = 0.05
 """Blur (standard deviation), and its share of a boll's diameter, from which nobody could say where the boll ends."""
 
 

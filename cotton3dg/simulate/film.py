@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,11 @@ from ..options import SimulateOptions
 from .camera import Orbit
 from .render import Float32, RenderScene, develop, instance_ids, render
 
-LEAST_SUBFRAMES, MOST_SUBFRAMES = 8, 64
-SUBFRAME_PX = 1.5
+LEAST_SUBFRAMES: Final = 8
+MOST_SUBFRAMES: Final = 64
+SUBFRAME_PX: Final = 1.5
 """What lies far away moves at most so far from one to the next, or blur would be a row of sharp edges."""
-BAND_ROWS = 4
+BAND_ROWS: Final = 4
 """Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
 

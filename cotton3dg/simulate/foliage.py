@@ -5,14 +5,16 @@ Lengths are metres; each grows along z from the origin.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, tube
 from .organs import LEAF, weather
 
-GREEN = np.array([0.10, 0.19, 0.04])
-STRAW = np.array([0.48, 0.40, 0.22])
-SHEEN = np.array([0.55, 0.60, 0.55])
+GREEN: Final = np.array([0.10, 0.19, 0.04])
+STRAW: Final = np.array([0.48, 0.40, 0.22])
+SHEEN: Final = np.array([0.55, 0.60, 0.55])
 """What light that is mirrored by a leaf's wax looks like: paler than the leaf and hardly coloured."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,8 @@ from .rays import Rays
 from .room import Lamp
 
 Float32 = NDArray[np.float32]
-LAMP_SAMPLES = 9
-SKY_SAMPLES = 20
+LAMP_SAMPLES: Final = 9
+SKY_SAMPLES: Final = 20
 
 
 def irradiance(

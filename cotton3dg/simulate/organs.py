@@ -6,17 +6,18 @@ Lengths are metres.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 
-WOOD = (0.17, 0.095, 0.05)
-BUR = (0.15, 0.08, 0.04)
-BUR_INSIDE = (0.34, 0.23, 0.13)
-LEAF = (0.30, 0.19, 0.08)
-LINT = (0.84, 0.81, 0.75)
-LINT_CENTRE = 0.50
+WOOD: Final = (0.17, 0.095, 0.05)
+BUR: Final = (0.15, 0.08, 0.04)
+BUR_INSIDE: Final = (0.34, 0.23, 0.13)
+LEAF: Final = (0.30, 0.19, 0.08)
+LINT: Final = (0.84, 0.81, 0.75)
+LINT_CENTRE: Final = 0.50
 """Height of the lint's centre above the foot of the bur, in diameters of the lint."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -19,18 +20,18 @@ from .rays import Rays, build_rays, interpolate
 from .training_scenes import LINT, TrainingScene, build_scene
 
 Float32 = NDArray[np.float32]
-PLATE_PX = 288
+PLATE_PX: Final = 288
 """Side of a plate; crops of it are what networks see."""
-SUPERSAMPLING = 2
-LIGHTS = 4
+SUPERSAMPLING: Final = 2
+LIGHTS: Final = 4
 """Two lamps, the sky above, and light from all around."""
-HEMISPHERE_RAYS = 24
-LAMP_SAMPLES = 8
-WRAP = (0.25, 0.9)
+HEMISPHERE_RAYS: Final = 24
+LAMP_SAMPLES: Final = 8
+WRAP: Final = (0.25, 0.9)
 """Lint lets light through: its shade begins this much (cosine) beyond the terminator; at least, and in loose lint."""
-SPREAD = 0.6
+SPREAD: Final = 0.6
 """Share of a boll's light, at most, that is spread all over it before it leaves."""
-BOLL_PX = (15.0, 220.0)
+BOLL_PX: Final = (15.0, 220.0)
 """Widths of bolls in the plates, drawn on a logarithmic scale."""
 
 

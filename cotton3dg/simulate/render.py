@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -19,9 +20,9 @@ from .rays import Hits, Rays, build_rays, interpolate
 from .room import Panel, Room
 
 Float32 = NDArray[np.float32]
-WHITE = 0.88
+WHITE: Final = 0.88
 """Linear value of the brightest 2 % of the lint: the exposure is set for it, as a phone does for a white subject."""
-VOID = 0.05
+VOID: Final = 0.05
 """Linear light where a ray leaves the room through its open top."""
 
 

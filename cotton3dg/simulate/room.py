@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -17,11 +18,11 @@ from .mesh import Float64, Mesh
 from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
 from .things import things_on_table
 
-TABLE_HEIGHT = 0.75
-TABLE_THICKNESS = 0.035
-TUBE = 0.04
+TABLE_HEIGHT: Final = 0.75
+TABLE_THICKNESS: Final = 0.035
+TUBE: Final = 0.04
 Painter = Callable[[Canvas], Image]
-ONE_SIDED_AMBIENT = 0.12
+ONE_SIDED_AMBIENT: Final = 0.12
 """What a room with one window and dark walls sends back."""
 
 

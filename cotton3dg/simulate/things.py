@@ -6,6 +6,7 @@ Lengths are metres; each is made about the origin.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, shee
 from .organs import weather
 
 Shape = Callable[[np.random.Generator, SolidNoise, Float64], Mesh]
-NEAREST, FARTHEST = 0.10, 0.50
+NEAREST: Final = 0.10
+FARTHEST: Final = 0.50
 """m from the plant's foot to the middle of a thing on the table."""
-APART = 0.01
+APART: Final = 0.01
 """m, least distance of the boxes around two things, and from the plant's foot."""
-ABOVE = 0.0005
+ABOVE: Final = 0.0005
 """m over the table: two surfaces in one place would flicker."""
 
 

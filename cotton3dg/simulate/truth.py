@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,11 @@ from .mesh import Float64
 from .plant import PlantMeshes
 from .room import TABLE_HEIGHT, TUBE
 
-UNITS = (
+UNITS: Final = (
     "plant dimensions in cm, volumes in cm3, coordinates in metres "
     "(z up, table top z=0, table long side along x, origin = table centre)"
 )
-DEFINITIONS = {
+DEFINITIONS: Final = {
     "centre_xyz_m": "centroid of the convex hull of the lint",
     "diameter_cm": "mean calliper width of the lint hull",
     "visible_pixel_max": "largest pixel count of this id over the instance masks",
@@ -35,11 +35,11 @@ DEFINITIONS = {
     "axis": "id of the branch (or stem) that bears the boll; its peduncle is the axis with that boll_id",
     "position": "fruiting position, 1 = next to the stem; null on a simple plant",
 }
-CONVENTION = (
+CONVENTION: Final = (
     "camera_to_world 4x4, OpenCV axes (x right, y down, z forward), metres, world as in truth.json; "
     "pixel (0,0) is the top-left corner of the top-left pixel (its centre is 0.5, 0.5), as in COLMAP"
 )
-MASKS_NOTE = (
+MASKS_NOTE: Final = (
     "16-bit PNG, value = boll id (lint only), 0 = background; "
     "key = file, value = 0-based frame index in video.mp4 and cameras.json"
 )

@@ -7,6 +7,7 @@ kind, if that is asked for. Lengths are metres; a boll's frame has z along its a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class BollKind:
     """1 = the carpels lie flat, 0 = they stand up around the lint."""
 
 
-KINDS = {
+KINDS: Final = {
     "usual": 0.32,
     "tight": 0.1,
     "fluffy": 0.2,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Gaussians
 from .initialise import SH_CONSTANT
 
-FADED = 0.35
+FADED: Final = 0.35
 """What is left of the contrast of all that is no boll."""
 
 

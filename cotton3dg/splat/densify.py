@@ -10,25 +10,26 @@ moment is kept, with no random numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Gaussians, rotations
 
-FAINTEST_OPACITY = 0.005
+FAINTEST_OPACITY: Final = 0.005
 """As in the paper; about the 1/255 below which a Gaussian changes no pixel."""
 
-LEAST_WEIGHT = 0.05
+LEAST_WEIGHT: Final = 0.05
 """Mean blending weight, relative to the median Gaussian's, below which a Gaussian is hidden."""
 
-SPLIT_SHRINKAGE = 1.6
+SPLIT_SHRINKAGE: Final = 1.6
 """The paper's φ: by how much the children are shorter than their parent along its longest axis."""
 
-CURVE_BITS = 10
+CURVE_BITS: Final = 10
 """Cells along each axis of the curve that orders Gaussians in memory, as a power of two."""
 
-_SPLIT_OFFSET = np.sqrt(1 - SPLIT_SHRINKAGE**-2)
+_SPLIT_OFFSET: Final = np.sqrt(1 - SPLIT_SHRINKAGE**-2)
 """Distance of the children from the parent's mean, in its σ, that keeps the second moment along the axis."""
 
 

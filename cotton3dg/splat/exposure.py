@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 from .views import View
 
-DARKEST, BRIGHTEST = 15, 235
+DARKEST: Final = 15
+BRIGHTEST: Final = 235
 """Values between which a channel is neither noise nor saturated."""
-MOST_POINTS = 2000
+MOST_POINTS: Final = 2000
 """The points seen in the most images suffice: they tie distant images together."""
-FEWEST_OBSERVATIONS = 20
+FEWEST_OBSERVATIONS: Final = 20
 """Of an image; with fewer its gain would be a guess, and it stays as it is."""
-PATCH_PX = 3
+PATCH_PX: Final = 3
 """Side of the square whose mean is a point's colour in an image."""
-HUBER = 1.5
+HUBER: Final = 1.5
 """Residuals beyond this many standard deviations lose weight: highlights and wrong matches."""
-ROUNDS = 5
+ROUNDS: Final = 5
 """Of reweighting; after these the gains move by less than a tenth of their error."""
 
-VISIBLE = 0.01
+VISIBLE: Final = 0.01
 """Standard deviation of log gains that is corrected: on mid-grey it is an error 46 dB below white, which begins to
 count beside the 30 to 35 dB of a model."""
-CERTAIN = 3.0
+CERTAIN: Final = 3.0
 """... and it must exceed its own standard error by this factor, ..."""
-ALIKE = 0.9
+ALIKE: Final = 0.9
 """... and dark and bright points must tell of the same changes. (0.99 of two films whose exposure changed, 0.4 to 0.7
 of three real sets of photos, one of which lost 2 dB when it was corrected.)"""
 

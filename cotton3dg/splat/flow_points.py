@@ -7,6 +7,7 @@ instead saves most of the densification (EDGS, Kotovenko et al. 2025), at some t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,28 +17,28 @@ from ..core.scene import Camera
 from .random_streams import open_stream
 from .views import View
 
-FLOW_SIDE_PX = 480
+FLOW_SIDE_PX: Final = 480
 """Longer side of the images that flow is computed on."""
 
-BEST_PARALLAX_DEG = 6.0
+BEST_PARALLAX_DEG: Final = 6.0
 """Angle between the two cameras of a pair seen from a near point: depth is well determined, appearance still alike."""
 
-NEAR_QUANTILE = 0.2
+NEAR_QUANTILE: Final = 0.2
 """Quantile of the depths that stands for a near point: the plant is in front of the room."""
 
-NEIGHBOURS = 3
+NEIGHBOURS: Final = 3
 """Cameras that each camera is paired with; a point needs the agreement of two pairs."""
 
-CONSISTENT_PX = 1.0
+CONSISTENT_PX: Final = 1.0
 """Largest error of forward-backward flow and of reprojection, px of the flow image."""
 
-CONSISTENT_DEPTH = 0.03
+CONSISTENT_DEPTH: Final = 0.03
 """Largest relative difference between the depths from two pairs."""
 
-SMALLEST_SIDE_PX = 32
+SMALLEST_SIDE_PX: Final = 32
 """DIS refuses images that are not much larger than its patches."""
 
-GRID_PX = 4
+GRID_PX: Final = 4
 """Distance of the sampled pixels in the flow image."""
 
 

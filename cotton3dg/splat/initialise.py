@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +17,32 @@ from .flow_points import find_dense_points
 from .random_streams import open_stream
 from .views import View
 
-SH_CONSTANT = 0.28209479177387814
-START_OPACITY = 0.5
+SH_CONSTANT: Final = 0.28209479177387814
+START_OPACITY: Final = 0.5
 """Not the 0.1 of Kerbl et al. 2023: dense points lie on surfaces, so that less has to be found out (measured: +0.2 dB
 after 1000 steps)."""
 
-SMALLEST_SCALE = 1e-4
+SMALLEST_SCALE: Final = 1e-4
 """Floor of a starting scale relative to the median one: points that coincide have no neighbour distance."""
 
-LARGEST_SCALE = 10.0
+LARGEST_SCALE: Final = 10.0
 """Cap of a starting scale relative to the median one: lone outliers would else cover the whole image."""
 
 
-START_SHARE = 0.3
+START_SHARE: Final = 0.3
 """Share of the budget that training starts with. The rest is for densification to place: a larger start shows more of
 the room sooner, a smaller one leaves more for thin branches and lint that flow does not find."""
 
-FILL_SHARE = 0.1
+FILL_SHARE: Final = 0.1
 """Share of the budget that fills the plant region evenly, whatever was found there."""
 
-FILL_REACH = 0.4
+FILL_REACH: Final = 0.4
 """Radius of the filled ball relative to the cameras' distance from what they look at."""
 
-FILL_OPACITY = 0.1
+FILL_OPACITY: Final = 0.1
 """As in Kerbl et al. 2023: most of the filling stands in thin air and has to vanish."""
 
-POINT_OPACITY = 0.1
+POINT_OPACITY: Final = 0.1
 """Of the points of structure from motion alone, as in Kerbl et al. 2023. Cotton3DGaussians writes opacity 1 and unit
 covariance: the logit of 1 is infinite and has no gradient, and opaque Gaussians of 1 su, a third of a metre, hide all
 behind the first one from every ray."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import torch
 
-LEAST_LENGTH = 1e-6
+LEAST_LENGTH: Final = 1e-6
 """Features shorter than this have no direction. torch's own 1e-12 would turn rounding errors into unit vectors."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from ..geometry.camera_orbit import Orbit
 from .rasterizer import render
 from .views import View
 
-PLANT_REGION = 0.5
+PLANT_REGION: Final = 0.5
 """Radius of the plant region relative to the distance of the cameras from the centre of their orbit."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from ..core.scene import Camera, Float64
 
 Int64 = NDArray[np.int64]
 
-FARTHEST = 3.0
+FARTHEST: Final = 3.0
 """An image whose neighbours are farther away in time than so many times the usual has no known speed."""
 
 

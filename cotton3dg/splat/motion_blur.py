@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +20,22 @@ from ..core.scene import Float64
 from .motion import Tracks, measure_velocities
 from .views import View
 
-VISIBLE_PX = 2.0
+VISIBLE_PX: Final = 2.0
 """A line of this length wipes out the finest detail that an image can show, of one cycle in 2 px."""
-CERTAIN = 3.0
+CERTAIN: Final = 3.0
 """... and the median length must exceed its own standard error by this factor."""
-FEWEST_PLACES = 20
+FEWEST_PLACES: Final = 20
 """Of an image; with fewer its blur would be a guess."""
-MOST_PLACES = 80
+MOST_PLACES: Final = 80
 """Of an image; more say the same once more."""
-SLOWEST_PX = 0.5
+SLOWEST_PX: Final = 0.5
 """px a frame of the video; what moves less cannot be blurred, and its direction is unsure."""
-REACH = 32
+REACH: Final = 32
 """px; correlations are taken up to this distance, on lines of twice the length."""
-BREADTH = 5
+BREADTH: Final = 5
 """Lines beside each other whose mean is taken, 1 px apart."""
-LENGTHS_PX = np.arange(0, 24.25, 0.25)
-NOISE = 4.0
+LENGTHS_PX: Final = np.arange(0, 24.25, 0.25)
+NOISE: Final = 4.0
 """Grey levels squared that a gradient has without any picture: rounding and compression."""
 
 

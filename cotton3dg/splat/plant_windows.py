@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,26 +13,26 @@ from ..geometry.camera_orbit import fit_orbit
 from ..geometry.planes import TOLERANCE, table_plane
 from .rasterizer import Window
 
-REACH = 0.6
+REACH: Final = 0.6
 """Points farther from the orbit's axis are the room, relative to the orbit's radius: half of a table's long side."""
 
-STRAY_SHARE = 0.01
+STRAY_SHARE: Final = 0.01
 """Share of the points at each end of the plant, along each axis, that are taken for strays."""
 
-MARGIN = 0.12
+MARGIN: Final = 0.12
 """By how much a window is wider than the plant's points, relative to its longer side: points end before twigs do. (It
 cuts no mask of 296 plants, and of one that the frame cuts 0.4 %.)"""
 
-SEEN_MARGIN = 0.2
+SEEN_MARGIN: Final = 0.2
 """That of what the bolls' network sees, which understands an edge by what is around it."""
 
-LEAST_POINTS = 100
+LEAST_POINTS: Final = 100
 """Fewer points above the table do not tell where the plant ends."""
 
-LARGEST_SHARE = 0.8
+LARGEST_SHARE: Final = 0.8
 """A window of more of the image saves less than its borders cost."""
 
-GRID_PX = 16
+GRID_PX: Final = 16
 """Windows begin and end at tiles of the core."""
 
 

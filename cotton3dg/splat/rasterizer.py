@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,11 @@ from cotton3dg.splat.state import AdamState, DensityStatistics, LearningRates, a
 
 T = TypeVar("T")
 Background = tuple[float, float, float] | NDArray[Any]
-BLACK = (0.0, 0.0, 0.0)
+BLACK: Final = (0.0, 0.0, 0.0)
 Window = tuple[int, int, int, int]
 """Part of an image: left, top, width, height, px."""
-_CHANNELS = (1, 3, 4, 16, 32)
-_NEAR_PER_DEPTH = 0.02
+_CHANNELS: Final = (1, 3, 4, 16, 32)
+_NEAR_PER_DEPTH: Final = 0.02
 
 
 @dataclass(frozen=True)

@@ -14,20 +14,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ..core.scene import Float64
 from .motion import Tracks, in_cameras, measure_velocities
 
-VISIBLE_PX = 0.5
+VISIBLE_PX: Final = 0.5
 """Shift of the pixels, root mean square, below which a rolling shutter drowns in what structure from motion is wrong by
 anyway."""
-CERTAIN = 3.0
+CERTAIN: Final = 3.0
 """... and the read-out time must exceed its own standard error by this factor."""
-FEWEST_PLACES = 500
-HUBER = 2.0
+FEWEST_PLACES: Final = 500
+HUBER: Final = 2.0
 """Residuals beyond this many times their median lose weight: wrong matches."""
 
 

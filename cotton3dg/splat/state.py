@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Gaussians
 
-BANDS = 4
+BANDS: Final = 4
 """Degrees of the spherical harmonics, 0 to 3."""
 
 
@@ -36,7 +37,7 @@ class Surroundings:
     most_log_scales: float = 1.0
 
 
-NO_SURROUNDINGS = Surroundings()
+NO_SURROUNDINGS: Final = Surroundings()
 """The same rates everywhere."""
 
 

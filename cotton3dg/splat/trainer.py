@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,70 +27,73 @@ from .rasterizer import StepReport, Window, train_step
 from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
 from .views import View
 
-COARSEST_SIDE_PX = 200
+COARSEST_SIDE_PX: Final = 200
 """Images are not reduced below this: there is nothing left to learn from."""
 
-LEVEL_SHARES = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
+LEVEL_SHARES: Final = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
 """Share of the steps at each resolution, coarse to fine, by the number of resolutions."""
 
-DENSIFY_FROM, DENSIFY_UNTIL = 0.05, 0.4
+DENSIFY_FROM: Final = 0.05
+DENSIFY_UNTIL: Final = 0.4
 """Shares of the steps between which the number of Gaussians changes: it is settled when the finest images come, so that
 most of the costly steps can look at the plant alone."""
 
-N_DENSIFICATIONS = 25
+N_DENSIFICATIONS: Final = 25
 """How often it changes, unless that would be more than once for each image."""
 
-PAPER_STEPS = 30_000
+PAPER_STEPS: Final = 30_000
 """Length of training in Kerbl et al. 2023, which their learning rates are made for."""
 
-SETTLING_FROM, SETTLED = 0.75, 0.1
+SETTLING_FROM: Final = 0.75
+SETTLED: Final = 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
 
-SURROUNDINGS_GROWTH = 2.5
+SURROUNDINGS_GROWTH: Final = 2.5
 """How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it:
 a room's Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
 
-SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES = 20.0, 3.0
+SURROUNDINGS_MEANS: Final = 20.0
+SURROUNDINGS_LOG_SCALES: Final = 3.0
 """How many times as long they become at most."""
 
-SURROUNDINGS_STEPS = 500
+SURROUNDINGS_STEPS: Final = 500
 """In trainings of fewer steps all are as long as they can be."""
 
-SH_RAISED_EVERY = 0.15
+SH_RAISED_EVERY: Final = 0.15
 """Share of the steps after which the degree of the colour rises by one."""
 
-MOST_REJECTED = 0.02
+MOST_REJECTED: Final = 0.02
 """Share of the steps that may be rejected for a non-finite loss before training counts as failed."""
 
 
-FEWEST_REJECTED = 10
+FEWEST_REJECTED: Final = 10
 """So many rejected steps are tolerated in the shortest training."""
 
-WHOLE_EVERY = 4
+WHOLE_EVERY: Final = 4
 """Once the number of Gaussians is settled, a view is trained on whole in one of so many epochs, else on the window that
 shows the plant."""
 
-RECORDED_EVERY = 50
+RECORDED_EVERY: Final = 50
 """Steps between two entries of the history."""
 
-UNUSABLE = ("non_finite", "degenerate")
+UNUSABLE: Final = ("non_finite", "degenerate")
 """Reasons for culling that tell of numerical trouble; the others tell of Gaussians out of view."""
 
-SAVED_EVERY_S = 60.0
+SAVED_EVERY_S: Final = 60.0
 """Seconds between two saves of the training, so that no interruption costs more."""
 
-CLOSEST = 0.15
+CLOSEST: Final = 0.15
 """Nothing solid is nearer to a camera than this share of the cameras' distance from what they look at."""
 
-PLANT_NEED = 5.0
+PLANT_NEED: Final = 5.0
 """How much more a Gaussian in the plant region needs splitting than one of the room with the same gradient."""
 
-LARGEST_IN_PLANT = 0.01
+LARGEST_IN_PLANT: Final = 0.01
 """Longest σ in the plant region relative to the cameras' distance: some 1.2 cm where a plant fills the image, a third
 of a boll, so that surfaces to be measured are sampled even where lint is too white to call for it. Half of it spends a
 small budget on the table top and leaves nothing for detail."""
 
-LARGEST_IN_ROOM = 0.05
+LARGEST_IN_ROOM: Final = 0.05
 """Longest σ elsewhere relative to the distance from the orbit's centre."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -72,6 +73,6 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     return StageOutcome(summary, ("no_bolls",), (f"{seen}; look at masks/ and at --views of masks",))
 
 
-STAGE = Stage(
+STAGE: Final = Stage(
     "cluster", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

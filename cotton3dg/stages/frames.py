@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from ..capture.take_photos import take_photos
 from ..capture.take_video import HELD_A_FRAME, take_video
@@ -14,9 +15,9 @@ from ..options import FramesOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
-JPEG_BYTES_A_PIXEL = 1.0
+JPEG_BYTES_A_PIXEL: Final = 1.0
 """At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""
-HELD_BYTES_A_PIXEL = 1.5
+HELD_BYTES_A_PIXEL: Final = 1.5
 """Of a frame that is held until the film's end; HDR takes twice as much."""
 
 
@@ -54,7 +55,7 @@ def _cost(work: Work) -> Cost:
     )
 
 
-STAGE = Stage(
+STAGE: Final = Stage(
     "frames",
     version=6,
     inputs=inputs,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -26,9 +27,9 @@ from ..options import MasksOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
-MASK_BYTES = 2**18
+MASK_BYTES: Final = 2**18
 """Of one image's masks on the disk, generous."""
-WEIGHTS = ("weights", "detector")
+WEIGHTS: Final = ("weights", "detector")
 """Options that name networks, of whichever back end has them."""
 
 
@@ -128,4 +129,6 @@ def _cost(work: Work) -> Cost:
     return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
 
 
-STAGE = Stage("masks", version=19, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files)
+STAGE: Final = Stage(
+    "masks", version=19, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,4 +140,4 @@ def load_plant(
     )
 
 
-STAGE = Stage("scale", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)
+STAGE: Final = Stage("scale", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)

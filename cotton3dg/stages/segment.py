@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,4 +102,4 @@ def _cost(work: Work) -> Cost:
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 
-STAGE = Stage("segment", version=5, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)
+STAGE: Final = Stage("segment", version=5, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

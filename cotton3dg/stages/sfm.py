@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -34,19 +35,22 @@ from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
-RECORD = "record.json"
+RECORD: Final = "record.json"
 """Of what was begun."""
-VIDEO_FEATURE_SIDE = 1280
+VIDEO_FEATURE_SIDE: Final = 1280
 """px; finer detail of a phone's video is mostly noise and compression."""
-PHOTO_SIZE, PHOTO_FEATURES, PHOTO_PARTNERS = 2, 4, 2
+PHOTO_SIZE: Final = 2
+PHOTO_FEATURES: Final = 4
+PHOTO_PARTNERS: Final = 2
 """Photos are sharper than a video's frames and stand farther apart: they get these factors of size, features and images
 to match with."""
-FEW_PHOTOS, FEATURES_OF_FEW = 32, 8
+FEW_PHOTOS: Final = 32
+FEATURES_OF_FEW: Final = 8
 """Up to so many stand farther apart still and get more features. (Four times as many as a frame's place 14 of 16 photos
 of a turn, eight times all.)"""
-FEATURES_PER_MP = 5700
+FEATURES_PER_MP: Final = 5700
 """Features that a megapixel has, unless there is a limit."""
-FEATURE_BYTES = 200
+FEATURE_BYTES: Final = 200
 """A SIFT feature with its share of the matches, in the database that is kept meanwhile."""
 
 
@@ -153,7 +157,7 @@ def _cost(work: Work) -> Cost:
     )
 
 
-STAGE = Stage(
+STAGE: Final = Stage(
     "sfm",
     version=14,
     inputs=inputs,

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 from .. import __version__
 from ..core.outcome import StageOutcome
@@ -17,7 +17,7 @@ from ..option_rules import as_dict
 from ..options import STAGE_OPTIONS
 from ..workspace import Workspace
 
-STAGES = tuple(STAGE_OPTIONS)
+STAGES: Final = tuple(STAGE_OPTIONS)
 """Names, in the order in which they run."""
 
 

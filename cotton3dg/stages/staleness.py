@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from ..core.state import State
 from ..documents.record import Record
@@ -13,7 +13,7 @@ from ..options import resolve
 from ..workspace import Workspace
 from .stage import STAGES, stage_of
 
-UP_TO_DATE = ""
+UP_TO_DATE: Final = ""
 
 
 @dataclass(frozen=True)

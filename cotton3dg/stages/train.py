@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from .. import __version__, _native
 from ..core.machine import on_all_cores
@@ -35,10 +36,10 @@ from ..training.quality import judged, outcome_of
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 
-COST_SLICES = 20
+COST_SLICES: Final = 20
 """Parts of a training over which its cost takes the number of Gaussians as constant."""
 
-WINDOWED = 0.6
+WINDOWED: Final = 0.6
 """What a step costs on average, relative to one on the whole image, once most look at the plant alone: the plant's
 window is a third of the image."""
 
@@ -185,7 +186,7 @@ def _cost(work: Work) -> Cost:
     return Cost(judging.shared_s + steps_s)
 
 
-STAGE = Stage(
+STAGE: Final = Stage(
     "train",
     version=13,
     inputs=inputs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +51,11 @@ from ..traits.weight import predict_weight
 from ..workspace import Workspace
 from .stage import STAGES, Cost, Stage, Work
 
-NO_MAP = "no_map"
-UNMAPPED = "no stem can be followed up from the clamp, so there is no plant map; film so that the whole stem is seen"
-EARLIER_STAGES = tuple(stage for stage in STAGES if stage != "traits")
+NO_MAP: Final = "no_map"
+UNMAPPED: Final = (
+    "no stem can be followed up from the clamp, so there is no plant map; film so that the whole stem is seen"
+)
+EARLIER_STAGES: Final = tuple(stage for stage in STAGES if stage != "traits")
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -297,4 +299,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE = Stage("traits", version=32, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE: Final = Stage("traits", version=32, inputs=inputs, run=run, cost=_cost, named_files=named_files)

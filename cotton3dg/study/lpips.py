@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..errors import BadInput
 from ..splat.rasterizer import render
 from ..splat.views import View
 
-MOST_VIEWS = 8
+MOST_VIEWS: Final = 8
 """Held-out images that are judged; a network looks at one for seconds."""
 
 

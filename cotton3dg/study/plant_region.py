@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from typing import Final
 
 import cv2
 import numpy as np
@@ -14,10 +15,10 @@ from ..splat.plant_windows import find_plant_windows
 from ..splat.rasterizer import Window
 from ..splat.views import View, hold_out
 
-PLANT = 0.25
+PLANT: Final = 0.25
 """Probability of lint, bur, wood or leaf from which a pixel is the plant's: of thin twigs the network is never sure."""
 
-EDGE_SHARE = 0.003
+EDGE_SHARE: Final = 0.003
 """By how much a region is wider at each side than what the network sees, relative to the image's longer side: models
 differ most at the plant's edge."""
 

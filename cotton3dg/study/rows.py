@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,10 +32,11 @@ from .lpips import measure_lpips
 from .plant_region import PlantRegions, resized
 from .tables import COLUMNS, ERRORS, PUBLISHED
 
-RECORD = "study"
-FULL_SIDE = 960
+RECORD: Final = "study"
+FULL_SIDE: Final = 960
 """All models are compared at this size of the images, px, or at their own if smaller."""
-TIMED_CAMERAS, TIMED_TIMES = 5, 3
+TIMED_CAMERAS: Final = 5
+TIMED_TIMES: Final = 3
 """The time of rendering is the median over so many cameras, each the best of so many times."""
 
 

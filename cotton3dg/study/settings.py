@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 from .. import pipeline
 from ..errors import BadUsage
@@ -13,7 +13,7 @@ from ..stages.stage import Footage
 from ..workspace import Workspace
 from .tables import TITLES
 
-FACTORS: dict[str, tuple[str, str, tuple[Any, ...]]] = {
+FACTORS: Final[dict[str, tuple[str, str, tuple[Any, ...]]]] = {
     "resolution": ("train", "max_side", (120, 240, 480, 960)),
     "steps": ("train", "steps", (50, 100, 200, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 15_000, 20_000, 30_000)),
     "schedule": ("train", "steps", (250, 500, 1000, 2000, 3000, 7000, 15_000, 30_000)),
@@ -25,14 +25,14 @@ FACTORS: dict[str, tuple[str, str, tuple[Any, ...]]] = {
 }
 """Sweep -> stage, option and values, coarse to fine. Besides, there are `style` and `preset`."""
 
-CLUSTERED_BY = {"affinity": "dbscan"}
+CLUSTERED_BY: Final = {"affinity": "dbscan"}
 """Method of segment -> that of cluster which belongs to it, as published; others go with the base's."""
 
-CHEAP = ("resolution", "steps", "views")
+CHEAP: Final = ("resolution", "steps", "views")
 """They share the cameras, which take longest."""
 
 
-PARTIAL_SHARE = 0.6
+PARTIAL_SHARE: Final = 0.6
 """Of the frame's sides that `style partial` sees: a camera so much nearer that the plant does not fit."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from ..core.columns import Column
 from ..core.state import State
@@ -13,13 +13,13 @@ from ..planning.tradeoff import format_duration, pareto_front
 
 Row = Mapping[str, Any]
 
-ERRORS = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
+ERRORS: Final = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")
 """Traits that are compared; each has a column <trait>_error_pct."""
 
-PUBLISHED = ("boll_volume_published_cm3", "plant_height_published_cm", "canopy_size_published_cm")
+PUBLISHED: Final = ("boll_volume_published_cm3", "plant_height_published_cm", "canopy_size_published_cm")
 """The same as Cotton3DGaussians defines them; they stand beside those and have no part in `trait_error_pct`."""
 
-COLUMNS = (
+COLUMNS: Final = (
     Column("sweep", "", "what is varied; base: the setting that all others differ from in one thing"),
     Column("setting", "", "its value"),
     Column("state", "", "done, failed or skipped"),
@@ -50,7 +50,7 @@ COLUMNS = (
     *(Column(f"{trait}_error_pct", "%", f"{trait} relative to the reference", 2) for trait in PUBLISHED),
 )
 
-TITLES = {
+TITLES: Final = {
     "resolution": ("Table 1: image resolution", "longer side"),
     "steps": ("Table 2: optimisation steps, models that one training passes through", "steps"),
     "schedule": ("Optimisation steps, a training of its own for each", "steps"),
@@ -64,7 +64,7 @@ TITLES = {
 }
 """Sweep -> title and heading of its first column."""
 
-FIGURES = (
+FIGURES: Final = (
     ("PSNR dB", "psnr_db", ".2f"),
     ("SSIM", "ssim", ".3f"),
     ("plant PSNR", "plant_psnr_db", ".2f"),
@@ -86,10 +86,10 @@ FIGURES = (
     ("MiB", "peak_memory_mib", ".0f"),
 )
 
-MEASURES = {"full_psnr_db": -1.0, "trait_error_pct": 1.0}
+MEASURES: Final = {"full_psnr_db": -1.0, "trait_error_pct": 1.0}
 """Measures of accuracy that a front is drawn for, and the sign that makes less better."""
 
-BUSY = 1.5
+BUSY: Final = 1.5
 """So many times longer than its CPU-seconds shared among the cores: then others were computing, too."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from ..splat.harmonics import turned
 from ..splat.trainer import Fit
 from .quality import LOW_PSNR_DB
 
-RIGID = 1e-3
+RIGID: Final = 1e-3
 """How far a rotation that was saved in single precision may be off."""
 
 

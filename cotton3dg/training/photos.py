@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from ..splat.exposure import VISIBLE, correct, estimate_exposure
 from ..splat.motion import Tracks, find_longest_tracks
 from ..splat.views import View, hold_out
 
-MOTION_POINTS = 600
+MOTION_POINTS: Final = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""
 
 

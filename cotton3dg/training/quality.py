@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,9 @@ from ..splat.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..splat.trainer import Fit
 from .photos import Capture
 
-LOW_PSNR_DB = 22.0
+LOW_PSNR_DB: Final = 22.0
 """Below this the render is visibly blurred, and traits measured on it are doubtful."""
-COMPARISONS = 4
+COMPARISONS: Final = 4
 """Held-out photos that are shown beside their renders."""
 
 

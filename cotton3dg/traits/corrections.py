@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,16 @@ from ..core.scene import Float64, Gaussians
 from ..documents.corrections import Correction, Place
 from ..geometry.point_sets import find_compact_part, measure_extent
 
-NEAR = 0.5
+NEAR: Final = 0.5
 """A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""
-LEAST_GAUSSIANS = 5
-REACH = 0.9
+LEAST_GAUSSIANS: Final = 5
+REACH: Final = 0.9
 """An added boll reaches no farther than this many usual diameters around its place: bolls differ, and picks err."""
-AS_WHITE = 0.2
+AS_WHITE: Final = 0.2
 """It is of Gaussians that are as white as this quantile of the other bolls'; darker ones are wood and leaves."""
-USUAL_CM = 4.5
+USUAL_CM: Final = 4.5
 """Diameter of an open boll, where no other boll of the plant tells it."""
-ADDED_OPACITY = 0.1
+ADDED_OPACITY: Final = 0.1
 """Fainter Gaussians are haze and no part of an added boll."""
 
 

@@ -11,64 +11,65 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import BollTraits, Scale
 
-COVERED = 1.96
+COVERED: Final = 1.96
 """Standard errors to either side of a value that make its 95 % interval."""
-SIZE_PX = 0.25
+SIZE_PX: Final = 0.25
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
-SMEARED_SIZE = 0.04
+SMEARED_SIZE: Final = 0.04
 """Standard error of canopy, as a share of the motion blur: walking around a plant smears it sideways. Fitted."""
-SHAPE = 0.33
+SHAPE: Final = 0.33
 """Relative standard error of a boll's volume, however large it is in the images, of what its hull lacks of a ball of
 its diameter: the farther from round, the more of the hull is lint that no image shows. Fitted."""
-EDGE_PX = 0.1
+EDGE_PX: Final = 0.1
 """Standard error of a boll's diameter in one view. Fitted."""
-ALIKE = 8
+ALIKE: Final = 8
 """Views that err alike, for they see the same rim."""
-SHARED_EDGE_PX = 0.02
+SHARED_EDGE_PX: Final = 0.02
 """Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
-SHARED_BLUR = 0.004
+SHARED_BLUR: Final = 0.004
 """... and by how much of the motion blur the edges lie farther out. Both fitted."""
-SEEN_ALL_ROUND_DEG = 60.0
+SEEN_ALL_ROUND_DEG: Final = 60.0
 """A walk that lacks no more than this has seen all sides."""
-UNSEEN = 0.04
+UNSEEN: Final = 0.04
 """Relative standard error of all volumes by sides that no image shows, where the walk lacks 100 degrees more. Fitted to
 five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
-BEHIND = 0.03
+BEHIND: Final = 0.03
 """Probability that a boll is hidden behind others all along a walk that lacks 280 degrees, and is not counted: of two
 simulated plants filmed so, one lost one of 16. Walks that lack 160 degrees lost none of 77."""
-BLURRED_SHARE = 0.25
+BLURRED_SHARE: Final = 0.25
 """Motion blur, of a boll's width, from which the plant has a flag."""
-NEIGHBOUR = 1.2
+NEIGHBOUR: Final = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
-PARTED = 1.3
+PARTED: Final = 1.3
 """Relative standard error of a touching boll's volume from where it was parted from its neighbour, for the square of
 how much nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
-UNROUND = 0.045
+UNROUND: Final = 0.045
 """A touching boll whose volume is so much less of a ball's of its diameter than that of the plant's bolls in the middle
 is perhaps two in one, ..."""
-IS_TWO = 0.45
+IS_TWO: Final = 0.45
 """... and this often is: 16 of 36 on films of tests/accuracy/coverage.py (of other touching bolls 12 of 543). ..."""
-AS_IF_NEAR = 0.8
+AS_IF_NEAR: Final = 0.8
 """... Its volume errs as if a neighbour were no farther away."""
-PARTED_IN_SUM = 0.5
+PARTED_IN_SUM: Final = 0.5
 """So much of that counts in the plant's volume: what one of two loses its neighbour gains, and a lost boll's volume is
 not all lost. Fitted."""
-MISCOUNTED = 0.03
+MISCOUNTED: Final = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
-BY_COLOUR_VOLUME = 0.09
+BY_COLOUR_VOLUME: Final = 0.09
 """Relative standard error of the plant's volume from masks by colour alone (`lint`), which lose shaded sides: -16 to
 +15 % on six path-traced plants."""
-BY_COLOUR_MISCOUNTED = 0.45
+BY_COLOUR_MISCOUNTED: Final = 0.45
 """Standard error of the count from such masks, of the bolls that touch: they merge all over the plant or nowhere."""
-HALVES_DIFFER = 0.05
+HALVES_DIFFER: Final = 0.05
 """Of the larger of two counts, by either half of the images; one boll more or less is nothing to speak of."""
-CROWDED_SHARE = 0.3
+CROWDED_SHARE: Final = 0.3
 """Share of touching bolls from which the plant has a flag."""
 
 
@@ -84,7 +85,7 @@ class Filming:
     """Whether there are images that show the plant whole; of bolls beyond the frame nobody knows."""
 
 
-WELL_FILMED = Filming()
+WELL_FILMED: Final = Filming()
 
 
 def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float64]:

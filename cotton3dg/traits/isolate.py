@@ -6,6 +6,7 @@ All lengths are in cm above the table, so this needs a scale.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,37 +15,37 @@ from ..core.measurements import Scale
 from ..core.scene import Float64, Gaussians, rotations
 from .surface import MIN_OPACITY
 
-MAX_LENGTH_CM = 6.0
+MAX_LENGTH_CM: Final = 6.0
 """Two standard deviations of the longest Gaussian a straight piece of stem may be covered by; the room's are larger."""
-MAX_BREADTH_CM = 3.0
+MAX_BREADTH_CM: Final = 3.0
 """The same across it."""
-MARGIN_CM = 25.0
+MARGIN_CM: Final = 25.0
 """How far branches may hang over the rim of the table."""
-MAX_HEIGHT_CM = 250.0
-VOXEL_CM = 0.8
+MAX_HEIGHT_CM: Final = 250.0
+VOXEL_CM: Final = 0.8
 """Gaussians in the same or touching voxels are connected: about the thickness of a branch."""
-BRIDGE_CM = 3.0
+BRIDGE_CM: Final = 3.0
 """Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
-BOLL_BRIDGE_CM = 6.0
+BOLL_BRIDGE_CM: Final = 6.0
 """The same of a boll."""
-STANDING_CM = 10.0
+STANDING_CM: Final = 10.0
 """A boll beyond such a gap is none of this plant if it reaches down so near to the table, or is not above it: something
 white beside the plant, or one that fell. Higher up the branch is missing, not the boll's hold."""
-MIN_PART = 4
+MIN_PART: Final = 4
 """Gaussians of a part beyond a gap; smaller ones are floaters."""
-LOST_REACH_CM = 12.0
+LOST_REACH_CM: Final = 12.0
 """How far from the plant solid specks in the air may be the rest of a twig that the model lacks in between. Where none
 is missing there is hardly one: of 35 models of plants they changed the size of one, which had lost a twig of 20 cm."""
-LOST_OPACITY = 0.3
-LOST_BREADTH_CM = 0.5
+LOST_OPACITY: Final = 0.3
+LOST_BREADTH_CM: Final = 0.5
 """Twigs are covered by needles of a millimetre; what floats about is as thick as a finger."""
-LONELY = 6
+LONELY: Final = 6
 """Other specks within a bridge's width; more are a thing of its own that stands beside the plant."""
-MOST_LOST = 12
+MOST_LOST: Final = 12
 """More of them are a noisy model, as real photos make it, and tell nothing about twigs."""
-STEM_LAYERS = 8
+STEM_LAYERS: Final = 8
 """Layers of 1 cm above the clamp in which the stem is sought."""
-STEM_RADIUS_CM = 1.5
+STEM_RADIUS_CM: Final = 1.5
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,19 @@ from ..core.lint_colour import BollColour, LintColour
 
 Float64 = NDArray[np.float64]
 
-FEWEST_LEVELS = 3
-CLIPPED = 250
-MOST_CLIPPED = 0.05
+FEWEST_LEVELS: Final = 3
+CLIPPED: Final = 250
+MOST_CLIPPED: Final = 0.05
 """Share of burnt-out pixels from which a view says nothing of a boll."""
-LEAST_PIXELS = 30
-FEWEST_VIEWS = 3
-XYZ_OF_SRGB = np.array(
+LEAST_PIXELS: Final = 30
+FEWEST_VIEWS: Final = 3
+XYZ_OF_SRGB: Final = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 """IEC 61966-2-1, white D65."""
-WHITE_D65 = XYZ_OF_SRGB.sum(axis=1)
-WHITE_C = np.array([0.98074, 1.0, 1.18232])
-BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+WHITE_D65: Final = XYZ_OF_SRGB.sum(axis=1)
+WHITE_C: Final = np.array([0.98074, 1.0, 1.18232])
+BRADFORD: Final = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +39,16 @@ from .silhouette_hull import opaque_hull
 from .surface import as_drawn, sample_surface_of_volume, surface_rows
 from .whole_in_view import doubt_whole
 
-ALPHA = 0.25
+ALPHA: Final = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
-NEAR_CLAMP = 1.5
+NEAR_CLAMP: Final = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
-LIKELY_CM = (2.5, 7.0)
+LIKELY_CM: Final = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
-UNSURE = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
+UNSURE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
 """Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
-UNROUND_FLAG = "unround"
-DOUBTFUL_SHARE = 0.1
+UNROUND_FLAG: Final = "unround"
+DOUBTFUL_SHARE: Final = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
 

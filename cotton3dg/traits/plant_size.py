@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +19,24 @@ from .isolate import Plant, find_lost_tips
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means
 from .surface import SAMPLES, sample_visible_surface
 
-TIP_OPACITY = 0.2
+TIP_OPACITY: Final = 0.2
 """Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one. Heights and
 canopies of 58 rendered plants are then right on average; docs/notes/stated_errors.md."""
-FAINT_OPACITY = 0.1
+FAINT_OPACITY: Final = 0.1
 """What is fainter is haze as a rule; yet the end of a twig of half a pixel may be ..."""
-FAINT_SHARE = 0.02
+FAINT_SHARE: Final = 0.02
 """... where the plant would be larger by so much with it."""
-TOP_RANK = 2
+TOP_RANK: Final = 2
 """The plant is as high as the second highest of its Gaussians: a floater is no top."""
-LOST_SHARE = 0.01
+LOST_SHARE: Final = 0.01
 """Of height or canopy, by which ends of twigs that the model lacks make the plant larger, from which on it has a
 flag."""
-END_CM = 1.0
+END_CM: Final = 1.0
 """Standard error of where a twig ends that only the photos show (mapping/thin_twigs.py)."""
-END_SPACING_CM = 0.25
-TURNED_AREA = 0.01
+END_SPACING_CM: Final = 0.25
+TURNED_AREA: Final = 0.01
 """Two rectangles around the plant whose areas differ by less, as a share, may both be the least, ..."""
-TURNED_CANOPY = 0.01
+TURNED_CANOPY: Final = 0.01
 """... and the plant's canopy is that of either if these differ by more: the one may be long, the other square."""
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class PublishedSize:
     canopy_cm: float = nan
 
 
-NO_PUBLISHED_SIZE = PublishedSize()
+NO_PUBLISHED_SIZE: Final = PublishedSize()
 
 
 def hull_of_means(boll: Gaussians) -> Measured:

@@ -8,22 +8,24 @@ and the planes that touch its silhouettes bound it.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.boxes import fibonacci_directions
 
-OPAQUE = 0.5
+OPAQUE: Final = 0.5
 """Opacity at which a silhouette ends, of Gaussians as wide as they are drawn (`surface.as_drawn`): a pixel that is half
 covered is the edge. Nothing is fitted here: with exact masks, the bolls of two path-traced plants come out at 1.00 and
 1.02 of their volume with a spread of 2 % between bolls."""
-VIEWS = 24
-RAYS = 24
+VIEWS: Final = 24
+RAYS: Final = 24
 """Directions in each silhouette."""
-STEPS = 40
+STEPS: Final = 40
 """Places along a ray."""
-FAINT = 1e-7
+FAINT: Final = 1e-7
 """Opacity anywhere on a ray below which a Gaussian makes no difference there."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,11 @@ from ..core.scene import Gaussians, rotations
 from ..geometry.boxes import fibonacci_directions
 from ..geometry.convex_measures import convex_volume
 
-MIN_OPACITY = 0.1
+MIN_OPACITY: Final = 0.1
 """Fainter Gaussians carry haze, not surface."""
-SAMPLES = 32
+SAMPLES: Final = 32
 """Points on each ellipsoid."""
-DILATION_PX2 = 0.3
+DILATION_PX2: Final = 0.3
 """What the renderer adds to both variances of every projected Gaussian (native/src/scene.h)."""
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from ..documents.weights import Line, WeightModel
 
-COVERAGE = 0.95
+COVERAGE: Final = 0.95
 """Of the prediction interval."""
 
 

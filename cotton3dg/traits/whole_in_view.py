@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
 
-EDGE = 0.01
+EDGE: Final = 0.01
 """Width of the frame's edge, in longer sides of the image. What lies there ends there: the model has nothing beyond."""
-LEAST_SHARE = 0.003
+LEAST_SHARE: Final = 0.003
 """Share of a plant that lies outside of an image or on its edge when the frame cuts it."""
-OFTEN = 0.25
+OFTEN: Final = 0.25
 """Share of the images from which on it matters: bolls lose views, and beyond what all images cut nothing is known."""
 
-NEARLY_ALWAYS = 0.9
+NEARLY_ALWAYS: Final = 0.9
 """Share of the images from which on no size is stated: where the plant ends, none of them shows."""
 
 

@@ -21,7 +21,7 @@ from cotton3dg.mapping.graph import joined, shortest_paths
 from cotton3dg.mapping.map_plant import map_cloud, map_places
 from cotton3dg.mapping.order import base_angle_deg, draw_map, with_straight_base
 from cotton3dg.mapping.radii import radii_of
-from cotton3dg.mapping.skeleton import RawAxis, bare_length
+from cotton3dg.mapping.skeleton import FEWEST_PLACES, RawAxis, bare_length, extract_axes
 from cotton3dg.mapping.summary import boll_rows, branch_rows, summarise_map
 from cotton3dg.mapping.wood import BollBody, WoodCloud, thinned
 
@@ -30,6 +30,14 @@ from cotton3dg.mapping.wood import BollBody, WoodCloud, thinned
 def mapped() -> PlantMap:
     scene = branch_scene()
     return map_places(thinned(scene.places, 0.25), scene.bolls)
+
+
+@pytest.mark.parametrize("n", [FEWEST_PLACES - 1, FEWEST_PLACES])
+def test_a_handful_of_places_has_no_stem(n):
+    places = np.column_stack([np.zeros((n, 2)), np.arange(n, dtype=float)])
+    cloud = WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), ())
+    axes, _ = extract_axes(cloud)
+    assert len(axes) == (n >= FEWEST_PLACES)
 
 
 def test_lengths_and_places_along_a_polyline():

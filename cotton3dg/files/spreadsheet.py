@@ -7,6 +7,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -142,10 +143,9 @@ def _csv_cells(text: str, name: str) -> tuple[str, list[list[str]]]:
 
 def _fit(text: str, separator: str) -> tuple[bool, float, int]:
     """How well a separator divides the first rows."""
-    try:
-        counts = [len(row) for row in islice(_csv_reader(text, separator), TRIED_ROWS) if row]
-    except csv.Error:
-        counts = []
+    counts: list[int] = []
+    with suppress(csv.Error):
+        counts.extend(len(row) for row in islice(_csv_reader(text, separator), TRIED_ROWS) if row)
     head = counts[0] if counts else 0
     return head > 1, counts.count(head) / max(len(counts), 1), head
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 from .command_options import MARKER_DICTIONARIES, CardsOptions, MarkersOptions, RenderOptions, SimulateOptions
 from .errors import BadUsage
 from .option_rules import effective, option, options_of, resolved
+from .text import read_text
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
@@ -363,8 +364,8 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
     if not path.exists():
         return {}
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        tables = tomllib.loads(read_text(path, BadUsage))
+    except (tomllib.TOMLDecodeError, OSError) as error:
         raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
     for name, table in tables.items():
         if name not in STAGE_OPTIONS or not isinstance(table, dict):

@@ -24,6 +24,7 @@ from ..files.tables import parse_number, read_rows
 from ..geometry.picks import PickedPoint, point_of_picks
 from ..options import recorded
 from ..stages.stage import STAGES
+from ..text import read_text
 from ..workspace import Workspace
 
 EXAMPLE: Final = "000000.jpg:412,530 000012.jpg:388,541"
@@ -231,7 +232,7 @@ def _from_file(file: Path | None) -> tuple[Correction, ...]:
     if file is None:
         return ()
     try:
-        return Corrections.parsed(json.loads(file.read_text(encoding="utf-8"))).corrections
+        return Corrections.parsed(json.loads(read_text(file))).corrections
     except (OSError, ValueError) as error:
         raise BadInput(f"{file.name} holds no corrections ({error}); save it again from the plant's report") from error
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hi
 
 from ..errors import BadInput
 from ..files.saving import json_text, write_text_atomically
+from ..text import read_text
 
 
 class Document:
@@ -34,7 +35,7 @@ class Document:
             BadInput: no such file, damaged, or of a version that said less.
         """
         try:
-            return cls.parsed(json.loads(path.read_text(encoding="utf-8")))
+            return cls.parsed(json.loads(read_text(path)))
         except (OSError, ValueError) as error:
             raise BadInput(f"{path.name} is damaged or of another version ({error}); {cls.REMEDY}") from error
 

@@ -21,7 +21,8 @@ from ..core.columns import Column
 from ..errors import BadInput, MissingInput
 from ..files.saving import explain_disk_errors
 from ..files.scatter import write_scatter
-from ..files.tables import csv_text, parse_number, read_rows
+from ..files.spreadsheet import Table, read_table
+from ..files.tables import BOLLS, TRAITS, csv_text
 from .match import match_bolls
 from .plant import MATCH_DISTANCE_CM
 
@@ -35,8 +36,8 @@ NOT_TRAITS: Final = (
     ID, BOLL, *PLACE, "version", "scale_source", "qc_flags", "seconds", "n_frames", "registered_pct", "psnr_db",
     "n_gaussians", "n_views", "confidence",
 )  # fmt: skip
-
-Row = dict[str, str]
+MEASURED: Final = {WEIGHT, *(column.name for column in (*TRAITS, *BOLLS) if column.unit)}
+"""Columns that hold numbers, whoever wrote the table."""
 
 
 @dataclass(frozen=True)
@@ -114,29 +115,28 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
         MissingInput: a table is not there.
         BadInput: a table has no plant_id, the tables have no plant or no trait in common.
     """
-    measured, measured_twice = read_by_plant(measured_csv)
-    truth, truth_twice = read_by_plant(truth_csv)
-    repeated = tuple(sorted({*measured_twice, *truth_twice}))
-    plants = [plant for plant in truth if plant in measured and plant not in repeated]
+    measured, truth = read_by_plant(measured_csv), read_by_plant(truth_csv)
+    repeated = tuple(sorted({*measured.twice, *truth.twice}))
+    plants = [plant for plant in truth.places if plant in measured.places and plant not in repeated]
     if not plants:
         raise _nothing_common(measured_csv, truth_csv)
-    scores, pairs, blank = _compare({plant: (truth[plant], measured[plant]) for plant in plants})
+    places = {plant: (truth.places[plant], measured.places[plant]) for plant in plants}
+    scores, pairs, blank = _compare(truth.table, measured.table, places)
     weight_error_pct = math.nan
-    if WEIGHT in _columns(truth) and VOLUME in _columns(measured):
-        values = np.array([[parse_finite(truth[p][WEIGHT]), parse_finite(measured[p][VOLUME])] for p in plants])
-        weights, volumes = values[np.isfinite(values).all(axis=1)].T
-        predicted = predict_left_out(volumes, weights)
-        if np.isfinite(predicted).any():
-            scores.append(score(WEIGHT, weights, predicted))
-            pairs[WEIGHT] = (weights, predicted)
-            weight_error_pct = scores[-1].mape_pct
+    values = np.stack([truth.numbers(WEIGHT, plants), measured.numbers(VOLUME, plants)], 1)
+    weights, volumes = values[np.isfinite(values).all(axis=1)].T
+    predicted = predict_left_out(volumes, weights)
+    if np.isfinite(predicted).any():
+        scores.append(score(WEIGHT, weights, predicted))
+        pairs[WEIGHT] = (weights, predicted)
+        weight_error_pct = scores[-1].mape_pct
     if not scores:
         raise _no_trait(measured_csv, truth_csv)
     return TableEvaluation(
         scores,
         pairs,
-        missing=tuple(plant for plant in truth if plant not in measured),
-        extra=tuple(plant for plant in measured if plant not in truth),
+        missing=tuple(plant for plant in truth.places if plant not in measured.places),
+        extra=tuple(plant for plant in measured.places if plant not in truth.places),
         repeated=repeated,
         blank=blank,
         weight_error_pct=weight_error_pct,
@@ -153,19 +153,24 @@ def evaluate_boll_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation
         MissingInput: a table is not there.
         BadInput: a table names no plants or bolls, or the tables have no boll or no trait in common.
     """
-    measured, truth = (_read_by_boll(path) for path in (measured_csv, truth_csv))
-    common = [plant for plant in truth if plant in measured]
-    matched: dict[str, tuple[Row, Row]] = {}
+    (measured, found_of), (truth, true_of) = (_read_by_boll(path) for path in (measured_csv, truth_csv))
+    found_cm, true_cm = _centres_cm(measured), _centres_cm(truth)
+    matched: dict[str, tuple[int, int]] = {}
     missing, extra = [], []
-    for plant in common:
-        pairs = _matched_bolls(truth[plant], measured[plant])
-        matched |= {f"{plant}/{true[BOLL]}": (true, found) for true, found in pairs}
-        seen = [id(row) for pair in pairs for row in pair]
-        missing += [f"{plant}/{row[BOLL]}" for row in truth[plant] if id(row) not in seen]
-        extra += [f"{plant}/{row[BOLL]}" for row in measured[plant] if id(row) not in seen]
+    for plant in (plant for plant in true_of if plant in found_of):
+        true, found = true_of[plant], found_of[plant]
+        if all(np.isfinite(each).all(axis=1).any() for each in (true_cm[true], found_cm[found])):
+            pairs = [(true[i], found[j]) for i, j in match_bolls(true_cm[true], found_cm[found], MATCH_DISTANCE_CM)]
+        else:
+            by_id = {_boll_id(measured, place): place for place in found}
+            pairs = [(place, by_id[boll]) for place in true if (boll := _boll_id(truth, place)) in by_id]
+        matched |= {f"{plant}/{_boll_id(truth, place)}": (place, other) for place, other in pairs}
+        seen_true, seen_found = {place for place, _ in pairs}, {place for _, place in pairs}
+        missing += [f"{plant}/{_boll_id(truth, place)}" for place in true if place not in seen_true]
+        extra += [f"{plant}/{_boll_id(measured, place)}" for place in found if place not in seen_found]
     if not matched:
         raise _nothing_common(measured_csv, truth_csv)
-    scores, values, blank = _compare(matched)
+    scores, values, blank = _compare(truth, measured, matched)
     if not scores:
         raise _no_trait(measured_csv, truth_csv)
     return TableEvaluation(scores, values, tuple(missing), tuple(extra), (), blank, math.nan)
@@ -173,61 +178,66 @@ def evaluate_boll_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation
 
 def is_boll_table(path: Path) -> bool:
     """Whether a table has a row a boll, as batch_bolls.csv, rather than one a plant."""
-    rows = read_rows(path)
-    return bool(rows) and BOLL in rows[0]
+    return BOLL in read_table(path).columns
 
 
 def _compare(
-    rows: dict[str, tuple[Row, Row]],
+    truth: Table, measured: Table, places: dict[str, tuple[int, int]]
 ) -> tuple[list[TraitScore], dict[str, tuple[NDArray, NDArray]], dict[str, tuple[str, ...]]]:
-    """Scores, pairs of values and what is blank, of true and measured rows by name."""
+    """Scores, pairs of values and what is blank, of what has a row in both tables: its name -> those rows' places."""
     scores, pairs, blank = [], {}, {}
-    first = next(iter(rows.values()))
-    for trait in (name for name in first[0] if name and name in first[1] and name not in NOT_TRAITS):
-        values = np.array([[parse_finite(row.get(trait) or "") for row in both] for both in rows.values()])
-        true, found = values.T
+    of_truth, of_measured = np.array(list(places.values())).T
+    for trait in (name for name in truth.columns if name in measured.columns and name not in NOT_TRAITS):
+        if trait not in MEASURED and not _is_numeric(measured, trait):
+            continue  # a name, a block, a treatment
+        true, found = truth.numbers(trait)[of_truth], measured.numbers(trait)[of_measured]
         if not np.isfinite(true).any():
             continue
-        both = np.isfinite(values).all(axis=1)
+        both = np.isfinite(true) & np.isfinite(found)
         scores.append(score(trait, true[both], found[both]))
         pairs[trait] = (true[both], found[both])
         lacking = np.isfinite(true) & ~np.isfinite(found)
         if lacking.any():
-            blank[trait] = tuple(name for name, lacks in zip(rows, lacking, strict=True) if lacks)
+            blank[trait] = tuple(name for name, lacks in zip(places, lacking, strict=True) if lacks)
     return scores, pairs, blank
 
 
-def _matched_bolls(true: list[Row], found: list[Row]) -> list[tuple[Row, Row]]:
-    """Pairs of rows of one plant."""
-    places = [
-        np.array([[parse_finite(row.get(axis) or "") for axis in PLACE] for row in rows]) for rows in (true, found)
-    ]
-    if all(np.isfinite(each).all(axis=1).any() for each in places):
-        return [(true[i], found[j]) for i, j in match_bolls(places[0], places[1], MATCH_DISTANCE_CM)]
-    by_id = {row[BOLL].strip(): row for row in found}
-    return [(row, by_id[row[BOLL].strip()]) for row in true if row[BOLL].strip() in by_id]
+def _is_numeric(table: Table, column: str) -> bool:
+    try:
+        return bool(np.isfinite(table.numbers(column)).any())
+    except BadInput:
+        return False
 
 
-def _read_by_boll(path: Path) -> dict[str, list[Row]]:
-    """Rows of each plant.
+def _centres_cm(table: Table) -> NDArray[np.float64]:
+    """(N, 3) of each row's boll; NaN where the table does not have its place."""
+    if not {*PLACE} <= {*table.columns}:
+        return np.full((len(table.rows), 3), np.nan)
+    return np.stack([table.numbers(axis) for axis in PLACE], 1)
+
+
+def _boll_id(table: Table, place: int) -> str:
+    return table.rows[place][BOLL].strip()
+
+
+def _read_by_boll(path: Path) -> tuple[Table, dict[str, list[int]]]:
+    """A table, and plant -> the places of its rows.
 
     Raises:
         MissingInput: no table. BadInput: it names no plants or bolls, or a boll twice.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with the columns {ID} and {BOLL}")
-    rows = read_rows(path)
-    for name in (ID, BOLL):
-        if not rows or name not in rows[0]:
-            raise BadInput(f"{path.name} has no column {name}; a table of bolls names both plant and boll")
-    counts = Counter((row[ID].strip(), row[BOLL].strip()) for row in rows)
+    table = read_table(path)
+    table.require(ID, BOLL)
+    counts = Counter((row[ID].strip(), row[BOLL].strip()) for row in table.rows)
     twice = [f"{plant}/{boll}" for (plant, boll), count in counts.items() if count > 1]
     if twice:
         raise BadInput(f"{path.name} has boll {twice[0]} twice; give each boll of a plant a {BOLL} of its own")
-    plants: dict[str, list[Row]] = {}
-    for row in rows:
-        plants.setdefault(row[ID].strip(), []).append(row)
-    return plants
+    plants: dict[str, list[int]] = {}
+    for place, row in enumerate(table.rows):
+        plants.setdefault(row[ID].strip(), []).append(place)
+    return table, plants
 
 
 def _nothing_common(measured_csv: Path, truth_csv: Path) -> BadInput:
@@ -288,23 +298,37 @@ def evaluation_text(evaluation: TableEvaluation) -> str:
     return "\n".join(lines)
 
 
-def read_by_plant(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
-    """Rows by plant, and the plants that have several."""
+@dataclass(frozen=True)
+class PlantTable:
+    """A table with a row a plant."""
+
+    table: Table
+    places: dict[str, int]
+    """Plant -> the place of its row."""
+    twice: tuple[str, ...]
+    """Plants that have several."""
+
+    def numbers(self, column: str, plants: Sequence[str]) -> NDArray[np.float64]:
+        """(N,) of these plants; NaN where a cell is blank, or the table does not have the column.
+
+        Raises:
+            BadInput: a cell of the column is no number.
+        """
+        if column not in self.table.columns:
+            return np.full(len(plants), np.nan)
+        return self.table.numbers(column)[[self.places[plant] for plant in plants]]
+
+
+def read_by_plant(path: Path) -> PlantTable:
+    """Read a table that names plants.
+
+    Raises:
+        MissingInput: there is none. BadInput: it names no plants.
+    """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with a column {ID}")
-    rows = read_rows(path)
-    if not rows or ID not in rows[0]:
-        raise BadInput(f"{path.name} has no column {ID}; name the plants in one")
-    names = [row[ID].strip() for row in rows]
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    return {name: row for name, row in zip(names, rows, strict=True) if name}, twice
-
-
-def _columns(table: dict[str, dict[str, str]]) -> Sequence[str]:
-    return [name for name in next(iter(table.values()), {}) if name]
-
-
-def parse_finite(cell: str) -> float:
-    """A cell's number; NaN also of one that is not finite."""
-    value = parse_number(cell)
-    return value if math.isfinite(value) else math.nan
+    table = read_table(path)
+    table.require(ID)
+    names = [row[ID].strip() for row in table.rows]
+    twice = tuple(name for name, count in Counter(names).items() if count > 1)
+    return PlantTable(table, {name: place for place, name in enumerate(names) if name}, twice)

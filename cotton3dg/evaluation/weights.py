@@ -14,7 +14,7 @@ from ..errors import BadInput
 from ..files.saving import explain_disk_errors
 from ..files.scatter import write_fit
 from ..traits.weight import predict
-from .tables import VOLUME, WEIGHT, parse_finite, predict_left_out, read_by_plant, score
+from .tables import VOLUME, WEIGHT, predict_left_out, read_by_plant, score
 
 PREDICTORS: Final = (VOLUME, "boll_count")
 """The volume first: a plant without one is predicted by its count."""
@@ -52,12 +52,12 @@ def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[
     Raises:
         MissingInput: a table is not there. BadInput: too few weighed plants were measured.
     """
-    measured, truth = read_by_plant(measured_csv)[0], read_by_plant(truth_csv)[0]
-    plants = [plant for plant in truth if plant in measured]
-    weights = np.array([parse_finite(truth[plant].get(WEIGHT, "")) for plant in plants])
+    measured, truth = read_by_plant(measured_csv), read_by_plant(truth_csv)
+    plants = [plant for plant in truth.places if plant in measured.places]
+    weights = truth.numbers(WEIGHT, plants)
     lines, points = [], {}
     for predictor in PREDICTORS:
-        values = np.array([parse_finite(measured[plant].get(predictor, "")) for plant in plants])
+        values = measured.numbers(predictor, plants)
         both = np.isfinite(values) & np.isfinite(weights)
         if both.sum() >= LEAST_PLANTS and np.ptp(values[both]) > 0:
             lines.append(fit_line(predictor, values[both], weights[both]))
@@ -67,7 +67,7 @@ def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[
             f"{truth_csv.name} has a {WEIGHT} of fewer than {LEAST_PLANTS} plants that {measured_csv.name} measured "
             f"differently; weigh more plants"
         )
-    shares = np.array([parse_finite(truth[plant].get(LINT_PCT, "")) for plant in plants])
+    shares = truth.numbers(LINT_PCT, plants)
     shares = shares[np.isfinite(shares)]
     return WeightModel(tuple(lines), float(shares.mean()) if len(shares) else None), points
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import BadInput
+from ..text import read_text
 
 STUDY_FILE: Final = "study.toml"
 SECTIONS: Final = ("Investigation", "Study", "Person")
@@ -35,8 +36,8 @@ def read_study(folder: Path) -> Study:
     if not path.is_file():
         return Study()
     try:
-        told = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        told = tomllib.loads(read_text(path))
+    except (tomllib.TOMLDecodeError, OSError) as error:
         raise BadInput(f"{STUDY_FILE}: {error}; mend it") from error
     for name, table in told.items():
         if name not in SECTIONS or not isinstance(table, dict):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Final
 
@@ -10,21 +11,31 @@ from numpy.typing import NDArray
 
 from ..core.libraries import import_open3d
 from ..errors import BadInput, MissingInput
+from ..text import read_text
 
 SUFFIXES: Final = (".ply", ".pcd", ".xyz", ".txt", ".csv")
-LABELS: Final = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label", "scalar_Label")
-"""Names of a point attribute that numbers the bolls from 1 on; CloudCompare puts `scalar_` in front."""
+LABELS: Final = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label", "scalar_labels")
+"""Names of a point attribute that numbers the bolls from 1 on, in lower case; CloudCompare puts `scalar_` in front."""
+PLACE: Final = ("x", "y", "z")
+COMMENT: Final = re.compile(r"//|#")
+LARGEST_BOLL_CM: Final = 30.0
+"""Across; what numbers points that lie farther apart is no boll."""
+MOST_BOLLS: Final = 1000
+"""More than any plant bears."""
+LEAST_SEEN: Final = 0.5
+"""Share of a cloud's points that need a place; depth cameras also save what they did not see."""
 
 
 def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
     """Points (N, 3) in cm and the boll of each (N,), 0 = none; None where the file does not tell.
 
-    Plain text has x y z in the first three columns, separated by blanks, commas or semicolons, and may have the boll in
-    a last, fourth one; a first line that is no number is a header.
+    Plain text has x y z in its first three columns, or in those of these names, separated by blanks, tabs, commas or
+    semicolons; decimal commas are read. The boll is in a column with a name of `LABELS`, or in the fourth and last
+    where the columns have no names.
 
     Raises:
         MissingInput: there is no such file.
-        BadInput: the file cannot be read or has fewer than 4 finite points.
+        BadInput: the file cannot be read, has fewer than 4 points or most without a place, or numbers no bolls.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a point cloud ({', '.join(SUFFIXES)})")
@@ -38,23 +49,102 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
     finite = np.isfinite(points).all(axis=1)
     if finite.sum() < 4:
         raise BadInput(f"{path.name} has {finite.sum()} points; export the whole plant")
-    return points[finite] * cm_per_unit, None if labels is None else labels[finite]
+    if finite.mean() < LEAST_SEEN:
+        raise BadInput(f"{path.name} has a place for {finite.sum()} of {finite.size} points only; export it again")
+    points_cm = points[finite] * cm_per_unit
+    return points_cm, None if labels is None else _check_labels(labels[finite], points_cm, path.name)
 
 
-def _read_scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+def _check_labels(labels: NDArray[np.float64], points_cm: NDArray[np.float64], name: str) -> NDArray[np.int64]:
+    """The same as whole numbers.
+
+    Raises:
+        BadInput: they number no bolls, but are intensities or the like.
+    """
+    remedy = "leave that column out, or number the points of each boll from 1 on, 0 being no boll"
+    numbers = np.rint(labels)
+    if not np.isfinite(labels).all() or (numbers != labels).any() or (labels < 0).any():
+        raise BadInput(f"{name}: the column beside x y z has fractions, so it numbers no bolls; {remedy}")
+    of_bolls = [points_cm[numbers == number] for number in np.unique(numbers[numbers > 0])[: MOST_BOLLS + 1]]
+    across_cm = np.array([np.linalg.norm(np.ptp(own, axis=0)) for own in of_bolls if len(own) > 1])
+    if len(of_bolls) > MOST_BOLLS:
+        raise BadInput(
+            f"{name}: the column beside x y z has over {MOST_BOLLS} numbers, so it numbers no bolls; {remedy}"
+        )
+    if len(across_cm) and np.median(across_cm) > LARGEST_BOLL_CM:
+        raise BadInput(
+            f"{name}: points that share a number beside x y z lie {np.median(across_cm):.0f} cm apart, so it numbers "
+            f"no bolls (or --cloud-unit is another); {remedy}"
+        )
+    return numbers.astype(np.int64)
+
+
+def _read_scanner_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     attributes = import_open3d().t.io.read_point_cloud(path).point
     if "positions" not in attributes:
         return np.zeros((0, 3)), None
-    label = next((name for name in LABELS if name in attributes), None)
-    labels = None if label is None else np.rint(attributes[label].numpy().ravel()).astype(np.int64)
+    label = next((name for name in attributes if name.lower() in LABELS), None)
+    labels = None if label is None else attributes[label].numpy().ravel().astype(np.float64)
     return attributes["positions"].numpy().astype(np.float64), labels
 
 
-def _read_text(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
-    lines = path.read_text(encoding="utf-8-sig").replace(",", " ").replace(";", " ").splitlines()
+def _read_text(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    lines = [line.strip() for line in read_text(path).split("\n")]
+    start, names = _find_start(lines)
+    separator, decimal_comma = _layout(lines[start])
+    width = len(_split(lines[start], separator))
+    body = [line.replace(",", ".") if decimal_comma else line for line in lines[start:] if line]
     try:
-        [float(cell) for cell in lines[0].split()]
+        table = np.loadtxt(body, np.float64, comments=None, delimiter=separator, ndmin=2)
     except ValueError:
-        lines = lines[1:]
-    table = np.loadtxt(lines, dtype=np.float64, ndmin=2)
-    return table[:, :3], np.rint(table[:, 3]).astype(np.int64) if table.shape[1] == 4 else None
+        table = np.full((1, width), np.nan)
+    if not np.isfinite(table).all():
+        for number, line in enumerate(lines[start:], start + 1):
+            cells = _split(line, separator)
+            if line and (len(cells) != width or not _are_numbers(cells, decimal_comma)):
+                raise ValueError(f"line {number} is not {width} numbers: {line[:60]!r}")
+    if not names:
+        return table[:, :3], table[:, 3] if width == len(PLACE) + 1 else None
+    named = [axis for axis in PLACE if axis in names]
+    if len(named) not in (0, len(PLACE)):
+        raise ValueError(f"its columns are {', '.join(names)}, where x, y or z is missing")
+    places = [names.index(axis) for axis in named] or [0, 1, 2]
+    label = next((place for place, name in enumerate(names) if name in LABELS), None)
+    return table[:, places], None if label is None else table[:, label]
+
+
+def _find_start(lines: list[str]) -> tuple[int, list[str]]:
+    """Where the points begin, and the names of their columns, in lower case, where a line before says them."""
+    names: list[str] = []
+    for number, line in enumerate(lines):
+        separator, decimal_comma = _layout(line)
+        cells = _split(COMMENT.sub("", line, count=1), separator)
+        # Some programs write how many points there are in a line of its own.
+        if len(cells) < len(PLACE):
+            continue
+        if not COMMENT.match(line) and _are_numbers(cells, decimal_comma):
+            return number, names if len(names) == len(cells) else []
+        names = [cell.strip('"').lower() for cell in cells]
+    raise ValueError("no line of it begins with x y z as numbers")
+
+
+def _layout(line: str) -> tuple[str | None, bool]:
+    """What separates the cells of a line, None for blanks, and whether its numbers have decimal commas."""
+    for separator in (";", "\t"):
+        if separator in line:
+            return separator, "," in line
+    words = line.split()
+    if len(words) >= len(PLACE) and not any(word.endswith(",") for word in words):
+        return None, "," in line
+    return ("," if "," in line else None), False
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def _are_numbers(cells: list[str], decimal_comma: bool) -> bool:
+    try:
+        return all(np.isfinite(float(cell.replace(",", ".") if decimal_comma else cell)) for cell in cells)
+    except ValueError:
+        return False

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.scene import Float64
 from ..errors import BadInput
+from ..text import read_text
 from .images import MAX_PIXELS
 
 MAX_JSON_BYTES: Final = 2**28
@@ -55,7 +56,7 @@ def read_json(path: Path) -> Any:
     if size > MAX_JSON_BYTES:
         raise BadInput(f"{path.name} is larger than {MAX_JSON_BYTES >> 20} MiB; export fewer images or as PNG masks")
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path.name} is no whole JSON file; export it again") from error
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from .tables import read_rows
+from .spreadsheet import read_table
 
 COLUMNS: Final = ("point", "image", "x_px", "y_px")
 
@@ -24,18 +24,15 @@ def read_picks(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
         BadInput: a column is missing, a number cannot be read, or a point was picked twice in an image.
     """
     picks: dict[str, dict[str, NDArray[np.float64]]] = {}
-    for line, row in enumerate(read_rows(path), 2):
-        if missing := [column for column in COLUMNS if not row.get(column)]:
-            raise BadInput(f"{path.name}, line {line}: no {', '.join(missing)}; give {', '.join(COLUMNS)}")
-        try:
-            place = np.array([float(row["x_px"]), float(row["y_px"])]) + 0.5
-        except ValueError as error:
-            raise BadInput(f"{path.name}, line {line}: {error}; write pixels as numbers with a dot") from error
+    table = read_table(path)
+    table.require(*COLUMNS)
+    places = np.stack([table.numbers("x_px"), table.numbers("y_px")], 1) + 0.5
+    for line, row, place in zip(table.lines, table.rows, places, strict=True):
+        if missing := [column for column in COLUMNS if not row[column].strip()]:
+            raise BadInput(f"{path.name}, row {line}: no {', '.join(missing)}; give {', '.join(COLUMNS)}")
         images = picks.setdefault(row["point"].strip(), {})
         image = row["image"].strip()
         if image in images or not np.isfinite(place).all():
-            raise BadInput(
-                f"{path.name}, line {line}: {row['point']} in {image} is there twice or not finite; keep one"
-            )
+            raise BadInput(f"{path.name}, row {line}: {row['point']} in {image} is there twice or nowhere; keep one")
         images[image] = place
     return picks

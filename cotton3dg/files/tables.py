@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,8 @@ from ..core.columns import Column, columns_of
 from ..core.lint_colour import BollColour, LintColour
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
-from ..errors import BadInput
+from .formulas import defuse
+from .spreadsheet import read_table
 
 BYTE_ORDER_MARK: Final = "\ufeff"
 
@@ -68,27 +68,12 @@ def columns_text(tables: Mapping[str, Sequence[Column]], *, excel: bool = False)
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table by the names of its columns, as text: "" for a blank cell, and without the apostrophe that
-    `csv_text` puts before what a spreadsheet would compute.
+    """Rows of a table by the names of its columns, as text: "" for a blank cell.
 
     Raises:
-        BadInput: no such file, not UTF-8, or lines with more cells than the header.
+        BadInput: no such file, or no table (`read_table`).
     """
-    import pandas as pd
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # cells that no column has
-            table = pd.read_csv(
-                path, dtype=str, na_filter=False, encoding="utf-8-sig", index_col=False, compression=None
-            )
-    except pd.errors.EmptyDataError:
-        return []
-    except (OSError, ValueError, pd.errors.ParserWarning) as error:
-        raise BadInput(
-            f"{path.name} cannot be read ({' '.join(str(error).split())}); save it as CSV in UTF-8"
-        ) from error
-    return [{name: _restore(cell) for name, cell in row.items()} for row in table.to_dict("records")]
+    return read_table(path).rows
 
 
 def flags_of(row: Mapping[str, Any]) -> list[str]:
@@ -117,9 +102,9 @@ def _cell(value: Any, digits: int | None) -> str:
     if value is None:
         return ""
     if isinstance(value, str):
-        return _defuse(value)
+        return defuse(value)
     if isinstance(value, (list, tuple)):
-        return _defuse(";".join(str(item) for item in value))
+        return defuse(";".join(str(item) for item in value))
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):
@@ -128,19 +113,3 @@ def _cell(value: Any, digits: int | None) -> str:
         # Adding 0 turns -0.00 into 0.00.
         return f"{round(value, digits) + 0.0:.{digits}f}" if digits is not None else repr(value)
     return str(value)
-
-
-def _defuse(text: str) -> str:
-    """`text` as a spreadsheet shows it instead of computing it."""
-    text = text.replace("\0", "")
-    return "'" + text if _is_computed(text) else text
-
-
-def _restore(cell: str) -> str:
-    """The text that `_defuse` made a cell of."""
-    return cell[1:] if cell[:1] == "'" and _is_computed(cell[1:]) else cell
-
-
-def _is_computed(text: str) -> bool:
-    """Whether a spreadsheet takes a text for a formula."""
-    return text.lstrip().startswith(("=", "+", "-", "@")) or text[:1] in ("\t", "\r")

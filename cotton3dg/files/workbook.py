@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from ..errors import BadInput
 from .saving import explain_disk_errors, replacing
+
+KEPT_DIGITS: Final = 15
+"""A spreadsheet keeps no more of a number."""
 
 
 def write_workbook(path: Path, sheets: Mapping[str, tuple[Sequence[str], Iterable[Sequence[Any]]]]) -> None:
@@ -50,3 +58,62 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str):
         return ILLEGAL_CHARACTERS_RE.sub("", value) or None
     return value
+
+
+def is_workbook(content: bytes) -> bool:
+    """Whether a file's content may be that of an .xlsx file, which is a ZIP archive."""
+    return content.startswith(b"PK\x03\x04")
+
+
+def workbook_cells(content: bytes, name: str) -> list[list[str]]:
+    """Rows of the first sheet as text: whole numbers with all digits and without a point, dates as year-month-day.
+
+    Raises:
+        BadInput: not an Excel file, or a cell without a value that can be trusted.
+    """
+    import zipfile
+
+    from openpyxl.utils.exceptions import InvalidFileException
+
+    try:
+        values, formulas = (_sheet(content, data_only) for data_only in (True, False))
+    except (InvalidFileException, zipfile.BadZipFile, KeyError, IndexError, ValueError, SyntaxError) as error:
+        raise BadInput(f"{name} is no Excel file that can be read ({error}); save it as CSV in UTF-8") from error
+    cells = []
+    for row, written in zip(values, formulas, strict=True):
+        for value, source in zip(row, written, strict=True):
+            where = f"{name}, cell {getattr(value, 'coordinate', '')}"
+            # Without a value; text that is empty is one.
+            if source.data_type == "f" and value.value is None and value.data_type == "n":
+                raise BadInput(f"{where}: its formula was never computed; open the file in a spreadsheet and save it")
+            number = value.value
+            if isinstance(number, (int, float)) and abs(number) >= 10**KEPT_DIGITS:
+                raise BadInput(f"{where}: a number keeps {KEPT_DIGITS} digits at most; store longer ones as text")
+        cells.append([_shown(cell.value, cell.number_format or "") for cell in row])
+    return cells
+
+
+def _sheet(content: bytes, data_only: bool) -> list[tuple[Any, ...]]:
+    """Cells of the first sheet: values, or formulas as they were written."""
+    from openpyxl import load_workbook
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of styles and extensions, which nobody reads here
+        sheet = load_workbook(io.BytesIO(content), read_only=True, data_only=data_only).worksheets[0]
+        sheet.reset_dimensions()  # which some programs write wrong
+        return list(sheet.iter_rows())
+
+
+def _shown(value: object, number_format: str) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime) and not (value.hour or value.minute or value.second):
+        value = value.date()
+    if isinstance(value, date):
+        return str(value)
+    if isinstance(value, bool):
+        return str(value).upper()
+    if isinstance(value, float):
+        value = int(value) if value.is_integer() else f"{value:.{KEPT_DIGITS}g}"
+    padded = isinstance(value, int) and re.fullmatch("0+", number_format)
+    return str(value).zfill(len(number_format)) if padded else str(value)

@@ -81,10 +81,54 @@ def test_clouds_are_read_in_all_formats(tmp_path):
     o3d.t.io.write_point_cloud(str(tmp_path / "c.ply"), cloud)
     o3d.t.io.write_point_cloud(str(tmp_path / "d.pcd"), o3d.t.geometry.PointCloud(points))
     for name, has_labels in (("a.xyz", True), ("b.csv", False), ("c.ply", True), ("d.pcd", False)):
-        read, numbers = read_cloud(tmp_path / name, 100.0)
-        assert read == pytest.approx(100 * points, rel=1e-6)
+        read, numbers = read_cloud(tmp_path / name, 10.0)
+        assert read == pytest.approx(10 * points, rel=1e-6)
         assert (numbers is not None) == has_labels
         assert not has_labels or (numbers == labels).all()
+
+
+POINTS = np.array([[0.1, -0.2, 0.3], [0.2, -0.2, 0.3], [0.1, -0.3, 0.3], [0.1, -0.2, 1.4]])
+
+
+@pytest.mark.parametrize(
+    ("text", "labels"),
+    [
+        ("0.1 -0.2 0.3|0.2 -0.2 0.3|0.1 -0.3 0.3|0.1 -0.2 1.4", None),
+        ("4|0.1 -0.2 0.3|0.2 -0.2 0.3|0.1 -0.3 0.3|0.1 -0.2 1.4", None),
+        ("X;Y;Z|0,1;-0,2;0,3|0,2;-0,2;0,3|0,1;-0,3;0,3|0,1;-0,2;1,4", None),
+        ("0,1 -0,2 0,3|0,2 -0,2 0,3|0,1 -0,3 0,3|0,1 -0,2 1,4", None),
+        ("0.1, -0.2, 0.3|0.2, -0.2, 0.3|0.1, -0.3, 0.3|0.1, -0.2, 1.4", None),
+        ("//X Y Z Intensity|0.1 -0.2 0.3 98|0.2 -0.2 0.3 127|0.1 -0.3 0.3 98|0.1 -0.2 1.4 76", None),
+        ("#x y z label|0.1 -0.2 0.3 1|0.2 -0.2 0.3 0|0.1 -0.3 0.3 1|0.1 -0.2 1.4 2", [1, 0, 1, 2]),
+        ("boll_id,x,y,z|1,0.1,-0.2,0.3|0,0.2,-0.2,0.3|1,0.1,-0.3,0.3|2,0.1,-0.2,1.4", [1, 0, 1, 2]),
+        ("0.1 -0.2 0.3 1|0.2 -0.2 0.3 0|0.1 -0.3 0.3 1|0.1 -0.2 1.4 2", [1, 0, 1, 2]),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_text_of_any_program_is_read(tmp_path, text, labels, encoding):
+    (tmp_path / "a.xyz").write_text(text.replace("|", "\r\n"), encoding=encoding, newline="")
+    read, numbers = read_cloud(tmp_path / "a.xyz", 100.0)
+    assert read == pytest.approx(100 * POINTS)
+    assert (None if numbers is None else numbers.tolist()) == labels
+
+
+@pytest.mark.parametrize(
+    ("column", "words"),
+    [
+        ([0.86, 0.94, 0.65, 0.37], "has fractions, so it numbers no bolls; leave that column out"),
+        ([198, 76, 76, 198], "lie 62 cm apart, so it numbers no bolls"),
+        ([-1, 0, 1, 2], "numbers no bolls"),
+    ],
+)
+def test_intensities_are_no_numbers_of_bolls(tmp_path, column, words):
+    """210 "true bolls" of 1.4 million cm3."""
+    np.savetxt(tmp_path / "a.xyz", np.column_stack([POINTS, column]))
+    cloud = o3d.t.geometry.PointCloud(POINTS)
+    cloud.point["label"] = np.array(column, np.float32).reshape(-1, 1)
+    o3d.t.io.write_point_cloud(str(tmp_path / "a.ply"), cloud)
+    for name in ("a.xyz", "a.ply"):
+        with pytest.raises(BadInput, match=words):
+            read_cloud(tmp_path / name, 100.0)
 
 
 def test_clouds_that_cannot_be_used_are_refused(tmp_path):
@@ -92,7 +136,11 @@ def test_clouds_that_cannot_be_used_are_refused(tmp_path):
         read_cloud(tmp_path / "none.ply", 1.0)
     for name, content, word in (
         ("a.las", b"LASF", "export"),
-        ("b.xyz", b"1 2 3\n4 five 6\n", "cannot be read"),
+        ("b.xyz", b"1 2 3\n4 five 6\n", "line 2 is not 3 numbers: '4 five 6'"),
+        ("f.xyz", b"1 2 3\n4 5 6\n7 8\n", "line 3 is not 3 numbers"),
+        ("g.xyz", b"1 2 3\n4 5 6\nnan nan nan\n", "line 3 is not 3 numbers"),
+        ("h.csv", b"id,x,y,height\n1,2,3,4\n", "where x, y or z is missing"),
+        ("i.xyz", b"1 2 3\n4 5 6 # \xc3\xde\xc1\xe5\n", "line 2, is not in UTF-8"),
         ("c.xyz", b"1 2 3\n4 5 6\n", "2 points"),
         ("d.ply", b"ply\nnothing", "d.ply"),
         ("e.xyz", b"", "cannot be read"),

@@ -17,6 +17,10 @@ TEXT = "plant_id,genotype,block\nA1,Größe,1\nA2,DP 1646,2\n"
         TEXT.replace(",", ";").replace("\n", "\r\n").encode("cp1252"),
         TEXT.replace(",", "\t").encode(),
         (TEXT + ",,\n\n").encode(),
+        TEXT.encode("utf-16"),
+        TEXT.replace(",", "\t").replace("\n", "\r").encode("utf-16-be").join([b"\xfe\xff", b""]),
+        ("sep=;\n" + TEXT.replace(",", ";")).replace("\n", "\r\n").encode(),
+        TEXT.replace(",", ",,").encode(),
     ],
 )
 def test_every_dialect_is_read(tmp_path, content):
@@ -46,9 +50,10 @@ def test_excel_is_read_as_it_is_shown(tmp_path):
         ("plant_id,x\nA,1\nA,2\n", BadInput, "rows 2 and 3"),
         ("plant_id,x\n,1\n", BadInput, "row 2: no plant_id"),
         ("plant_id,x\nA,1,2\n", BadInput, "row 2: more cells"),
-        ("plant_id,x,x\nA,1,2\n", BadInput, "no name, or one that another has"),
+        ("plant_id,x,x\nA,1,2\n", BadInput, "two columns 'x'"),
         ("plant_id,x\n", BadInput, "no rows"),
-        ("", BadInput, "empty"),
+        ("plant_id,,x\nA,1,2\n", BadInput, "column 2 has no name"),
+        ("", BadInput, "no rows"),
         ("name,x\nA,1\n", BadUsage, "--id-column 'name'"),
     ],
 )

@@ -214,10 +214,10 @@ def test_points_and_boxes_from_a_table(tmp_path: Path) -> None:
         ("image,a,b\n1,2,3\n", "needs the columns"),
         ("", "holds no prompt"),
         ("image,x,y\n", "holds no prompt"),
-        ("image,x,y\n000004,1\n", "line 2.*not a point"),
-        ("image,x,y\n000004,one,2\n", "line 2.*not a point"),
-        ("image,x,y\n000004,nan,2\n", "line 2.*not a point"),
-        ("image,x1,y1,x2,y2\n000004,5,5,2,9\n", "line 2.*not a box"),
+        ("image,x,y\n000004,1\n", "row 2.*not a point"),
+        ("image,x,y\n000004,one,2\n", "row 2, column x: 'one' is no number"),
+        ("image,x,y\n000004,nan,2\n", "row 2.*not a point"),
+        ("image,x1,y1,x2,y2\n000004,5,5,2,9\n", "row 2.*not a box"),
     ],
 )
 def test_tables_that_are_no_prompts_are_refused(tmp_path: Path, text: str, words: str) -> None:

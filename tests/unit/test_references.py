@@ -192,9 +192,9 @@ def test_picks_are_read_and_doubtful_ones_refused(tmp_path):
     assert list(picks) == ["a", "b"]
     for text, word in (
         ("point,image,x_px\na,0.jpg,1\n", "y_px"),
-        ("point,image,x_px,y_px\na,0.jpg,1,two\n", "line 2"),
-        ("point,image,x_px,y_px\na,0.jpg,1,2\na,0.jpg,1,2\n", "line 3"),
-        ("point,image,x_px,y_px\na,0.jpg,nan,2\n", "finite"),
+        ("point,image,x_px,y_px\na,0.jpg,1,two\n", "row 2, column y_px: 'two'"),
+        ("point,image,x_px,y_px\na,0.jpg,1,2\na,0.jpg,1,2\n", "row 3"),
+        ("point,image,x_px,y_px\na,0.jpg,nan,2\n", "no x_px|nowhere"),
     ):
         path.write_text(text)
         with pytest.raises(BadInput, match=word):

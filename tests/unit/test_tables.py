@@ -108,9 +108,14 @@ def test_tables_that_others_made_are_read_or_refused(tmp_path):
     assert read_rows(path) == [{"a": "1", "b": ""}, {"a": "2", "b": "3"}]
     path.write_text("")
     assert read_rows(path) == []
-    for damage in (b"\xff\xfe", b'a\n"never closed', b"a,b\n1,2,5\n", b"a,b\n1,2\n1,2,5\n"):
+    for damage, words in (
+        (b"a\xff\xfe", "table.csv, line 1, is not in UTF-8; save the file as UTF-8"),
+        (b'a\n"never closed', r"cannot be read .*; save it as CSV"),
+        (b"a,b\n1,2,5\n", "row 2: more cells than columns; put"),
+        (b"a,b\n1,2\n1,2,5\n", "row 3: more cells than columns; put"),
+    ):
         path.write_bytes(damage)
-        with pytest.raises(BadInput, match=r"cannot be read .*; save it as CSV"):
+        with pytest.raises(BadInput, match=words):
             read_rows(path)
     with pytest.raises(BadInput):
         read_rows(tmp_path / "none.csv")

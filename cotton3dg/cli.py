@@ -104,7 +104,7 @@ def run(
             else:
                 pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
         if "traits" in stages:
-            display.print_traits(workspace.traits_csv)
+            display.print_traits(workspace)
         if repeat:
             from .commands.repeat_runs import repeat_runs
             from .evaluation.repeats import repeats_text

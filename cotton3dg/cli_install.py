@@ -27,7 +27,7 @@ def demo(
             film_once(folder, SimulateOptions(), watcher.watched("simulate"))
             workspace = Workspace(folder)
             pipeline.run(workspace, pipeline.stage_options(workspace, preset), watcher=watcher, report=True)
-        display.print_traits(workspace.traits_csv)
+        display.print_traits(workspace)
         display.print_comparison(workspace, workspace.truth_json)
 
 

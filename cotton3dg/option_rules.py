@@ -167,6 +167,8 @@ def checked(stage: str, options: Any) -> Any:
 
 def _check_value(where: str, value: Any, place: Place) -> None:
     rules = place.item.metadata
+    if value == place.item.default:  # 0 may stand for what nobody gave
+        return
     low, high, choices = rules["at_least"], rules["at_most"], rules["choices"]
     if isinstance(value, float) and not math.isfinite(value):
         raise BadUsage(f"{where} = {value} is not finite; give a number")

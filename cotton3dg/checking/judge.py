@@ -217,7 +217,9 @@ def _scale(look: Look) -> _Part:
     if "table" in scale.source and corners.min() < RARELY_SEEN:
         text = f"a corner of the table is in view in {corners.min():.0%} of the frames only"
         findings.append(Finding(YELLOW, "Table", text, "step back, so that all of the table is in view"))
-    return findings or [Finding(GREEN, "Scale", f"scale to {100 * error:.1f} %")], figures
+    words = look.scale.info.table_words
+    given = f", {words}" if look.scale.info.table_assumed else ""
+    return findings or [Finding(GREEN, "Scale", f"scale to {100 * error:.1f} %{given}")], figures
 
 
 def _where(look: Look, names: set[str]) -> str:

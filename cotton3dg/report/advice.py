@@ -129,6 +129,13 @@ FLAGS: Final = {
         "Nothing of known size was found. Bolls are counted, but volumes, height and canopy are blank.",
         "Film so that all of the table top is seen, give its size, or lay printed markers beside the plant.",
     ),
+    "table_size_assumed": Meaning(
+        "The size of the table was assumed",
+        "No size was given, so the table is taken for one of 120 x 60 cm. If yours is another, all lengths are wrong by"
+        " the same share and volumes by three times as much; the errors do not allow for it.",
+        "Measure the table top and give its sides (scale.table_length_cm, scale.table_width_cm), or lay a printed"
+        " marker or card beside the plant.",
+    ),
     "table_edge_unclear": Meaning(
         "One edge of the table is unclear",
         "It does not stand out from what is behind it. The scale rests on the other sides and is known to about 1 %.",

@@ -229,10 +229,14 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     counted = [boll for boll in facts.bolls if is_counted(flags_of(boll))]
     doubtful = sum(bool(boll_doubts(boll)) for boll in counted)
 
-    def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
+    table = facts.scale.table_words if facts.scale else ""
+
+    def metric(name: str, column: str, unit: str, digits: int, *notes: str) -> dict[str, str]:
         value, low, high = _interval(row, column)
+        note = "; ".join(note for note in notes if note)
         if not math.isfinite(value):
-            why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
+            no_bolls = column == "boll_volume_cm3" and not counted
+            why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
             return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
         told = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
@@ -252,9 +256,9 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     count_note = "; ".join(count_notes)
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
-        metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),
-        metric("Plant height", "plant_height_cm", "cm", 1, "above the table top"),
-        metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note),
+        metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note, table),
+        metric("Plant height", "plant_height_cm", "cm", 1, "above the table top", table),
+        metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note, table),
     ]
 
 

@@ -13,6 +13,7 @@ from scenes.tiny_plant import ROOT
 
 from cotton3dg import __version__
 from cotton3dg.core.version import version_text
+from cotton3dg.errors import EXIT_CODES
 
 sys.path.append(str(ROOT / "tools"))
 import build_wheels

@@ -18,6 +18,7 @@ from .core.progress import Progress as StageProgress
 from .core.state import State
 from .documents.corrections import RULER
 from .documents.record import Record
+from .documents.scale import ScaleInfo
 from .files.tables import read_rows
 from .pipeline import Step, Watcher
 
@@ -153,12 +154,16 @@ def print_status(states: list[StageState]) -> None:
     Console().print(table, markup=False)
 
 
-def print_traits(traits_csv: Path) -> None:
-    """The plant's row, one trait a line, and where it is saved."""
-    for row in read_rows(traits_csv):
+def print_traits(workspace: Workspace) -> None:
+    """The plant's row, one trait a line, the table that its lengths rest on, and where it is saved."""
+    for row in read_rows(workspace.traits_csv):
         for name, value in row.items():
             print(f"{name:<26} {value}")
-    print(f"saved as {traits_csv}")
+    scale = ScaleInfo.load_if_there(workspace.scale_json)
+    if scale and scale.table_words:
+        remedy = "; measure it, and give --set scale.table_length_cm=... --set scale.table_width_cm=..."
+        print(scale.table_words + (remedy if scale.table_assumed else ""))
+    print(f"saved as {workspace.traits_csv}")
 
 
 def print_check(info: CheckInfo, plant_id: str, page: Path) -> None:

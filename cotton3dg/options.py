@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from .command_options import MARKER_DICTIONARIES, CardsOptions, MarkersOptions, RenderOptions, SimulateOptions
-from .errors import BadUsage
+from .errors import BadUsage, unknown
 from .option_rules import effective, option, options_of, resolved
 from .text import read_text
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
+USUAL_TABLE_CM: Final = (120.0, 60.0)
+"""What a table is taken for that nobody measured: the published one."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 
 
@@ -286,15 +288,36 @@ class ScaleOptions:
         choices=("table", "sections", "all-sections", "aruco", "card", "distance", "all", "none"),
     )
     table_length_cm: float = option(
-        120.0, "long side of the table top", unit="cm", paper="120", at_least=1.0, idle_with=("none",)
+        0.0,
+        f"long side of the table top; 0 = not measured, taken as {USUAL_TABLE_CM[0]:g}",
+        unit="cm",
+        paper="120",
+        at_least=10.0,
+        idle_with=("none",),
     )
     table_width_cm: float = option(
-        60.0, "short side of the table top", unit="cm", paper="60", at_least=1.0, idle_with=("none",)
+        0.0,
+        f"short side of the table top; 0 = not measured, taken as {USUAL_TABLE_CM[1]:g}",
+        unit="cm",
+        paper="60",
+        at_least=10.0,
+        idle_with=("none",),
     )
     require_scale: bool = option(False, "fail (exit 5) instead of leaving the metric cells blank")
     aruco: ArucoOptions = options_of(ArucoOptions, "aruco", "all")
     distance: DistanceOptions = options_of(DistanceOptions, "distance", "all")
     card: CardOptions = options_of(CardOptions, "card", "all")
+
+    @property
+    def table_cm(self) -> tuple[float, float]:
+        """The long and the short side of the table top, in whichever order they were given."""
+        sides = self.table_length_cm or USUAL_TABLE_CM[0], self.table_width_cm or USUAL_TABLE_CM[1]
+        return max(sides), min(sides)
+
+    @property
+    def table_is_assumed(self) -> bool:
+        """Whether nobody said how large the table is."""
+        return not (self.table_length_cm and self.table_width_cm)
 
 
 @dataclass(frozen=True)
@@ -368,8 +391,10 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
     except (tomllib.TOMLDecodeError, OSError) as error:
         raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
     for name, table in tables.items():
-        if name not in STAGE_OPTIONS or not isinstance(table, dict):
-            raise BadUsage(f"{path.name}: [{name}] is not a stage; use {', '.join(STAGE_OPTIONS)}")
+        if name not in STAGE_OPTIONS:
+            raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
+        if not isinstance(table, dict):
+            raise BadUsage(f"{path.name}: {name} is no table; write its options below [{name}]")
     return tables
 
 

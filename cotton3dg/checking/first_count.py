@@ -40,6 +40,8 @@ class FoundBoll:
     """(3,) su."""
     diameter_su: float
     n_sights: int
+    seen: tuple[tuple[int, int], ...] = ()
+    """Number of each sight that shows it, from 0 on, and of the boll there, from 1 on."""
 
 
 @dataclass(frozen=True)
@@ -77,16 +79,18 @@ def find_bolls_in_space(sights: Sequence[Sight], orbit: Orbit) -> list[FoundBoll
         rows = _one_a_view(rays, np.flatnonzero(near[best]), points[best], cameras)
         centre = _meet(rays, rows)
         diameter = float(np.median(rays.diameter_px[rows] * rays.depths(centre, rows) / rays.focal_px[rows]))
-        bolls.append(FoundBoll(centre, diameter, len(rows)))
+        own = rows - np.searchsorted(rays.view, rays.view[rows]) + 1
+        seen = tuple(zip(rays.view[rows].tolist(), own.tolist(), strict=True))
+        bolls.append(FoundBoll(centre, diameter, len(rows), seen))
         # Each sight is of one boll only, and no other boll's middle lies within a boll.
         near[:, rows] = False
         kept = np.linalg.norm(points - centre, axis=1) > APART * np.maximum(sizes, diameter)
         near, points, sizes = near[kept], points[kept], sizes[kept]
 
 
-def n_sure(bolls: Sequence[FoundBoll], n_views: int) -> int:
-    """How many were seen in so many images that they are hardly chance."""
-    return sum(boll.n_sights >= max(LEAST_SIGHTS, SURE_SHARE * n_views) for boll in bolls)
+def find_sure(bolls: Sequence[FoundBoll], n_views: int) -> list[FoundBoll]:
+    """Those that were seen in so many images that they are hardly chance."""
+    return [boll for boll in bolls if boll.n_sights >= max(LEAST_SIGHTS, SURE_SHARE * n_views)]
 
 
 def _gather(sights: Sequence[Sight]) -> _Rays:

@@ -1,7 +1,7 @@
 """From what a first look found to a verdict: what is good, what to film again.
 
-Red is what `run` refuses, yellow what it would flag or what would be missing from the row, green the rest. The limits
-are those of the stages, so that the verdict is what `run` would say later.
+Red is what `run` refuses, yellow what it would flag or what would be missing from the row, green the rest. What the
+report judges, too, is judged by the same functions, so that the verdict is what it says later.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.frame_quality import BLURRED, raise_concerns
-from ..capture.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
+from ..capture.frame_quality import BLURRED
 from ..documents.check import GREEN, RED, VERDICTS, YELLOW, CheckInfo, Finding
 from ..geometry.camera_orbit import find_out_of_view
-from ..traits.error_model import blurs_bolls
-from .first_count import n_sure
+from ..report.verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
+from .first_count import find_sure
 from .in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
 from .look import Look
 
@@ -29,11 +28,8 @@ ALWAYS_CUT: Final = 0.8
 """From here on no image may show the plant whole, and its height is anyone's guess."""
 BURNT_LINT: Final = 0.25
 """Share of the lint without shades from which on bolls lose their shape."""
-SMALL_BOLL_PX: Final = 10.0
-"""Width in the training images below which bolls can be lost."""
 DARK_SIDE: Final = 2.5
 """How many times brighter the lint is on the bright side, from which on the dark side is lost in noise."""
-SCALE_ERROR: Final = 0.01
 RARELY_SEEN: Final = 0.1
 """Share of the images that show a corner of the table, below which its place is a guess."""
 
@@ -88,9 +84,8 @@ def _walk(look: Look) -> _Part:
     }
     gaps = find_gaps(look.cameras, orbit, NOTED_GAP_DEG)
     figures["gaps_deg"] = [[round(start), round(end)] for start, end in gaps]
-    text = f"{orbit.coverage_deg:.0f} degrees around the plant"
-    if orbit.largest_gap_deg <= MAX_GAP_DEG or not gaps:
-        return [Finding(GREEN, "Walk", text)], figures
+    if not gaps:
+        return [of_walk(orbit.coverage_deg, 0.0)], figures
     start, end = gaps[0]
     if end >= 360:
         remedy = (
@@ -98,33 +93,25 @@ def _walk(look: Look) -> _Part:
         )
     else:
         remedy = f"film again from {start:.0f} to {end:.0f} degrees of your walk, counted from where you began"
-    return [Finding(YELLOW, "Walk", f"no view of the plant for {end - start:.0f} degrees", remedy)], figures
+    return [of_walk(orbit.coverage_deg, orbit.largest_gap_deg, remedy)], figures
 
 
 def _placed(look: Look) -> _Part:
     n, of = len(look.cameras), len(look.names)
     figures = {"placed": n, "looked_at": of}
-    text = f"{n} of {of} frames placed"
-    if 100 * n >= FEW_REGISTERED_PCT * of:
-        return [Finding(GREEN, "Placed frames", text)], figures
     where = _where(look, set(look.names) - {camera.name for camera in look.cameras})
-    remedy = f"walk more slowly{where}, with more light and more texture in view"
-    return [Finding(YELLOW, "Placed frames", text, remedy)], figures
+    return [of_placed(n, of, where)], figures
 
 
 def _sharp(look: Look, train_side_px: int) -> _Part:
     images = look.frames.images
-    blurred = {image.name for image in images if image.blur > BLURRED}
-    median = float(np.median([image.blur for image in images]))
-    share = len(blurred) / len(images)
-    figures = {"blur": round(median, 3), "blurred_share": round(share, 3), "motion_blur_px": look.blur_px}
-    remedy = "walk more slowly, or film with more light"
-    if median > BLURRED:
-        return [Finding(YELLOW, "Sharpness", f"{share:.0%} of the frames are blurred", remedy)], figures
-    if blurs_bolls(look.blur_px, 1.0, _boll_widths_px(look, train_side_px)):
-        text = f"motion blurs the images by {look.blur_px:.0f} px, much of a boll's width"
-        return [Finding(YELLOW, "Sharpness", text, remedy)], figures
-    return [Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp")], figures
+    blurs = np.array([image.blur for image in images])
+    figures = {
+        "blur": round(float(np.median(blurs)), 3),
+        "blurred_share": round(float((blurs > BLURRED).mean()), 3),
+        "motion_blur_px": look.blur_px,
+    }
+    return [of_sharpness(images, look.blur_px, _boll_widths_px(look, train_side_px))], figures
 
 
 def _light(look: Look) -> _Part:
@@ -133,10 +120,7 @@ def _light(look: Look) -> _Part:
         float(np.median([getattr(i, key) for i in images])) for key in ("mean_luminance", "highlight", "white_share")
     )
     figures = {"luminance": round(luminance, 3), "highlight": round(highlight, 3), "white_share": round(white, 3)}
-    findings = []
-    for concern in raise_concerns(0.0, highlight, white).values():
-        text, _, remedy = concern.partition("; ")
-        findings.append(Finding(YELLOW, "Light", text, remedy))
+    findings = of_light(images)
     lint = np.array([sight.lint_luminance for sight in look.sights])
     burnt = np.array([sight.burnt_share for sight in look.sights])
     if np.isfinite(lint).any():
@@ -150,7 +134,7 @@ def _light(look: Look) -> _Part:
         if bright > DARK_SIDE * dark:
             text = f"the lint is {bright / max(dark, 1e-3):.1f} times brighter on one side"
             findings.append(Finding(YELLOW, "Light", text, "light the plant from both sides, or turn off the lamp"))
-    return findings or [Finding(GREEN, "Light", "well lit")], figures
+    return findings or [WELL_LIT], figures
 
 
 def _plant(look: Look) -> _Part:
@@ -170,24 +154,19 @@ def _plant(look: Look) -> _Part:
     if max(share, always) > OFTEN_CUT:
         text = f"the plant is cut by the {side} of the frame in {max(share, always):.0%} of the frames"
         return [Finding(YELLOW, "Plant", text, remedy)], figures
-    if lost:
-        text = f"the plant has left the frame in {len(lost)} of {len(look.cameras)} frames"
-        return [Finding(YELLOW, "Plant", text, "keep it in the middle")], figures
-    return [Finding(GREEN, "Plant", "plant whole in view")], figures
+    framing = of_framing(len(lost), len(look.cameras))
+    return [framing or Finding(GREEN, "Plant", "plant whole in view")], figures
 
 
 def _bolls(look: Look, train_side_px: int) -> _Part:
-    count = n_sure(look.bolls, len(look.sights))
+    count = len(find_sure(look.bolls, len(look.sights)))
     figures: dict[str, Any] = {"bolls": count, "bolls_less_sure": len(look.bolls) - count}
     if not count:
         remedy = "if it has open bolls, film closer and with the lint lit"
         return [Finding(YELLOW, "Bolls", "no boll was found", remedy)], figures
     width = float(np.median(_boll_widths_px(look, train_side_px)))
     figures["boll_px"] = round(width, 1)
-    if width < SMALL_BOLL_PX:
-        text = f"bolls are {width:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
-        return [Finding(YELLOW, "Bolls", text, "film closer")], figures
-    return [Finding(GREEN, "Bolls", f"about {count} bolls")], figures
+    return [of_distance(width, f"about {count} bolls")], figures
 
 
 def _boll_widths_px(look: Look, train_side_px: int) -> NDArray[np.float64]:
@@ -206,18 +185,11 @@ def _scale(look: Look) -> _Part:
     corners = corners_in_view(scale.corners, look.cameras)
     figures = {"scale": scale.source, "scale_error_pct": round(100 * error, 2)}
     figures["corners_in_view"] = np.round(corners, 2).tolist()
-    if error > SCALE_ERROR:
-        text = f"the scale is known to {100 * error:.1f} % only"
-        remedy = "film so that all of the table top is in view, with its edges clear, or lay a printed marker on it"
-        return [Finding(YELLOW, "Scale", text, remedy)], figures
-    findings = []
-    for warning in outcome.warnings:
-        text, _, remedy = warning.partition("; ")
-        findings.append(Finding(YELLOW, "Scale", text, remedy))
+    findings = of_scale(look.scale.info, outcome.warnings)
     if "table" in scale.source and corners.min() < RARELY_SEEN:
         text = f"a corner of the table is in view in {corners.min():.0%} of the frames only"
         findings.append(Finding(YELLOW, "Table", text, "step back, so that all of the table is in view"))
-    return findings or [Finding(GREEN, "Scale", f"scale to {100 * error:.1f} %")], figures
+    return findings, figures
 
 
 def _where(look: Look, names: set[str]) -> str:

@@ -127,7 +127,7 @@ def _seek_scale(
     if options.method == "none":
         return no_scale("no reference was asked for")
     plant = replace(plant, photo=cache(plant.photo))  # each search looks at the same ones
-    aspect = options.table_length_cm / options.table_width_cm
+    aspect = options.table_cm[0] / options.table_cm[1]
 
     def sources() -> Iterator[Plant]:
         yield plant

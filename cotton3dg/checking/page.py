@@ -16,6 +16,7 @@ from ..report.figures import jpeg_uri, outline_masks
 from ..report.page import fill_template
 from ..report.scene import plant_frame
 from ..report.walk import draw_walk
+from .first_count import find_sure
 from .look import Look
 
 PHOTOS: Final = 4
@@ -41,21 +42,20 @@ def check_page(plant_id: str, info: CheckInfo, look: Look | None, frames: Frames
 
 
 def _photos(look: Look) -> list[dict[str, str]]:
-    """Some photos from all sides with bolls outlined, then those that show the scale."""
+    """Some photos from all sides with the counted bolls outlined, then those that show the scale."""
+    counted = find_sure(look.bolls, len(look.sights))
     cameras = [sight.camera for sight in look.sights]
     times = {image.name: image.timestamp_s for image in look.frames.images}
     photos = []
     for number in evenly_spaced(azimuths(cameras, look.orbit), PHOTOS):
         sight = look.sights[number]
         name = sight.camera.name
-        drawn = outline_masks(read_image(look.images / name), sight.ids, {})
+        here = [own for boll in counted for shown_by, own in boll.seen if shown_by == number]
+        ids = np.where(np.isin(sight.ids, here), sight.ids, np.uint16(0))
+        drawn = outline_masks(read_image(look.images / name), ids, {})
         time_s = times.get(name)
-        photos.append(
-            {
-                "src": jpeg_uri(drawn, PHOTO_SIDE_PX),
-                "told": f"{len(sight.middles_px)} bolls" + (f" at {time_s:.0f} s" if time_s is not None else ""),
-            }
-        )
+        told = f"{len(here)} of {len(counted)} bolls from here" + (f", at {time_s:.0f} s" if time_s is not None else "")
+        photos.append({"src": jpeg_uri(drawn, PHOTO_SIDE_PX), "told": told})
     references = look.scale.pictures.values()
     return photos + [{"src": jpeg_uri(picture, PHOTO_SIDE_PX), "told": "the reference"} for picture in references]
 

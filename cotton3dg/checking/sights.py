@@ -63,8 +63,9 @@ def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: 
     maps = network.maps(image, window=window)
     ids, _ = group_votes(maps)
     small = cv2.resize(ids, maps.lint.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    bolls = [small == boll for boll in range(1, int(ids.max()) + 1)]
-    bolls = [of_boll for of_boll in bolls if of_boll.any()]
+    shown = np.unique(small[small > 0])
+    ids = np.where(np.isin(ids, shown), np.searchsorted(shown, ids) + 1, 0).astype(np.uint16)
+    bolls = [small == boll for boll in shown]
     lint = image[ids > 0].mean(axis=1)
     return Sight(
         camera,

@@ -3,6 +3,7 @@
 Not a stage of the pipeline: it makes the folder that a run starts from.
 
     video.mp4   truth.json (traits, bolls)   cameras.json   instances/frame_NNNN.png (16-bit lint ids), frames.json
+    cotton3dg.toml (the size of the table)
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ CARD_DOTS: Final = 60
 QUALITY: Final = 12
 """x264's constant rate factor; a phone at 15 Mbit/s is about as good."""
 
+TABLE_REMARK: Final = "# The table of this film, as simulate made it."
+
 STANDARD_PLANT: Final = {"seed": 1, "bolls": 12, "frames": 120}
 """What `study --standard` films unless the folder has a plant."""
 
@@ -76,6 +79,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         exposures = [exposure_ev(frame, options) for frame in range(options.frames)]
         write_text_atomically(folder / "cameras.json", json_text(camera_truth(path, options, exposures)))
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
+        _say_table(Workspace(folder).options_file, options)
         partial.replace(folder / "video.mp4")
     return folder
 
@@ -95,6 +99,14 @@ def _printed_card(plant_id: str) -> Float32:
         raise BadUsage(f"--card {plant_id!r} is no id: {problem}")
     sheet = draw_card(code_picture(card_text(plant_id)), plant_id, (), PAPER_CM["a4"], CARD_DOTS)
     return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
+
+
+def _say_table(options_file: Path, options: SimulateOptions) -> None:
+    """What a person would measure; a file that somebody changed stays."""
+    ours = not options_file.exists() or options_file.read_text(encoding="utf-8").startswith(TABLE_REMARK)
+    if options.table and ours:
+        sides = f"table_length_cm = {options.table_length_cm:g}\ntable_width_cm = {options.table_width_cm:g}\n"
+        write_text_atomically(options_file, f"{TABLE_REMARK}\n[scale]\n{sides}")
 
 
 def film_once(folder: Path, options: SimulateOptions, progress: Progress = silent) -> None:

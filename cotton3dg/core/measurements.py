@@ -77,7 +77,7 @@ NO_SIZE: Final = f"{NO_PLANT}; {NEVER_WHOLE}"
 NO_BODY: Final = "no scale; too few Gaussians for a body (flagged)"
 NO_WEIGHT: Final = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
 NOT_CORRECTED: Final = "not corrected"
-NO_VOLUME: Final = "no scale; bolls, but none with a volume"
+NO_VOLUME: Final = "no scale; no boll with a volume"
 
 
 @dataclass(frozen=True)
@@ -146,9 +146,7 @@ class PlantTraits:
 
     boll_count: int = column("1", "open bolls found on the plant", ontology="CO_358:0001327")
     boll_volume_cm3: float = column("cm3", "sum of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
-    boll_volume_mean_cm3: float = column(
-        "cm3", "mean of volume_cm3 over the counted bolls", 2, blank_when="no scale; no boll with a volume"
-    )
+    boll_volume_mean_cm3: float = column("cm3", "mean of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
     plant_height_cm: float = column(
         "cm",
         "height above the table top that the plant's second-highest Gaussian reaches with an opacity of 0.2",

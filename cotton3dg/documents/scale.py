@@ -38,6 +38,10 @@ class ScaleInfo(Document):
     """Each reference for itself: source, cm_per_su, relative_error and its evidence."""
     refused: dict[str, str] | None = None
     """Reference -> why it gave no scale."""
+    table_cm: tuple[float, ...] | None = None
+    """Long and short side of the table, where the scale rests on it."""
+    table_assumed: bool = False
+    """Whether it is taken for one of the usual size, as nobody said how large it is."""
     found: ScaleInfo | None = None
     """Without the corners that a person moved; None where none were."""
 
@@ -46,12 +50,20 @@ class ScaleInfo(Document):
         """How many corners a person moved."""
         return len((self.evidence or {}).get("moved_corners", ())) if self.found else 0
 
+    @property
+    def table_words(self) -> str:
+        """The size of the table that the scale rests on, in words; empty where it rests on none."""
+        if not self.table_cm:
+            return ""
+        length_cm, width_cm = self.table_cm
+        return f"table {'taken as' if self.table_assumed else 'of'} {length_cm:g} x {width_cm:g} cm"
+
     @classmethod
     def of_scale(cls, scale: Scale, **evidence: Any) -> Self:
         """What scale.json says of a scale.
 
         Args:
-            evidence: the fields evidence, references and refused.
+            evidence: the fields evidence, references, refused, table_cm and table_assumed.
         """
         return cls(
             source=scale.source,

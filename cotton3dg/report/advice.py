@@ -9,23 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from ..capture.frame_quality import BLURRED, DARK_HIGHLIGHT
+from ..documents.check import GREEN, VERDICTS, YELLOW, Finding
 from ..documents.frames import FramesInfo
-from ..documents.scale import ScaleInfo
-from ..documents.sfm import LensDecision, SfmInfo
+from ..documents.sfm import LensDecision
 from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 from ..files.tables import flags_of
 from ..splat.exposure import ALIKE
 from .facts import Facts
+from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 
-SMALL_BOLL_PX: Final = 10.0
-"""Width in the training images below which bolls can be lost."""
-EXPOSURE_RATIO: Final = 1.6
-"""Brightest to darkest frame; two thirds of an aperture stop."""
-WIDE_GAP_DEG: Final = 20.0
 FEW_SECONDS: Final = 15.0
-WEAK_EDGE: Final = 0.6
-"""Share of a table edge that is found in the photos."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +121,13 @@ FLAGS: Final = {
         "No scale, so no centimetres",
         "Nothing of known size was found. Bolls are counted, but volumes, height and canopy are blank.",
         "Film so that all of the table top is seen, give its size, or lay printed markers beside the plant.",
+    ),
+    "table_size_assumed": Meaning(
+        "The size of the table was assumed",
+        "No size was given, so the table is taken for one of 120 x 60 cm. If yours is another, all lengths are wrong by"
+        " the same share and volumes by three times as much; the errors do not allow for it.",
+        "Measure the table top and give its sides (scale.table_length_cm, scale.table_width_cm), or lay a printed"
+        " marker or card beside the plant.",
     ),
     "table_edge_unclear": Meaning(
         "One edge of the table is unclear",
@@ -232,15 +232,6 @@ BOLL_FLAGS: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Advice:
-    """One thing about how this video was filmed."""
-
-    good: bool
-    topic: str
-    text: str
-
-
 def meaning(flag: str) -> Meaning:
     """A flag in words; one that is not known here under its own name."""
     return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
@@ -251,138 +242,94 @@ def boll_doubts(row: Mapping[str, str]) -> str:
     return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags_of(row))
 
 
-def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Advice]:
+def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Finding]:
     """What was filmed well and what to do better, with this video's figures; what needs a change comes first.
+
+    What `check` judges, too, is judged as there; the rest is for information.
 
     Args:
         bolls_px: widths of the bolls in the training images.
     """
-    frames, effects = facts.frames, facts.effects
-    found = _advise_on_walk(facts.sfm) if facts.sfm else []
-    found += [*_advise_on_images(frames), *_advise_on_length(frames)] if frames else []
-    found += _advise_on_table(facts.scale) if facts.scale else []
+    frames, effects, sfm = facts.frames, facts.effects, facts.sfm
+    blur = effects.motion_blur if effects else None
+    blur_px = blur.median_px if blur and blur.found else 0.0
+    found: list[Finding | None] = []
+    if sfm:
+        n_placed = sfm.n_frames - len(sfm.unregistered)
+        found.append(of_walk(sfm.orbit_coverage_deg, sfm.orbit_largest_gap_deg))
+        found += [of_placed(n_placed, sfm.n_frames), of_framing(len(sfm.plant_out_of_view), n_placed)]
+    if frames and frames.images:
+        found.append(of_sharpness(frames.images, blur_px, bolls_px))
+        found += [*(of_light(frames.images) or [WELL_LIT]), _advise_on_length(frames)]
+    if facts.scale and facts.scale.relative_error is not None:
+        found += of_scale(facts.scale, facts.warnings("scale"))
     if effects:
-        found += [*_advise_on_exposure(effects.exposure), *_advise_on_lens(effects.distortion)]
-        found += [*_advise_on_blur(effects.motion_blur), *_advise_on_shutter(effects.rolling_shutter)]
+        found += [_advise_on_exposure(effects.exposure), _advise_on_lens(effects.distortion)]
+        found += [_advise_on_blur(blur), _advise_on_shutter(effects.rolling_shutter)]
     if len(bolls_px):
         width = float(np.median(bolls_px))
-        good = width >= 2 * SMALL_BOLL_PX
-        remedy = "" if good else "; go closer, or raise train.max_side: below 10 px bolls can be lost"
-        found.append(Advice(good, "Distance", f"A middling boll is {width:.0f} px wide in the images used{remedy}."))
+        found.append(of_distance(width, f"a middling boll is {width:.0f} px wide in the images used"))
     hidden = [row["boll_id"] for row in facts.bolls if "few_views" in flags_of(row)]
     if hidden:
-        text = f"Few views see boll {', '.join(hidden[:8])}; raise or lower the camera a little as you walk."
-        found.append(Advice(False, "Hidden bolls", text))
-    return sorted(found, key=lambda item: item.good)
+        text = f"few views see boll {', '.join(hidden[:8])}"
+        found.append(Finding(YELLOW, "Hidden bolls", text, "raise or lower the camera a little as you walk"))
+    return sorted((item for item in found if item), key=lambda item: -VERDICTS.index(item.verdict))
 
 
-def _advise_on_walk(sfm: SfmInfo) -> list[Advice]:
-    covered, gap = sfm.orbit_coverage_deg, sfm.orbit_largest_gap_deg
-    good = covered >= 340 and gap <= WIDE_GAP_DEG
-    remedy = "" if good else "; walk a full turn and end where you began"
-    text = f"You walked {covered:.0f}° around the plant, the widest gap is {gap:.0f}°{remedy}."
-    found = [Advice(good, "Walk", text)]
-    missed, n = sfm.unregistered, sfm.n_frames
-    remedy = "" if not missed else "; walk more slowly where they are, and keep plant and table in view"
-    text = f"{n - len(missed)} of {n} frames could be placed{remedy}."
-    found.append(Advice(not missed, "Placed frames", text))
-    lost = sfm.plant_out_of_view
-    if lost:
-        text = f"The plant leaves the image in {len(lost)} frames, first in {lost[0]}; keep it in the middle."
-        found.append(Advice(False, "Framing", text))
-    return found
-
-
-def _advise_on_images(frames: FramesInfo) -> list[Advice]:
-    images = frames.images
-    if not images:
-        return []
-    blurs = np.array([image.blur for image in images])
-    blurred = [image for image in images if image.blur > BLURRED]
-    where = ""
-    if blurred:
-        times = [image.timestamp_s for image in blurred if image.timestamp_s is not None]
-        where = f", from {min(times):.1f} to {max(times):.1f} s of the video" if times else ""
-    remedy = "; walk more slowly there or switch on more light" if blurred else ""
-    text = f"{len(blurred)} of {len(images)} frames are blurred{where}{remedy} (median blur {np.median(blurs):.2f})."
-    found = [Advice(not blurred, "Sharpness", text)]
-    light = np.array([image.mean_luminance for image in images])
-    ratio = float(np.percentile(light, 95) / max(np.percentile(light, 5), 1e-3))
-    good = ratio < EXPOSURE_RATIO and float(np.median([image.highlight for image in images])) > DARK_HIGHLIGHT
-    remedy = "" if good else "; lock the exposure (long press on the plant) and light it evenly"
-    text = f"Mean brightness {np.median(light):.0%}, brightest to darkest frame {ratio:.1f} : 1{remedy}."
-    return [*found, Advice(good, "Light", text)]
-
-
-def _advise_on_exposure(found: ExposureDecision) -> list[Advice]:
+def _advise_on_exposure(found: ExposureDecision) -> Finding | None:
     """The evidence for or against the camera's exposure having drifted, and what was done about it."""
     if found.spread_pct is None:
-        return []
+        return None
     size = f"{found.spread_pct:.1f} % (± {found.error_pct or 0:.1f} %)"
     if found.on:
-        text = f"Exposure or white balance drifted by {size}; it was corrected. Lock the exposure when you can."
-        return [Advice(False, "Exposure", text)]
+        text = f"exposure or white balance drifted by {size}; it was corrected, but lock the exposure when you can"
+        return Finding(GREEN, "Exposure", text)
     visible_pct = found.visible_from_pct or 0.0
-    visible = f"{visible_pct:.0f} % begins to matter"
     if found.likeness is not None and found.spread_pct > visible_pct and found.likeness <= ALIKE:
-        text = f"Things change their brightness by {size} from image to image, dark and bright ones not alike: gleams,"
-        return [Advice(True, "Exposure", f"{text} not the camera; nothing was corrected.")]
-    return [Advice(True, "Exposure", f"Exposure and white balance were steady: {size}, where {visible}.")]
+        text = f"things change their brightness by {size} from image to image, dark and bright ones not alike: gleams,"
+        return Finding(GREEN, "Exposure", f"{text} not the camera; nothing was corrected")
+    text = f"exposure and white balance were steady: {size}, where {visible_pct:.0f} % begins to matter"
+    return Finding(GREEN, "Exposure", text)
 
 
-def _advise_on_lens(found: LensDecision | None) -> list[Advice]:
+def _advise_on_lens(found: LensDecision | None) -> Finding | None:
     """Whether the lens was found to bend what is straight; either is fine."""
     if found is None or found.rise_pct is None:
-        return []
+        return None
     if found.on:
-        text = f"It bends straight lines, by {found.corner_px:.1f} px in the corners; corrected."
-        return [Advice(True, "Lens", text)]
+        text = f"it bends straight lines, by {found.corner_px:.1f} px in the corners; corrected"
+        return Finding(GREEN, "Lens", text)
     needed = f"explains {max(found.rise_pct, 0):.2f} % of the error, needed from {found.needed_from_pct:.1f} %"
-    return [Advice(True, "Lens", f"Straight: a distortion {needed}. The images were used as they are.")]
+    return Finding(GREEN, "Lens", f"straight: a distortion {needed}. The images were used as they are")
 
 
-def _advise_on_blur(found: MotionBlurFound | None) -> list[Advice]:
-    """By how much the walk blurred the images; the model does not allow for it."""
+def _advise_on_blur(found: MotionBlurFound | None) -> Finding | None:
+    """By how much the walk blurred the images; whether that matters for the bolls is said of their sharpness."""
     if found is None or math.isnan(found.median_px):
-        return []
-    remedy = "; walk more slowly or switch on more light" if found.found else ""
+        return None
+    remark = "; walking more slowly, or more light, makes it less" if found.found else ""
     text = (
-        f"Motion blurs the middle image by {found.median_px:.1f} px and nine of ten by less than"
-        f" {found.strong_px:.1f} px, where {found.visible_from_px:.0f} px begin to matter{remedy}."
+        f"motion blurs the middle image by {found.median_px:.1f} px and nine of ten by less than"
+        f" {found.strong_px:.1f} px, where {found.visible_from_px:.0f} px can be seen{remark}"
     )
-    return [Advice(not found.found, "Motion blur", text)]
+    return Finding(GREEN, "Motion blur", text)
 
 
-def _advise_on_shutter(found: RollingShutterFound | None) -> list[Advice]:
+def _advise_on_shutter(found: RollingShutterFound | None) -> Finding | None:
     """Whether rows were read out one after another while the camera moved; the model does not allow for it."""
     if found is None or math.isnan(found.error_frames):
-        return []
+        return None
     if not found.found:
-        text = f"None to be seen: {found.shift_px:.2f} px, where {found.visible_from_px:.1f} px begin to matter."
-        return [Advice(True, "Rolling shutter", text)]
-    good = found.left_px < found.visible_from_px
-    remedy = "" if good else "; walk more slowly and evenly"
-    text = (
-        f"It moves pixels by {found.shift_px:.1f} px; the cameras' positions take up all but"
-        f" {found.left_px:.2f} px{remedy}."
-    )
-    return [Advice(good, "Rolling shutter", text)]
+        text = f"none to be seen: {found.shift_px:.2f} px, where {found.visible_from_px:.1f} px can be seen"
+        return Finding(GREEN, "Rolling shutter", text)
+    remark = "" if found.left_px < found.visible_from_px else "; walking more slowly and evenly makes it less"
+    text = f"it moves pixels by {found.shift_px:.1f} px; the cameras' positions take up all but {found.left_px:.2f} px"
+    return Finding(GREEN, "Rolling shutter", text + remark)
 
 
-def _advise_on_length(frames: FramesInfo) -> list[Advice]:
+def _advise_on_length(frames: FramesInfo) -> Finding | None:
     duration_s = frames.video.duration_s if frames.video else math.nan
     if not duration_s > 0:
-        return []
-    good = duration_s >= FEW_SECONDS
-    remedy = "" if good else "; 20 to 60 s let you choose sharp frames from more"
-    return [Advice(good, "Length", f"The video is {duration_s:.0f} s long{remedy}.")]
-
-
-def _advise_on_table(scale: ScaleInfo) -> list[Advice]:
-    support = (scale.evidence or {}).get("edge_support", [])
-    if not support:
-        return []
-    good = min(support) >= WEAK_EDGE
-    remedy = "" if good else "; keep all four edges of the table in view, and clear them"
-    text = f"Of each table edge at least {min(support):.0%} was found in the photos{remedy}."
-    return [Advice(good, "Table", text)]
+        return None
+    remark = "" if duration_s >= FEW_SECONDS else "; 20 to 60 s let you choose sharp frames from more"
+    return Finding(GREEN, "Length", f"the video is {duration_s:.0f} s long{remark}")

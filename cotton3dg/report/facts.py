@@ -48,6 +48,11 @@ class Facts:
     def done(self, stage: str) -> bool:
         return any(item.stage == stage and item.done for item in self.stages)
 
+    def warnings(self, stage: str) -> tuple[str, ...]:
+        """Of its last run, when it is done."""
+        records = [item.record for item in self.stages if item.stage == stage and item.done and item.record]
+        return tuple(records[0].warnings) if records else ()
+
     @property
     def flags(self) -> list[str]:
         """Quality flags of all stages that are done, each once."""

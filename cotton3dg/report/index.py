@@ -12,14 +12,16 @@ import numpy as np
 
 from .. import __version__
 from ..core.state import State
+from ..documents.check import GREEN, RED, VERDICTS, YELLOW
 from ..errors import Cotton3dgError
 from ..field.genotypes import Fit, Mean, Trial
 from ..files.images import read_image
-from ..files.tables import flags_of, parse_number
+from ..files.tables import flags_of, parse_number, read_rows
 from ..workspace import Workspace
 from .checklist import to_film
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
+from .verdicts import USUAL_PCT, of_row
 
 SHOWN: Final = {
     "boll_count": ("Bolls", "", 0),
@@ -53,6 +55,8 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial
     content = {
         "name": name,
         "plants": plants,
+        "verdict": max((plant["verdict"] for plant in plants), key=VERDICTS.index, default=GREEN),
+        "n_yellow": sum(plant["state"] == State.DONE and plant["verdict"] == YELLOW for plant in plants),
         "counts": {state: sum(row["state"] == state for row in rows) for state in State},
         "n_outliers": sum(bool(plant["outliers"]) for plant in plants),
         "shown": SHOWN,
@@ -79,12 +83,17 @@ def _filters(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[
 
 
 def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:
-    """Adjusted means with their errors, the largest first, in a box of 320 wide with a line of 16 for each."""
+    """Adjusted means with their errors, the largest first, in a box of 320 wide with a line of 16 for each.
+
+    The axis is no shorter than the 95 % interval of one plant: what differs by less is not to look large.
+    """
     name, unit, digits = (SHOWN | {"boll_volume_mean_cm3": ("Volume of a boll", "cm³", 1)})[fit.trait]
     shown = sorted(means, key=lambda mean: -mean.adjusted_mean)[:MOST_GENOTYPES]
     errors = [mean.standard_error if np.isfinite(mean.standard_error) else 0.0 for mean in shown]
     low = min(mean.adjusted_mean - error for mean, error in zip(shown, errors, strict=True))
     high = max(mean.adjusted_mean + error for mean, error in zip(shown, errors, strict=True))
+    lacking = max(2 * USUAL_PCT[fit.trait] / 100 * (low + high) / 2 - (high - low), 0.0)
+    low, high = low - lacking / 2, high + lacking / 2
     per = 170 / (high - low or 1)
     lines = [
         {
@@ -127,13 +136,34 @@ def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, floa
         for trait, z in scores.items()
         if abs(z) > OUTLYING
     }
+    flags = flags_of(row)
+    verdict, why = {State.FAILED: (RED, "No result"), State.WAITING: (YELLOW, "No result yet")}.get(
+        row["state"]
+    ) or of_row(flags, _count_doubtful(own), row)
     return {
         **row,
+        "verdict": verdict,
+        "why": why,
         "link": quote(f"{row['folder']}/report.html") if (own / "report.html").is_file() else "",
         "thumbnail": _read_thumbnail(own),
         "outliers": outliers,
-        "flags": flags_of(row),
+        "flags": flags,
     }
+
+
+def _count_doubtful(plant: Path) -> int:
+    """Its bolls that have flags of their own."""
+    try:
+        table = Workspace(plant).bolls_csv
+        return _count_flagged(table, table.stat().st_mtime_ns)
+    except (Cotton3dgError, OSError):
+        return 0
+
+
+@lru_cache(maxsize=1024)
+def _count_flagged(table: Path, _changed_ns: int) -> int:
+    """Kept, as thumbnails are."""
+    return sum(bool(flags_of(row)) for row in read_rows(table))
 
 
 def _read_thumbnail(plant: Path) -> str:

@@ -10,7 +10,7 @@ import base64
 import hashlib
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..core.measurements import is_counted
 from ..core.state import State
+from ..documents.check import RED
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
 from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
@@ -29,11 +30,12 @@ from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 from .pointing import describe_photos
+from .verdicts import interval_of, of_row
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 5
+VERSION: Final = 6
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
@@ -162,50 +164,13 @@ def fill_template(template: str, scripts: list[str], content: dict[str, Any]) ->
     )
 
 
-USUAL_PCT: Final = {"boll_count": 10.0, "boll_volume_cm3": 10.0, "plant_height_cm": 1.0, "canopy_size_cm": 2.0}
-"""Column -> half-width of its 95 % interval, up to which it is as sure as usual; films in good light are surer
-(docs/notes/stated_errors.md)."""
-
-
-def find_unsure(traits: Mapping[str, str]) -> list[str]:
-    """Traits, in words, whose intervals are wider than usual; a count that is sure to one boll is not among them."""
-    found = []
-    for column, usual_pct in USUAL_PCT.items():
-        value, low, high = _interval(traits, column)
-        half = (high - low) / 2
-        if value > 0 and half > usual_pct / 100 * value and not (column == "boll_count" and half <= 1):
-            found.append(f"{column.partition('_cm')[0].replace('_', ' ')} ± {100 * half / value:.0f} %")
-    return found
-
-
-def _interval(traits: Mapping[str, str], column: str) -> tuple[float, float, float]:
-    """A trait and the ends of its interval; NaN what is blank."""
-    name, unit, power = column.partition("_cm")
-    low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
-    return parse_number(traits.get(column)), low, high
-
-
 def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
     """Whether to trust the row, at a glance."""
     if failure or facts.failure:
-        return {"kind": "failed", "text": "No result"}
-    doubt = _doubt(facts)
-    return {"kind": "doubt", "text": doubt} if doubt else {"kind": "good", "text": "All checks passed"}
-
-
-def _doubt(facts: Facts) -> str:
-    """Why the row is not to be trusted without a look; empty when it is."""
+        return {"verdict": RED, "text": "No result"}
     doubtful = sum(bool(boll_doubts(row)) for row in facts.bolls)
-    if {"no_masks", "no_bolls"} & set(facts.flags):
-        return "No bolls were found"
-    if "no_scale" in facts.flags:
-        return "Counted only: no scale, so no centimetres"
-    if n := len(facts.flags):
-        return f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"
-    if doubtful:
-        return f"Good, but look at {doubtful} doubtful {'boll' if doubtful == 1 else 'bolls'}"
-    unsure = find_unsure(facts.traits)
-    return f"Less sure than usual: {', '.join(unsure)}" if unsure else ""
+    verdict, text = of_row(facts.flags, doubtful, facts.traits)
+    return {"verdict": verdict, "text": text}
 
 
 def write_headline(facts: Facts) -> str:
@@ -229,10 +194,14 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     counted = [boll for boll in facts.bolls if is_counted(flags_of(boll))]
     doubtful = sum(bool(boll_doubts(boll)) for boll in counted)
 
-    def metric(name: str, column: str, unit: str, digits: int, note: str) -> dict[str, str]:
-        value, low, high = _interval(row, column)
+    table = facts.scale.table_words if facts.scale else ""
+
+    def metric(name: str, column: str, unit: str, digits: int, *notes: str) -> dict[str, str]:
+        value, low, high = interval_of(row, column)
+        note = "; ".join(note for note in notes if note)
         if not math.isfinite(value):
-            why = "no scale" if "no_scale" in facts.flags else "not measured; see the flags"
+            no_bolls = column == "boll_volume_cm3" and not counted
+            why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
             return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
         told = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
         return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
@@ -252,9 +221,9 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     count_note = "; ".join(count_notes)
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
-        metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note),
-        metric("Plant height", "plant_height_cm", "cm", 1, "above the table top"),
-        metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note),
+        metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note, table),
+        metric("Plant height", "plant_height_cm", "cm", 1, "above the table top", table),
+        metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note, table),
     ]
 
 

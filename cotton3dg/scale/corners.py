@@ -17,13 +17,11 @@ from ..geometry.picks import point_of_picks
 from ..options import ScaleOptions
 from .rectangle import Rectangle
 from .references import LEAST_ERROR, Reference, reconcile, scale_on
-from .seek import PICTURES, FoundScale, Plant, doubts_of, facts_of
+from .seek import PICTURES, TABLE_SOURCES, FoundScale, Plant, doubts_of, facts_of, summary_of, table_of
 from .table import outline_table
 from .two_points import MAX_ERROR
 
 SOURCE: Final = "corners"
-TABLE_SOURCES: Final = frozenset(("table", "sections", "all-sections"))
-"""References that the table gives; the corners take their place."""
 ALONG_X: Final = (1, 0, 3, 2)
 ALONG_Y: Final = (3, 2, 1, 0)
 """Corner -> the one at the other end of its long edge, which has the same y, and of its short edge, of the same x."""
@@ -62,19 +60,26 @@ def move_corners(
     if scale is None or not TABLE_SOURCES & {reference.source for reference in references}:
         refused = (*refused, *("the scale does not come from the table" for _ in moves))
     elif moves:
-        moved = lay_through(scale, cameras, moves, options.table_length_cm, options.table_width_cm)
+        moved = lay_through(scale, cameras, moves, *options.table_cm)
         refused = (*refused, *moved.refused)
     if moved.reference and moved.rectangle:
-        references = [moved.reference, *(item for item in references if item.source not in TABLE_SOURCES)]
+        by_corners = replace(moved.reference, assumed=options.table_is_assumed)
+        references = [by_corners, *(item for item in references if item.source not in TABLE_SOURCES)]
         together = reconcile(references)
         source = "+".join(together.agreeing)
         now = scale_on(moved.rectangle, together.cm_per_su, together.relative_error, source)
         evidence = moved.reference.evidence
         info = replace(
-            ScaleInfo.of_scale(now, evidence=evidence, references=facts_of(references), refused=found.info.refused),
+            ScaleInfo.of_scale(
+                now,
+                evidence=evidence,
+                references=facts_of(references),
+                refused=found.info.refused,
+                **table_of(together, options),
+            ),
             found=found.info,
         )
-        summary = {"cm_per_su": now.cm_per_su, "error_pct": 100 * now.relative_error, **evidence}
+        summary = summary_of(info, evidence)
         shown = list(dict.fromkeys(image for picks in moves for image in picks))[:PICTURES]
         pictures = found.pictures | {
             f"{SOURCE}_{number}.jpg": outline_table(plant.photo(image), cameras[image], moved.rectangle)

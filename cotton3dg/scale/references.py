@@ -30,6 +30,8 @@ class Reference:
     cm_per_su: float
     relative_error: float
     evidence: dict[str, Any] = field(default_factory=dict)
+    assumed: bool = False
+    """Whether its size is what such things usually have, and nobody measured it."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +51,18 @@ class Reconciled:
     """Sources that the scale is made of, the surest first."""
     differing: dict[str, float]
     """Source -> how far it is off, relative, of those that are left out."""
+    assumed: bool = False
+    """Whether nothing of measured size is among those that agree."""
 
 
 def reconcile(references: Sequence[Reference]) -> Reconciled:
     """The mean of the references that agree with the surest one, weighed by their certainty.
 
     References agree when they differ by less than three standard errors, or by less than `TOLERANCE`. The error is
-    that of the weighted mean, but no less than half of the spread among those that agree.
+    that of the weighted mean, but no less than half of the spread among those that agree. One of measured size is surer
+    than one of assumed size, whatever their errors.
     """
-    ranked = sorted(references, key=lambda reference: reference.relative_error)
+    ranked = sorted(references, key=lambda reference: (reference.assumed, reference.relative_error))
     surest = ranked[0]
     agreeing, differing = [], {}
     for reference in ranked:
@@ -70,7 +75,8 @@ def reconcile(references: Sequence[Reference]) -> Reconciled:
     weights = np.array([reference.relative_error for reference in agreeing]) ** -2.0
     mean = float(values @ weights / weights.sum())
     error = max(float(weights.sum() ** -0.5), float(np.ptp(values)) / 2 / mean, LEAST_ERROR)
-    return Reconciled(mean, error, tuple(reference.source for reference in agreeing), differing)
+    sources = tuple(reference.source for reference in agreeing)
+    return Reconciled(mean, error, sources, differing, all(reference.assumed for reference in agreeing))
 
 
 def scale_on(ground: Rectangle, cm_per_su: float, relative_error: float, source: str) -> Scale:

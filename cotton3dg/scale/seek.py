@@ -28,6 +28,9 @@ from .two_points import scale_from_distance
 VIEWS: Final = 40
 """Photos in which the rim of the table is measured."""
 PICTURES: Final = 3
+TABLE_SOURCES: Final = frozenset(("table", "sections", "all-sections", "corners"))
+"""References that the table gives."""
+TABLE_SIZE_ASSUMED: Final = "table_size_assumed"
 NO_GROUND: Final = NoReference("no level plane is bounded like a table")
 Pictures = dict[str, NDArray[np.uint8]]
 
@@ -108,7 +111,7 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent,
         if isinstance(found, NoReference):
             refused[source] = found.reason
         else:
-            references.append(found)
+            references.append(replace(found, assumed=source in TABLE_SOURCES and options.table_is_assumed))
     patches = {}
     if "card" in wanted:
         seen = zip(plant.cameras, scene.card_views, strict=True)
@@ -123,8 +126,14 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent,
     together = reconcile(references)
     scale = scale_on(scene.ground, together.cm_per_su, together.relative_error, "+".join(together.agreeing))
     evidence = next(item.evidence for item in references if item.source == together.agreeing[0])
-    info = ScaleInfo.of_scale(scale, evidence=evidence, references=facts_of(references), refused=refused)
-    summary = {"cm_per_su": scale.cm_per_su, "error_pct": 100 * scale.relative_error, **evidence}
+    info = ScaleInfo.of_scale(
+        scale,
+        evidence=evidence,
+        references=facts_of(references),
+        refused=refused,
+        **table_of(together, options),
+    )
+    summary = summary_of(info, evidence)
     unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
     return FoundScale(info, StageOutcome(summary, *doubts_of(together, unclear)), pictures, patches)
 
@@ -142,7 +151,7 @@ def _scene(plant: Plant, options: ScaleOptions, progress: Progress, views: int) 
     for number, camera in enumerate(chosen):
         progress(number, len(chosen) + 1, "photos of the table")
         photos.append(plant.photo(camera.name))
-    aspect = options.table_length_cm / options.table_width_cm
+    aspect = options.table_cm[0] / options.table_cm[1]
     table = find_table(points, cameras, photos, chosen, tracks=plant.tracks, aspect=aspect)
     ground = table.rectangle if isinstance(table, TableFit) else find_ground(points, cameras)
     return _Scene(plant, points, chosen, photos, table, ground)
@@ -151,7 +160,7 @@ def _scene(plant: Plant, options: ScaleOptions, progress: Progress, views: int) 
 def _table(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
     if isinstance(scene.table, NoTable):
         return NoReference(scene.table.reason), {}
-    scale = scale_from_table(scene.table, options.table_length_cm, options.table_width_cm)
+    scale = scale_from_table(scene.table, *options.table_cm)
     reference = Reference("table", scale.cm_per_su, scale.relative_error, _evidence(scene.table))
     return reference, _table_pictures(scene, scene.table.rectangle)
 
@@ -163,15 +172,15 @@ def _sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoRefer
     if isinstance(cut, NoReference):
         return cut, {}
     pictures = _table_pictures(scene, scene.ground) | {"sections.jpg": draw_sections(cut)}
-    return scale_from_central_section(cut, options.table_width_cm), pictures
+    return scale_from_central_section(cut, options.table_cm[1]), pictures
 
 
 def _all_sections(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
     if scene.ground is None:
         return NO_GROUND, {}
     radius = fit_orbit(scene.plant.cameras).radius
-    sides = options.table_length_cm, options.table_width_cm
-    return scale_from_all_sections(scene.points, scene.ground, *sides, radius), _table_pictures(scene, scene.ground)
+    found = scale_from_all_sections(scene.points, scene.ground, *options.table_cm, radius)
+    return found, _table_pictures(scene, scene.ground)
 
 
 def _aruco(scene: _Scene, options: ScaleOptions) -> tuple[Reference | NoReference, Pictures]:
@@ -235,6 +244,8 @@ def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
 def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a scale."""
     flags, warnings = [], []
+    if together.assumed:
+        flags.append(TABLE_SIZE_ASSUMED)  # where it matters its size is said, so this is no warning
     if unclear_edge:
         flags.append("table_edge_unclear")
         warnings.append(
@@ -254,6 +265,19 @@ def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...]
             "check their sizes"
         )
     return tuple(dict.fromkeys(flags)), tuple(warnings)
+
+
+def table_of(together: Reconciled, options: ScaleOptions) -> dict[str, Any]:
+    """What scale.json says of the table's size where the scale rests on it."""
+    if TABLE_SOURCES.isdisjoint(together.agreeing):
+        return {}
+    return {"table_cm": options.table_cm, "table_assumed": together.assumed}
+
+
+def summary_of(info: ScaleInfo, evidence: dict[str, Any]) -> dict[str, Any]:
+    """Figures of a scale for the record."""
+    found = {"cm_per_su": info.cm_per_su, "error_pct": 100 * (info.relative_error or 0.0)}
+    return found | ({"table": info.table_words} if info.table_words else {}) | evidence
 
 
 def facts_of(references: list[Reference]) -> tuple[dict[str, Any], ...]:

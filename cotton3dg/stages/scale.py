@@ -140,4 +140,4 @@ def load_plant(
     )
 
 
-STAGE: Final = Stage("scale", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)
+STAGE: Final = Stage("scale", version=11, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 2.8), parts=parts)

@@ -299,4 +299,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE: Final = Stage("traits", version=32, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE: Final = Stage("traits", version=33, inputs=inputs, run=run, cost=_cost, named_files=named_files)

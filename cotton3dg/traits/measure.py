@@ -274,7 +274,7 @@ def summarise_plant(
     by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> PlantTraits:
-    """The plant's row. No bolls have no volume, 0; bolls of unknown volume have none that is known, NaN.
+    """The plant's row. Its volume is that of the bolls whose volume is known; NaN where there are none.
 
     What does not hang on the plant has no part in it but for the count's error: it may be a boll after all.
 
@@ -295,7 +295,7 @@ def summarise_plant(
         flags.append("bolls_without_volume")
     if bolls and np.mean([bool(boll.flags) for boll in bolls]) >= DOUBTFUL_SHARE:
         flags.append("doubtful_bolls")
-    measured = bool(scale) and (len(known) > 0 or not len(volumes))
+    measured = bool(scale) and len(known) > 0
     size = silhouette or PlantSize()
     other = perhaps or size
     pixel_cm = pixel_su * scale.cm_per_su if scale else np.nan
@@ -342,7 +342,7 @@ def summarise_plant(
         boll_volume_error_cm3=of_volume,
         plant_height_error_cm=of_height,
         canopy_size_error_cm=of_canopy,
-        boll_volume_published_cm3=float(hulls.sum()) if scale and (len(hulls) or not bolls) else np.nan,
+        boll_volume_published_cm3=float(hulls.sum()) if scale and len(hulls) else np.nan,
         plant_height_published_cm=size.published.height_cm,
         canopy_size_published_cm=size.published.canopy_cm,
         boll_count_halves=halves,

@@ -11,7 +11,7 @@ from scenes.documents import frame_info, frames_info
 
 from cotton3dg.checking import look
 from cotton3dg.checking.agreeing_places import find_agreeing_places
-from cotton3dg.checking.first_count import FoundBoll, find_bolls_in_space, n_sure
+from cotton3dg.checking.first_count import FoundBoll, find_bolls_in_space, find_sure
 from cotton3dg.checking.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
 from cotton3dg.checking.judge import conclude, judge, refuse
 from cotton3dg.checking.look import Look
@@ -79,7 +79,7 @@ def cameras() -> list[Camera]:
 def test_bolls_are_found_where_lines_of_sight_meet(cameras: list[Camera]) -> None:
     bolls = find_bolls_in_space([sight_of(camera) for camera in cameras], fit_orbit(cameras))
     far = np.linalg.norm(BOLLS[:, None] - np.stack([boll.centre for boll in bolls]), axis=2)
-    assert len(bolls) == len(BOLLS) == n_sure(bolls, len(cameras))
+    assert len(bolls) == len(BOLLS) == len(find_sure(bolls, len(cameras)))
     assert far.min(axis=1).max() < 1e-6
     assert [boll.diameter_su for boll in bolls] == pytest.approx([DIAMETER] * 5, rel=0.05)
 
@@ -94,7 +94,7 @@ def test_bolls_that_some_images_hide_or_invent_are_still_counted_right(cameras: 
         places = np.concatenate([sight.middles_px[kept] + rng.normal(0, 1, (kept.sum(), 2)), invented])
         sights.append(replace(sight, middles_px=places, diameters_px=np.append(sight.diameters_px[kept], [15.0, 15.0])))
     bolls = find_bolls_in_space(sights, fit_orbit(cameras))
-    assert n_sure(bolls, len(cameras)) == 5
+    assert len(find_sure(bolls, len(cameras))) == 5
 
 
 def test_images_without_bolls_give_none(cameras: list[Camera]) -> None:

@@ -69,7 +69,7 @@
 
   function say(text, doubt = false) {
     hint.textContent = text;
-    hint.classList.toggle("doubt", doubt);
+    hint.classList.toggle("yellow", doubt);
   }
 
   function choose(kind) {

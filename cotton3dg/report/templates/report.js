@@ -45,7 +45,7 @@
       list.append(term, value);
     }
     const doubts = document.createElement("p");
-    doubts.className = "doubt";
+    doubts.className = "yellow";
     doubts.textContent = row.cells[row.cells.length - 2].textContent;
     const pictures = document.createElement("div");
     pictures.className = "big";

@@ -1,0 +1,161 @@
+"""What a film and a row are judged by, once for all pages: `check` before the training, the report and the index after.
+
+Green is good as it is. Yellow is what `run` flags, or what is missing or less sure than usual in the row. Red has no
+result. The limits are those by which the stages set their flags.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..capture.frame_quality import BLURRED, raise_concerns
+from ..capture.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
+from ..documents.check import GREEN, YELLOW, Finding
+from ..documents.frames import FrameInfo
+from ..documents.scale import ScaleInfo
+from ..files.tables import parse_number
+from ..traits.error_model import blurs_bolls
+
+SMALL_BOLL_PX: Final = 10.0
+"""Width in the training images below which bolls can be lost."""
+SCALE_ERROR: Final = 0.01
+USUAL_PCT: Final = {
+    "boll_count": 10.0,
+    "boll_volume_cm3": 10.0,
+    "boll_volume_mean_cm3": 10.0,
+    "plant_height_cm": 1.0,
+    "canopy_size_cm": 2.0,
+}
+"""Column -> half-width of its 95 % interval, up to which it is as sure as usual; films in good light are surer
+(docs/notes/stated_errors.md)."""
+
+
+def of_walk(coverage_deg: float, gap_deg: float, remedy: str = "walk a full turn and end where you began") -> Finding:
+    """How far around the plant the camera went, and the widest part that it left out."""
+    if gap_deg <= MAX_GAP_DEG:
+        return Finding(GREEN, "Walk", f"{coverage_deg:.0f} degrees around the plant")
+    return Finding(YELLOW, "Walk", f"no view of the plant for {gap_deg:.0f} degrees", remedy)
+
+
+def of_placed(n_placed: int, n_frames: int, where: str = "") -> Finding:
+    """How many frames have a camera.
+
+    Args:
+        where: the others are in the film, as ` from 3 to 8 s of the film`.
+    """
+    text = f"{n_placed} of {n_frames} frames placed"
+    if 100 * n_placed >= FEW_REGISTERED_PCT * n_frames:
+        return Finding(GREEN, "Placed frames", text)
+    remedy = f"walk more slowly{where}, with more light and more texture in view"
+    return Finding(YELLOW, "Placed frames", text, remedy)
+
+
+def of_sharpness(images: Sequence[FrameInfo], blur_px: float, boll_widths_px: ArrayLike) -> Finding:
+    """Whether most images are sharp, and sharp enough for the bolls.
+
+    Args:
+        images: at least one.
+        blur_px: motion blur of the images that bolls are measured in; boll_widths_px: of bolls there.
+    """
+    remedy = "walk more slowly, or film with more light"
+    blurred = [image for image in images if image.blur > BLURRED]
+    share = len(blurred) / len(images)
+    if np.median([image.blur for image in images]) > BLURRED:
+        return Finding(YELLOW, "Sharpness", f"{share:.0%} of the frames are blurred", remedy)
+    if blurs_bolls(blur_px, 1.0, np.asarray(boll_widths_px, np.float64)):
+        text = f"motion blurs the images by {blur_px:.0f} px, much of a boll's width"
+        return Finding(YELLOW, "Sharpness", text, remedy)
+    return Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp{_others(blurred)}")
+
+
+def _others(blurred: Sequence[FrameInfo]) -> str:
+    times = [image.timestamp_s for image in blurred if image.timestamp_s is not None]
+    return f", the others from {min(times):.0f} to {max(times):.0f} s of the film" if times else ""
+
+
+def of_light(images: Sequence[FrameInfo]) -> list[Finding]:
+    """What is wrong with the light of most images; nothing when it is well."""
+    highlight = float(np.median([image.highlight for image in images]))
+    white = float(np.median([image.white_share for image in images]))
+    concerns = (concern.partition("; ") for concern in raise_concerns(0.0, highlight, white).values())
+    return [Finding(YELLOW, "Light", text, remedy) for text, _, remedy in concerns]
+
+
+WELL_LIT: Final = Finding(GREEN, "Light", "well lit")
+
+
+def of_framing(n_lost: int, n_placed: int) -> Finding | None:
+    """Frames whose middle is not the plant; None where there are none."""
+    if not n_lost:
+        return None
+    text = f"the plant has left the frame in {n_lost} of {n_placed} frames"
+    return Finding(YELLOW, "Plant", text, "keep it in the middle")
+
+
+def of_distance(width_px: float, text: str) -> Finding:
+    """Whether bolls are large enough in the images that they are measured in; `text` says that they are."""
+    if width_px < SMALL_BOLL_PX:
+        said = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
+        return Finding(YELLOW, "Bolls", said, "film closer, or raise train.max_side")
+    return Finding(GREEN, "Bolls", text)
+
+
+def of_scale(info: ScaleInfo, warnings: Sequence[str]) -> list[Finding]:
+    """How well lengths are known.
+
+    Args:
+        info: has a scale. warnings: of the stage.
+    """
+    error = info.relative_error or 0.0
+    if error > SCALE_ERROR:
+        remedy = "film so that all of the table top is in view, with its edges clear, or lay a printed marker on it"
+        return [Finding(YELLOW, "Scale", f"the scale is known to {100 * error:.1f} % only", remedy)]
+    doubts = [Finding(YELLOW, "Scale", *_parted(warning)) for warning in warnings]
+    table = f", {info.table_words}" if info.table_words else ""
+    return doubts or [Finding(GREEN, "Scale", f"scale to {100 * error:.1f} %{table}")]
+
+
+def _parted(warning: str) -> tuple[str, str]:
+    text, _, remedy = warning.partition("; ")
+    return text, remedy
+
+
+def of_row(flags: Collection[str], n_doubtful_bolls: int, traits: Mapping[str, object]) -> tuple[str, str]:
+    """The verdict on a plant's row, and why.
+
+    Args:
+        flags: its quality flags; n_doubtful_bolls: bolls with flags of their own; traits: its cells.
+    """
+    if {"no_masks", "no_bolls"} & set(flags):
+        return YELLOW, "No bolls were found"
+    if "no_scale" in flags:
+        return YELLOW, "Counted only: no scale, so no centimetres"
+    if n := len(flags):
+        return YELLOW, f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"
+    if n := n_doubtful_bolls:
+        return YELLOW, f"Good, but look at {n} doubtful {'boll' if n == 1 else 'bolls'}"
+    if unsure := find_unsure(traits):
+        return YELLOW, f"Less sure than usual: {', '.join(unsure)}"
+    return GREEN, "All checks passed"
+
+
+def find_unsure(traits: Mapping[str, object]) -> list[str]:
+    """Traits, in words, whose intervals are wider than usual; a count that is sure to one boll is not among them."""
+    found = []
+    for column, usual_pct in USUAL_PCT.items():
+        value, low, high = interval_of(traits, column)
+        half = (high - low) / 2
+        if value > 0 and half > usual_pct / 100 * value and not (column == "boll_count" and half <= 1):
+            found.append(f"{column.partition('_cm')[0].replace('_', ' ')} ± {100 * half / value:.0f} %")
+    return found
+
+
+def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:
+    """A trait and the ends of its interval; NaN what is blank."""
+    name, unit, power = column.partition("_cm")
+    low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
+    return parse_number(traits.get(column)), low, high

@@ -23,7 +23,7 @@ from typing import Any, Final
 
 from .core.machine import usable_cores
 from .core.state import State
-from .errors import BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
+from .errors import INTERRUPTED, BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
 from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE
@@ -44,9 +44,6 @@ MEMORY_OF_A_RUN_GIB: Final = 3.0
 
 WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
 """A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
-
-INTERRUPTED: Final = 130
-"""Exit code of a run that Ctrl-C ended."""
 
 STATES: Final = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""

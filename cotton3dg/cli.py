@@ -28,7 +28,7 @@ from .cli_arguments import (
     report_errors,
 )
 from .core.state import State
-from .errors import SOME_FAILED, BadUsage
+from .errors import SOME_FAILED, BadUsage, unknown
 from .options import (
     STAGE_OPTIONS,
     CardsOptions,
@@ -150,7 +150,7 @@ def batch(
         tell = partial(typer.echo, err=True)
         work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
         if engine not in ("local", "slurm"):
-            raise BadUsage(f"--engine {engine} is unknown; use local or slurm")
+            raise unknown(f"--engine {engine}", engine, ("local", "slurm"))
         if only_failed:
             work.results = saved_results(folder)
             failed = {result.folder for result in work.results.values() if result.state == State.FAILED}

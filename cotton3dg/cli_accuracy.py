@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .cli_arguments import PlantDir, Preset, Set, TimeBudget, parse_overrides, report_errors
-from .errors import BadUsage, MissingInput
+from .errors import BadUsage, MissingInput, unknown
 
 
 def evaluate(
@@ -53,7 +53,7 @@ def evaluate(
             typer.echo(f"saved in {out / 'masks.csv'}")
         elif cloud:
             if cloud_unit not in CM_PER_UNIT:
-                raise BadUsage(f"--cloud-unit {cloud_unit} is unknown; use {', '.join(CM_PER_UNIT)}")
+                raise unknown(f"--cloud-unit {cloud_unit}", cloud_unit, CM_PER_UNIT)
             display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
         else:
             display.print_comparison(workspace, truth or workspace.truth_json)

@@ -6,11 +6,12 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from .errors import BadUsage, Cotton3dgError
+from .errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
+from .files.saving import explained
 from .option_rules import flags
 from .options import PRESETS, STAGE_OPTIONS
 
@@ -32,15 +33,29 @@ TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that 
 
 @contextmanager
 def report_errors(plant_dir: Path) -> Iterator[None]:
-    """Print an error as one line that starts with the plant's name, and end with its exit code."""
+    """Print an error as one line that starts with the plant's name, and end with its exit code.
+
+    What the operating system says of a path is explained here for all commands.
+    """
     try:
         yield
     except Cotton3dgError as error:
-        typer.echo(" ".join(f"{plant_dir.resolve().name}: {error}".split()), err=True)
-        raise typer.Exit(error.exit_code) from error
+        _end(plant_dir, str(error), error.exit_code, error)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        told = explained(error, plant_dir)
+        _end(plant_dir, str(told), told.exit_code, error)
     except KeyboardInterrupt as error:
-        typer.echo(f"{plant_dir.resolve().name}: interrupted; the same command continues", err=True)
-        raise typer.Exit(130) from error
+        _end(plant_dir, "interrupted; the same command continues", INTERRUPTED, error)
+
+
+def _end(plant_dir: Path, text: str, code: int, cause: BaseException) -> NoReturn:
+    name = plant_dir.resolve().name
+    # A message about the very path that was given names it already.
+    line = text if text.startswith((name, str(plant_dir))) else f"{name}: {text}"
+    typer.echo(" ".join(line.split()), err=True)
+    raise typer.Exit(code) from cause
 
 
 def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
@@ -48,8 +63,10 @@ def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
     for assignment in assignments or []:
         key, equals, value = assignment.partition("=")
         stage, dot, name = key.partition(".")
-        if not (equals and dot and stage in STAGE_OPTIONS):
+        if not (equals and dot):
             raise BadUsage(f"--set {assignment}: write STAGE.OPTION=VALUE, e.g. train.steps=3000")
+        if stage not in STAGE_OPTIONS:
+            raise unknown(f"--set {assignment}: stage {stage!r}", stage, STAGE_OPTIONS)
         overrides.setdefault(stage, {})[name] = value
     return overrides
 
@@ -66,8 +83,8 @@ def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> 
     for name, annotation in arguments.items():
         kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
         parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
-    for name, (place, explained) in flags(options).items():
-        flag = typer.Option(help=explained, show_default=str(place.item.default) or "none")
+    for name, (place, told) in flags(options).items():
+        flag = typer.Option(help=told, show_default=str(place.item.default) or "none")
         annotation = Annotated[place.kind | None, flag]
         parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

@@ -41,24 +41,25 @@ def doctor(
     from dataclasses import asdict
 
     from . import display
-    from .commands.doctor import examine, mend
+    from .commands.doctor import conclude, examine, is_ready, mend
     from .errors import EnvironmentUnusable
 
-    if calibrate:
-        from .planning.calibrate import calibrate as measure
-        from .planning.calibrate import describe
+    with report_errors(folder):
+        if calibrate:
+            from .planning.calibrate import calibrate as measure
+            from .planning.calibrate import describe
 
-        with report_errors(folder):
             typer.echo(describe(measure()), err=as_json)
-    findings = examine(folder)
-    if fix and any(finding.remedy for finding in findings):
-        mend(findings, partial(typer.echo, err=True))
         findings = examine(folder)
-    if as_json:
-        typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
-    else:
-        display.print_findings(findings)
-    if any(finding.fatal and finding.remedy for finding in findings):
+        if fix and any(finding.remedy for finding in findings):
+            mend(findings, partial(typer.echo, err=True))
+            findings = examine(folder)
+        if as_json:
+            typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
+        else:
+            display.print_findings(findings)
+            typer.echo(conclude(findings))
+    if not is_ready(findings):
         raise typer.Exit(EnvironmentUnusable.exit_code)
 
 

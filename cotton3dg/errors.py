@@ -3,6 +3,9 @@
 Write messages as `what is wrong; what to do`: the command line puts the plant's name in front and prints one line.
 """
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import Final
 
 
@@ -13,9 +16,17 @@ class Cotton3dgError(Exception):
 
 
 class BadUsage(Cotton3dgError):
-    """An option, a TOML key or a command line that makes no sense."""
+    """What was typed or given cannot be used: an option, a file, a stage out of order."""
 
     exit_code = 2
+
+
+class MissingInput(BadUsage):
+    """A file that is named, or that a stage reads, does not exist."""
+
+
+class BadInput(BadUsage):
+    """A file exists but cannot be what it should be."""
 
 
 class EnvironmentUnusable(Cotton3dgError):
@@ -25,17 +36,9 @@ class EnvironmentUnusable(Cotton3dgError):
 
 
 class CaptureFailed(Cotton3dgError):
-    """The video or the photos cannot be used, or structure from motion failed on them."""
+    """The video or the photos cannot be used, or structure from motion failed on them; film again."""
 
     exit_code = 4
-
-
-class MissingInput(CaptureFailed):
-    """A file that a stage reads does not exist."""
-
-
-class BadInput(CaptureFailed):
-    """A file exists but cannot be what it should be."""
 
 
 class NoScale(Cotton3dgError):
@@ -65,5 +68,40 @@ class StageFailed(Cotton3dgError):
 DOUBTFUL: Final = 9
 """Exit code of a check that would have a film, though usable, filmed again: no error, the check was done."""
 
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
 SOME_FAILED: Final = 8
-"""Exit code of a batch when some plants failed or were not tried: no error of its own, the others are done."""
+"""Exit code where some of many are not done, though the others are: no error of its own."""
+
+EXIT_CODES: Final = {
+    0: "done",
+    1: "a fault in the program",
+    BadUsage.exit_code: "what was typed or given cannot be used: an option, a file, a stage out of order",
+    EnvironmentUnusable.exit_code: "this machine lacks something: a library, ffmpeg, write permission",
+    CaptureFailed.exit_code: "the capture cannot be used; film again",
+    NoScale.exit_code: "no metric scale, but a scale is required",
+    NoBolls.exit_code: "no bolls, but bolls are required",
+    OutOfResources.exit_code: "memory or disk is exhausted",
+    SOME_FAILED: "some of many are not done: plants of a batch, videos of an import, corrections",
+    DOUBTFUL: "check: the film is usable, but better filmed again",
+    INTERRUPTED: "interrupted by Ctrl-C; the same command continues",
+}
+"""What each exit code of the command line means; docs/troubleshooting.md and the manual page say the same."""
+
+
+def unknown(what: str, word: str, known: Iterable[str]) -> BadUsage:
+    """What to say of `word`, called `what`, that is none of those that are known: the likeliest of them, and all."""
+    known = list(known)
+    near = get_close_matches(word.lower(), known, 1)
+    advice = f"did you mean {near[0]}? There are" if near else "use"
+    return BadUsage(f"{what} is unknown; {advice} {', '.join(known)}")
+
+
+@contextmanager
+def blame_capture() -> Iterator[None]:
+    """Within it a file that cannot be read is one of the capture, which another film may mend."""
+    try:
+        yield
+    except BadInput as error:
+        raise CaptureFailed(str(error)) from error

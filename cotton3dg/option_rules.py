@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Final, get_type_hints
 
-from .errors import BadUsage
+from .errors import BadUsage, unknown
 
 _KINDS: Final = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 
@@ -124,7 +124,7 @@ def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], aske
             found = [place for place in known if name in (place.name, place.path)]
             if not found:
                 names = dict.fromkeys(place.name for place in known)
-                raise BadUsage(f"{stage}.{name} is not an option; use {', '.join(names)}")
+                raise unknown(f"option {stage}.{name}", name.rpartition(".")[2], names)
             active = [place for place in found if place.counts_with(method)]
             if not active and (layer is asked or name != found[0].path):
                 raise _no_effect(stage, name, chooser.name, method, found)
@@ -175,7 +175,7 @@ def _check_value(where: str, value: Any, place: Place) -> None:
     if high is not None and not value <= high:
         raise BadUsage(f"{where} = {value} is too large; use at most {high}")
     if choices and value not in choices:
-        raise BadUsage(f"{where} = {value!r} is unknown; use one of {', '.join(choices)}")
+        raise unknown(f"{where} = {value!r}", str(value), choices)
 
 
 def _converted(where: str, value: Any, kind: type) -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from .command_options import MARKER_DICTIONARIES, CardsOptions, MarkersOptions, RenderOptions, SimulateOptions
-from .errors import BadUsage
+from .errors import BadUsage, unknown
 from .option_rules import effective, option, options_of, resolved
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
@@ -367,8 +367,10 @@ def read_toml(path: Path) -> dict[str, dict[str, Any]]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
     for name, table in tables.items():
-        if name not in STAGE_OPTIONS or not isinstance(table, dict):
-            raise BadUsage(f"{path.name}: [{name}] is not a stage; use {', '.join(STAGE_OPTIONS)}")
+        if name not in STAGE_OPTIONS:
+            raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
+        if not isinstance(table, dict):
+            raise BadUsage(f"{path.name}: {name} is no table; write its options below [{name}]")
     return tables
 
 

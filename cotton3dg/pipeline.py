@@ -16,7 +16,7 @@ from typing import Any
 
 from .core.progress import Progress, silent
 from .documents.record import Record
-from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed
+from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed, unknown
 from .options import PRESET_VALUES, PRESETS, read_toml, recorded, resolve
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .stages.stage import STAGES, stage_of
@@ -70,7 +70,7 @@ def stage_options(
     plant's name is the folder's by default, so that a renamed folder makes the tables stale.
     """
     if preset not in PRESETS:
-        raise BadUsage(f"preset {preset!r} is unknown; use {', '.join(PRESETS)}")
+        raise unknown(f"preset {preset!r}", preset, PRESETS)
     files = [file for file in (defaults, workspace and workspace.options_file) if file]
     named = {"traits": {"plant_id": workspace.plant_id}} if workspace else {}
     layers, asked = [named, PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files)], overrides or {}
@@ -87,7 +87,7 @@ def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
     """
     for name in (first, last):
         if name not in STAGES:
-            raise BadUsage(f"stage {name!r} is unknown; use {', '.join(STAGES)}")
+            raise unknown(f"stage {name!r}", name, STAGES)
     stages = STAGES[STAGES.index(first) : STAGES.index(last) + 1]
     if not stages:
         raise BadUsage(f"no stage lies from {first} until {last}; the order is {', '.join(STAGES)}")

@@ -10,7 +10,7 @@ import typer
 
 from cotton3dg import __version__
 from cotton3dg.cli import app
-from cotton3dg.errors import DOUBTFUL, SOME_FAILED, Cotton3dgError
+from cotton3dg.errors import EXIT_CODES
 
 
 def man_page() -> str:
@@ -30,22 +30,11 @@ def man_page() -> str:
         for option in command.params:
             if option.param_type_name == "option" and not option.hidden:
                 lines += [".TP", f".B {_roff(', '.join(option.opts))}", _roff(option.help or "")]
-    lines += [".SH EXIT STATUS", ".TP", ".B 0", "done"]
-    for code, meaning in sorted(exit_codes().items()):
+    lines += [".SH EXIT STATUS"]
+    for code, meaning in EXIT_CODES.items():
         lines += [".TP", f".B {code}", _roff(meaning)]
     lines += [".SH SEE ALSO", "Each command's", ".B \\-\\-help", "groups its options and gives units and defaults.", ""]
     return "\n".join(lines)
-
-
-def exit_codes() -> dict[int, str]:
-    """Meaning of each code, from the errors that end with it."""
-    codes = {
-        DOUBTFUL: "check: the film is usable, but better filmed again",
-        SOME_FAILED: "some plants of a batch failed",
-    }
-    for kind in Cotton3dgError.__subclasses__():
-        codes.setdefault(kind.exit_code, (kind.__doc__ or "").splitlines()[0])
-    return codes
 
 
 def _roff(text: str) -> str:

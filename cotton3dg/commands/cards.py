@@ -28,7 +28,8 @@ def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> s
         BadInput: the field book cannot be read, or an id cannot be printed.
     """
     if sheet.suffix.lower() != ".pdf":
-        raise BadUsage(f"{sheet.name} is not .pdf; name the cards so")
+        how = "name the cards so" if fieldbook or options.blank else f"write cotton3dg cards {sheet.name} cards.pdf"
+        raise BadUsage(f"{sheet.name} is not .pdf; {how}")
     if bool(fieldbook) == bool(options.blank):
         raise BadUsage("give a field book, or --blank NUMBER for cards without one")
     if fieldbook:

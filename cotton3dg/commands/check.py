@@ -19,7 +19,7 @@ from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
 from ..documents.check import CheckInfo, film_of
 from ..documents.frames import FramesInfo
-from ..errors import BadInput, CaptureFailed, MissingInput
+from ..errors import BadInput, CaptureFailed
 from ..files.colmap import read_cameras
 from ..files.saving import explain_disk_errors, link
 from ..pipeline import Watcher, begin, run
@@ -48,8 +48,6 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> Ch
             look = look_at(workspace, names, undistorted, options["scale"], side_px, watcher.watched("check"))
             info = judge(look, side_px, time.perf_counter() - start)
             return _save(workspace, info, look, frames)
-    except MissingInput:
-        raise
     except CaptureFailed as error:
         return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames)
 

@@ -230,6 +230,8 @@ class _Known:
 def _from_file(file: Path | None) -> tuple[Correction, ...]:
     if file is None:
         return ()
+    if not file.is_file():
+        raise MissingInput(f"{file} is not there; give the corrections.json that the plant's report saved")
     try:
         return Corrections.parsed(json.loads(file.read_text(encoding="utf-8"))).corrections
     except (OSError, ValueError) as error:

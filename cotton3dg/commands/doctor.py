@@ -20,7 +20,7 @@ from packaging.requirements import Requirement
 from ..core.libraries import missing_library, remedy_of
 from ..core.machine import usable_cores
 from ..core.version import version_text
-from ..errors import Cotton3dgError
+from ..errors import Cotton3dgError, MissingInput
 from ..files.video import ffmpeg_binary
 
 MODULE_OF: Final = {
@@ -63,7 +63,13 @@ class Finding:
 
 
 def examine(folder: Path) -> list[Finding]:
-    """Everything that matters for running plants in `folder`. Takes seconds: the large libraries are imported."""
+    """Everything that matters for running plants in `folder`. Takes seconds: the large libraries are imported.
+
+    Raises:
+        MissingInput: there is no such folder.
+    """
+    if not folder.is_dir():
+        raise MissingInput(f"{folder} is not a folder; give the one where plants are to be run")
     libraries = _list_libraries()
     with ThreadPoolExecutor(len(usable_cores())) as pool:
         imported = list(pool.map(_examine_library, libraries))
@@ -74,6 +80,20 @@ def examine(folder: Path) -> list[Finding]:
         *_examine_ffmpeg(),
         *_examine_machine(folder),
     ]
+
+
+def is_ready(findings: list[Finding]) -> bool:
+    """Whether plants can be run."""
+    return not any(finding.fatal and finding.remedy for finding in findings)
+
+
+def conclude(findings: list[Finding]) -> str:
+    """The verdict in one line."""
+    lacking = [finding.name for finding in findings if finding.remedy and finding.fatal]
+    if lacking:
+        return f"not ready: {', '.join(lacking)} must be mended first; the lines marked with ! say how"
+    doubtful = [finding.name for finding in findings if finding.remedy]
+    return "ready" + (f", but look at {', '.join(doubtful)}" if doubtful else "")
 
 
 def mend(findings: list[Finding], tell: Callable[[str], None]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from ..errors import BadUsage
+from ..errors import unknown
 from ..field.brapi import brapi_files
 from ..field.miappe import DATA_FILE, data_file, miappe_sheets, missing
 from ..field.other_formats import cottongen_sheets, data_package, fieldbook_files, workbook_sheets
@@ -28,7 +28,7 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
         MissingInput: no batch has run, or no plant has a result.
     """
     if kind not in FORMATS:
-        raise BadUsage(f"--format {kind} is unknown; use {', '.join(FORMATS)}")
+        raise unknown(f"--format {kind}", kind, FORMATS)
     field, study = read_field(folder), read_study(folder)
     target = out or folder / "export" / kind
     remark = ""

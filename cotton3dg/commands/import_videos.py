@@ -21,7 +21,7 @@ from ..core.columns import Column
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..documents.imported import ReadVideo, ReadVideos
-from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput
+from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from ..files.saving import explain_disk_errors, replacing, write_text_atomically
@@ -94,7 +94,7 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
         MissingInput: there are no videos.
     """
     if asked.how not in HOW:
-        raise BadUsage(f"--how {asked.how} is unknown; use {', '.join(HOW)}")
+        raise unknown(f"--how {asked.how}", asked.how, HOW)
     videos = list(_videos(sources, asked.into))
     if not videos:
         raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}")

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from ..errors import unknown
 from .document import Document
 
 BOLLS_NEEDED: Final = {"merge": 2, "split": 1, "delete": 1, "branch": 1, "add": 0, "corner": 0, "ruler": 0}
@@ -61,7 +62,7 @@ class Correction:
     def problem(self) -> str:
         """Why it makes no sense, in a few words; empty when it does."""
         if self.kind not in BOLLS_NEEDED:
-            return f"{self.kind!r} is unknown; use {', '.join(BOLLS_NEEDED)}"
+            return str(unknown(repr(self.kind), self.kind, BOLLS_NEEDED))
         needed = BOLLS_NEEDED[self.kind]
         places = [place for boll in self.bolls for place in (boll.centre_cm, boll.centre_su) if place is not None]
         places += [(pick.x_px, pick.y_px, 0.0) for pick in self.picks]

@@ -35,7 +35,9 @@ class Document:
         """
         try:
             return cls.parsed(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise BadInput(f"{path.name} cannot be read ({error.strerror}); {cls.REMEDY}") from error
+        except ValueError as error:
             raise BadInput(f"{path.name} is damaged or of another version ({error}); {cls.REMEDY}") from error
 
     @classmethod

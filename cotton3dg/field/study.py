@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from ..errors import BadInput
+from ..errors import BadInput, unknown
 
 STUDY_FILE: Final = "study.toml"
 SECTIONS: Final = ("Investigation", "Study", "Person")
@@ -29,7 +29,7 @@ def read_study(folder: Path) -> Study:
     """Read `study.toml`; none is an empty one.
 
     Raises:
-        BadInput: it is not TOML, or has a table that is not known.
+        BadInput: it is not TOML. BadUsage: it has a table that is not known.
     """
     path = folder / STUDY_FILE
     if not path.is_file():
@@ -40,5 +40,5 @@ def read_study(folder: Path) -> Study:
         raise BadInput(f"{STUDY_FILE}: {error}; mend it") from error
     for name, table in told.items():
         if name not in SECTIONS or not isinstance(table, dict):
-            raise BadInput(f"{STUDY_FILE}: [{name}] is unknown; use {', '.join(SECTIONS)}")
+            raise unknown(f"{STUDY_FILE}: [{name}]", name, SECTIONS)
     return Study({name: {key: str(value) for key, value in table.items()} for name, table in told.items()})

@@ -38,7 +38,7 @@ def read_masks(
         MissingInput: nothing is there. BadInput: a file is damaged or no mask.
     """
     if not source.exists():
-        raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file as --source")
+        raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file")
     documents = [source] if source.is_file() else sorted(source.rglob("*.json"))
     images = _parse(documents)
     if not images and source.is_dir():

@@ -13,8 +13,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from ..errors import EnvironmentUnusable, OutOfResources
+from ..errors import BadInput, Cotton3dgError, EnvironmentUnusable, OutOfResources
 
+NOT_ALLOWED: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
+WRONG_PATH: Final = (
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.EEXIST,
+    errno.ENOTEMPTY,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.EINVAL,
+)
+"""What the operating system says of a path that is not what it should be."""
 FULL_BELOW_BYTES: Final = 2**20
 """No stage can work with less."""
 
@@ -27,11 +39,27 @@ def explain_disk_errors(root: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise full_disk(root) from error
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        if error.errno in NOT_ALLOWED:
             raise EnvironmentUnusable(
                 f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
             ) from error
         raise
+
+
+def explained(error: OSError, root: Path) -> Cotton3dgError:
+    """What an error of the operating system means to somebody who named paths.
+
+    Args:
+        root: what was being worked on, where the error names no path.
+    """
+    place, why = error.filename or root, (error.strerror or str(error)).lower()
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return full_disk(root)
+    if error.errno in NOT_ALLOWED:
+        return EnvironmentUnusable(f"no permission for {place}; change its permissions, or give another path")
+    if error.errno in WRONG_PATH:
+        return BadInput(f"{place}: {why}; look at its spelling, or give another path")
+    return EnvironmentUnusable(f"{place}: {why}; look at the disk that holds it, and run again")
 
 
 def full_disk(root: Path) -> OutOfResources:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.bolls import MaskSet
 from ..core.progress import Progress
 from ..core.scene import Camera, Gaussians
-from ..errors import BadInput, BadUsage
+from ..errors import BadInput, BadUsage, CaptureFailed
 from ..files.annotations import read_masks, undistort_ids
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import MasksOptions
@@ -191,7 +191,7 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
 
 def _several(cameras: Sequence[Camera]) -> Sequence[Camera]:
     if len(cameras) < 2:
-        raise BadInput("only one image has a pose; bolls are found from several sides, so film a full turn")
+        raise CaptureFailed("only one image has a pose; bolls are found from several sides, so film a full turn")
     return cameras
 
 

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
-from ..errors import BadInput, MissingInput
+from ..errors import EnvironmentUnusable
 
 REINSTALL: Final = "install cotton3dg again, or use --backend lint"
 
@@ -15,14 +15,13 @@ def read_shipped(file: Path) -> bytes:
     """The content of a file that the program brings.
 
     Raises:
-        MissingInput: it is gone.
-        BadInput: it is not what it was.
+        EnvironmentUnusable: it is gone, or not what it was.
     """
     try:
         content = file.read_bytes()
         wanted = file.with_name(f"{file.name}.sha256").read_text(encoding="ascii").split()[0]
     except FileNotFoundError as error:
-        raise MissingInput(f"{error.filename}, which comes with cotton3dg, is not there; {REINSTALL}") from error
+        raise EnvironmentUnusable(f"{error.filename}, which comes with cotton3dg, is not there; {REINSTALL}") from error
     if hashlib.sha256(content).hexdigest() != wanted:
-        raise BadInput(f"{file}, which comes with cotton3dg, is damaged; {REINSTALL}")
+        raise EnvironmentUnusable(f"{file}, which comes with cotton3dg, is damaged; {REINSTALL}")
     return content

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ..core.machine import usable_cores
+from ..errors import blame_capture
 from ..files.images import image_size, list_images
 from ..stages.sfm import VIDEO_FEATURE_SIDE
 from ..stages.stage import STAGES, Cost, Footage, Work, stage_of
@@ -38,7 +39,7 @@ def examine_footage(workspace: Workspace) -> Footage:
     """What the capture holds, without decoding it.
 
     Raises:
-        MissingInput, BadInput: there is none, or it cannot be read.
+        MissingInput: there is none. CaptureFailed: it cannot be read.
     """
     from ..files import video
 
@@ -47,7 +48,8 @@ def examine_footage(workspace: Workspace) -> Footage:
         images = list_images(source)
         size = image_size(images[0].read_bytes()) if images else None
         return Footage(len(images), *(size or (VIDEO_FEATURE_SIDE, VIDEO_FEATURE_SIDE)), is_video=False)
-    facts = video.probe(source)
+    with blame_capture():
+        facts = video.probe(source)
     frames = facts.duration_s * facts.fps
     return Footage(max(1, round(frames)) if math.isfinite(frames) else USUAL_FRAMES, facts.width, facts.height)
 

@@ -36,15 +36,17 @@ def typical_ratio(pairs: Iterable[tuple[float, float]]) -> float:
 
 
 def parse_duration(text: str) -> float:
-    """Seconds of a duration such as 90s, 5m, 1h30m; a bare number is seconds.
+    """Seconds of a duration such as 90s, 5m, 1h30m.
 
     Raises:
-        BadUsage: the text is none, or not above 0.
+        BadUsage: the text is none, lacks a unit, or is not above 0.
     """
-    parts = re.findall(r"(\d+(?:\.\d+)?)([smh]?)", text)
+    parts = re.findall(r"(\d+(?:\.\d+)?)([smh])", text)
     whole = "".join(number + unit for number, unit in parts)
-    total = sum(float(number) * _UNITS_S[unit or "s"] for number, unit in parts)
-    if whole != text or (len(parts) > 1 and any(not unit for _, unit in parts)) or total <= 0:
+    total = sum(float(number) * _UNITS_S[unit] for number, unit in parts)
+    if re.fullmatch(r"\d+(\.\d+)?", text):
+        raise BadUsage(f"time budget {text!r} has no unit; write {text}s for seconds, {text}m for minutes")
+    if whole != text or total <= 0:
         raise BadUsage(f"time budget {text!r} cannot be used; write it as 90s, 5m or 1h30m")
     return total
 

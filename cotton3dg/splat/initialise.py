@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
-from ..errors import BadInput
+from ..errors import CaptureFailed
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from .densify import concatenate
@@ -114,12 +114,12 @@ def place_gaussians(
         max_gaussians: the budget.
         seed: of the thinning.
     Raises:
-        BadInput: fewer than 4 points are finite.
+        CaptureFailed: fewer than 4 points are finite.
     """
     points = np.asarray(points, np.float64)
     finite = np.flatnonzero(np.isfinite(points).all(axis=1) & (np.abs(points) < 1e30).all(axis=1))
     if len(finite) < 4:
-        raise BadInput(f"{len(finite)} usable points to start from (4 needed); film again or use more frames")
+        raise CaptureFailed(f"{len(finite)} usable points to start from (4 needed); film again or use more frames")
     if len(finite) > max_gaussians:
         finite = np.sort(open_stream(seed, "thinning").choice(finite, max_gaussians, replace=False))
     points, n = points[finite], len(finite)

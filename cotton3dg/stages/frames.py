@@ -10,6 +10,7 @@ from ..capture.take_video import HELD_A_FRAME, take_video
 from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
+from ..errors import blame_capture
 from ..files.images import write_image
 from ..options import FramesOptions
 from ..workspace import Workspace
@@ -26,17 +27,22 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> StageOutcome:
-    """Writes 000000.jpg and so on, and frames.json."""
+    """Writes 000000.jpg and so on, and frames.json.
+
+    Raises:
+        CaptureFailed: the video or a photo cannot be used.
+    """
     source = workspace.capture()
     with workspace.writing("frames") as folder:
 
         def keep(name: str, image: Picture) -> None:
             write_image(folder / name, image)
 
-        if source.is_dir():
-            taken = take_photos(source, options, keep, progress)
-        else:
-            taken = take_video(source, options, keep, progress, folder)
+        with blame_capture():
+            if source.is_dir():
+                taken = take_photos(source, options, keep, progress)
+            else:
+                taken = take_video(source, options, keep, progress, folder)
         outcome = outcome_of(taken)
         taken.info.save(folder / workspace.frames_json.name)
     return outcome

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from .. import pipeline
-from ..errors import BadUsage
+from ..errors import unknown
 from ..options import FINER_PRESETS, PRESETS, resolve
 from ..stages.stage import Footage
 from ..workspace import Workspace
@@ -64,7 +64,7 @@ def sweeps_of(texts: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
     for text in texts or CHEAP:
         name, _, values = text.partition("=")
         if name not in (*TITLES, "all"):
-            raise BadUsage(f"sweep {name!r} is unknown; use {', '.join(TITLES)} or all")
+            raise unknown(f"sweep {name!r}", name, (*TITLES, "all"))
         sweeps |= {each: tuple(values.split(",")) if values else () for each in (TITLES if name == "all" else [name])}
     return sweeps
 

@@ -26,6 +26,7 @@ from .files.saving import (
     fsync,
     full_disk,
     link,
+    partial_name,
 )
 
 VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
@@ -264,7 +265,7 @@ class Workspace:
         """
         final = self.folder(stage)
         self._check_ours(final)
-        partial = final.with_name(f".{final.name}.partial")
+        partial = final.with_name(partial_name(final.name))
         with explain_disk_errors(self.root):
             final.parent.mkdir(exist_ok=True)
             shutil.rmtree(partial, ignore_errors=True)

@@ -24,7 +24,7 @@ from ..documents.imported import ReadVideo, ReadVideos
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
-from ..files.saving import explain_disk_errors, replacing, write_text_atomically
+from ..files.saving import copy, explain_disk_errors, partial_name, replacing, write_text_atomically
 from ..files.tables import csv_text, read_rows
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
@@ -289,7 +289,7 @@ def _place(path: Path, row: Row, asked: Import) -> Row:
     if not asked.dry_run:
         with explain_disk_errors(asked.into):
             # The folder appears with its video in it, or not at all.
-            partial = asked.into / f".{folder.name}.partial"
+            partial = asked.into / partial_name(folder.name)
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
             if folder.name != row.plant_id:
@@ -324,7 +324,7 @@ def _take(path: Path, target: Path, how: str) -> None:
             if how == "link":
                 raise BadUsage(f"{path} cannot be linked ({error.strerror}); use --how copy") from error
     with replacing(target) as partial:
-        shutil.copy2(path, partial)
+        copy(path, partial)
 
 
 def _save(rows: Sequence[Row], into: Path) -> None:

@@ -9,7 +9,7 @@ import math
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +29,12 @@ WRONG_PATH: Final = (
 """What the operating system says of a path that is not what it should be."""
 FULL_BELOW_BYTES: Final = 2**20
 """No stage can work with less."""
+LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EACCES, errno.EPERM})
+"""What file systems answer that do not have what they are asked for."""
+LOST: Final = frozenset({errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.ENODEV})
+"""What they answer when a disk fails or a network drive is gone."""
+LONGEST_NAME_BYTES: Final = 255
+"""Of a file or folder, on nearly all file systems."""
 
 
 @contextmanager
@@ -43,6 +49,8 @@ def explain_disk_errors(root: Path) -> Iterator[None]:
             raise EnvironmentUnusable(
                 f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
             ) from error
+        if error.errno in LOST:
+            raise explained(error, root) from error
         raise
 
 
@@ -75,7 +83,7 @@ def write_text_atomically(path: Path, text: str) -> None:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A path to write to that becomes `path`, all at once, when the block ends without an error."""
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(partial_name(path.name))
     path.parent.mkdir(exist_ok=True)
     try:
         yield partial
@@ -84,6 +92,12 @@ def replacing(path: Path) -> Iterator[Path]:
         fsync(path.parent)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def partial_name(name: str) -> str:
+    """What a file or folder is called until it is whole; not longer than a name may be."""
+    room = LONGEST_NAME_BYTES - len("..partial")
+    return f".{os.fsencode(name)[:room].decode(errors='ignore')}.partial"
 
 
 def json_text(value: Any) -> str:
@@ -109,23 +123,41 @@ def file_sha256(path: Path) -> str:
 
 
 def fsync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
+    """Have a file or a folder written to the disk now, as far as its file system can be asked to.
+
+    Raises:
+        OSError: the disk is full or fails.
+    """
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        if error.errno not in LACKS:
+            raise
 
 
 def link(source: Path, target: Path) -> None:
-    """Make `target` the same as a file or folder by hard links, or by copies where there are none."""
+    """Make `target` the same as a file or folder by hard links, or by copies where there are none.
+
+    Links to folders within a folder are not followed, and what is neither file nor folder is left out.
+    """
     if source.is_dir():
-        shutil.copytree(source, target, copy_function=_link_file, dirs_exist_ok=True)
-    else:
-        _link_file(source, target)
-
-
-def _link_file(source: Path | str, target: Path | str) -> None:
+        target.mkdir(exist_ok=True)
+        for path in source.iterdir():
+            if path.is_file() or (path.is_dir() and not path.is_symlink()):
+                link(path, target / path.name)
+        return
     try:
-        os.link(Path(source).resolve(), target)
+        os.link(source.resolve(), target)
     except OSError:
-        shutil.copy2(source, target)
+        copy(source, target)
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copy a file, and its dates and permissions where the file system has them."""
+    shutil.copyfile(source, target)
+    with suppress(OSError):
+        shutil.copystat(source, target)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,8 +31,10 @@ from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from .files.saving import write_text_atomically
 from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
 from .identity.names import folder_name
+from .plants import is_empty, is_plant, plants_in, refuse_plant
 from .resource_checks import OUT_OF_MEMORY
-from .workspace import OWNER_MARK, Workspace
+from .stages.stage import STAGES, stage_of
+from .workspace import Workspace
 
 RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")
 
@@ -69,35 +71,40 @@ def find_plants(folder: Path) -> list[Path]:
     A leaf without video or images is a plant whose video was forgotten; leaving it out would hide that.
 
     Raises:
-        MissingInput: `folder` is no folder, or no folder is below it.
+        MissingInput: `folder` is no folder, or none below it has a capture or is an empty one that waits for it.
+        BadUsage: `folder` is a plant itself.
     """
     if not folder.is_dir():
         raise MissingInput(f"{folder} is not a folder; give the folder that holds a folder a plant")
-    plants = [plant for child in _folders(folder) for plant in _plants_at(child)]
+    plants = plants_in(folder)
+    if any(is_plant(Workspace(plant)) for plant in plants):
+        return plants
+    refuse_plant(folder)
     if not plants:
         raise MissingInput(f"{folder} holds no folders; put each plant's video into a folder of its own below it")
+    if not all(map(is_empty, plants)):
+        raise MissingInput(f"no folder below {folder} has a video or images; put each plant's into a folder of its own")
     return plants
 
 
-def _folders(folder: Path) -> list[Path]:
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.is_dir() and not path.name.startswith(".") and not (path / OWNER_MARK).exists()
-    )
+def require_named(plants: Sequence[Path], options: Mapping[str, Any]) -> None:
+    """Refuse a batch that would fail on every plant alike, before it replaces tables.
 
-
-def _plants_at(folder: Path) -> list[Path]:
-    try:
-        workspace = Workspace(folder)
-        workspace.capture()
-    except MissingInput:
-        if workspace.log_file.is_file():  # what is below was made when it was tried
-            return [folder]
-        return [plant for child in _folders(folder) for plant in _plants_at(child)] or [folder]
-    except Cotton3dgError:
-        pass  # its run will explain
-    return [folder]
+    Args:
+        options: of every stage, as all plants share them.
+    Raises:
+        MissingInput, BadInput: an option names what is not there, beside no plant either.
+    """
+    for stage in STAGES:
+        found: list[Cotton3dgError] = []
+        for plant in plants:
+            try:
+                stage_of(stage).require_named(Workspace(plant), options[stage])
+                break
+            except Cotton3dgError as error:
+                found.append(error)
+        else:
+            raise found[0]
 
 
 def default_jobs() -> int:

@@ -81,13 +81,14 @@ def run(
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
     from . import display, pipeline
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        workspace = Workspace(plant_dir)
         overrides, stages = parse_overrides(set_), pipeline.selected(from_, until)
         if repeat and stages != pipeline.STAGES:
             raise BadUsage("--repeat is for whole runs; leave out --from and --until")
+        pipeline.stage_options(None, preset, overrides, defaults)  # refused before a film gets a folder
+        workspace = plant_at(plant_dir, make=stages[0] == pipeline.STAGES[0] and not dry_run)
         budget = None
         if time_budget:
             if preset != "standard" or stages != pipeline.STAGES:
@@ -95,7 +96,7 @@ def run(
             budget = _budget(workspace, time_budget, overrides, defaults)
         options = budget.choice.options if budget else pipeline.stage_options(workspace, preset, overrides, defaults)
         if dry_run:
-            workspace.capture()
+            pipeline.require_inputs(workspace, options, stages)
             display.print_plan(pipeline.plan(workspace, options, stages, force=force))
             return
         with display.ProgressDisplay() as watcher:
@@ -140,11 +141,12 @@ def batch(
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
     from . import display, pipeline, slurm
-    from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, saved_results
+    from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, require_named, saved_results
 
     with report_errors(folder):
         plants = find_plants(folder)
-        pipeline.stage_options(None, preset, parse_overrides(set_), folder / OPTIONS_FILE)  # told once, not per plant
+        # Told once, not per plant.
+        require_named(plants, pipeline.stage_options(None, preset, parse_overrides(set_), folder / OPTIONS_FILE))
         arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
         arguments += ["--no-report"] if no_report else []
         tell = partial(typer.echo, err=True)
@@ -178,10 +180,10 @@ def status(
 ) -> None:
     """What is done, what is stale and why, with seconds and memory of each stage."""
     from . import display, pipeline
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        workspace = Workspace(plant_dir)
+        workspace = plant_at(plant_dir)
         states = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parse_overrides(set_)))
         if as_json:
             typer.echo(json.dumps(display.status_entries(states), indent=1))
@@ -201,13 +203,15 @@ def check(
 
     from . import display, pipeline
     from .commands.check import check as look
-    from .commands.check import plant_of
     from .documents.check import GREEN, RED
     from .errors import DOUBTFUL, CaptureFailed
+    from .plants import plant_at
 
     with report_errors(film):
-        workspace = plant_of(film)
-        options = pipeline.stage_options(workspace, preset, parse_overrides(set_))
+        overrides = parse_overrides(set_)
+        pipeline.stage_options(None, preset, overrides)  # refused before a film gets a folder
+        workspace = plant_at(film, make=True)
+        options = pipeline.stage_options(workspace, preset, overrides)
         with display.ProgressDisplay() as watcher:
             info = look(workspace, options, watcher)
         if as_json:
@@ -222,10 +226,10 @@ def check(
 def clean(plant_dir: PlantDir) -> None:
     """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
     from .commands.clean import clean as drop
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        dropped = drop(Workspace(plant_dir))
+        dropped = drop(plant_at(plant_dir))
         rest = "" if dropped.finished else "; the plant is not finished, so its images stay"
         typer.echo(f"{dropped.n_files} files dropped, {dropped.n_bytes / 2**20:.1f} MiB free{rest}")
 
@@ -233,11 +237,11 @@ def clean(plant_dir: PlantDir) -> None:
 @app.command(rich_help_panel="Everything")
 def report(plant_dir: PlantDir) -> None:
     """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
+    from .plants import plant_at
     from .report.page import make_report
-    from .workspace import Workspace
 
     with report_errors(plant_dir):
-        workspace = Workspace(plant_dir)
+        workspace = plant_at(plant_dir)
         with workspace.locked():
             typer.echo(f"saved as {make_report(workspace)}")
 
@@ -247,11 +251,13 @@ def _stage_command(stage: str) -> Callable[..., None]:
 
     def command(plant_dir: Path, preset: str, force: bool, **flags: Any) -> None:
         from . import display, pipeline
-        from .workspace import Workspace
+        from .plants import plant_at
 
         with report_errors(plant_dir):
-            workspace = Workspace(plant_dir)
-            options = pipeline.stage_options(workspace, preset, {stage: keep_given(flags)})
+            given = {stage: keep_given(flags)}
+            pipeline.stage_options(None, preset, given)  # refused before a film gets a folder
+            workspace = plant_at(plant_dir, make=stage == pipeline.STAGES[0])
+            options = pipeline.stage_options(workspace, preset, given)
             with display.ProgressDisplay() as watcher:
                 pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
 
@@ -271,10 +277,10 @@ def _simulate(folder: Path, **flags: Any) -> None:
 def _render(plant_dir: Path, **flags: Any) -> None:
     from . import display, options
     from .commands.render import render
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        workspace, chosen = Workspace(plant_dir), options.resolve("render", keep_given(flags))
+        workspace, chosen = plant_at(plant_dir), options.resolve("render", keep_given(flags))
         with display.ProgressDisplay() as watcher:
             record = render(workspace, chosen, watcher.watched("render"))
         display.print_render(record, workspace.root)
@@ -295,10 +301,10 @@ def _masks_train(folder: Path, **flags: Any) -> None:
 def masks_export(plant_dir: PlantDir) -> None:
     """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
     from .commands.masks_export import export
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        typer.echo(f"saved as {export(Workspace(plant_dir))}")
+        typer.echo(f"saved as {export(plant_at(plant_dir))}")
 
 
 def _markers(file: Path, **flags: Any) -> None:

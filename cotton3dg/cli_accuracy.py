@@ -34,7 +34,7 @@ def evaluate(
         is_boll_table,
         write_evaluation,
     )
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(measured):
         if measured.is_file():
@@ -45,7 +45,7 @@ def evaluate(
             write_evaluation(out, evaluation)
             typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
             return
-        workspace = Workspace(measured)
+        workspace = plant_at(measured)
         if masks:
             counts, record = evaluate_masks(workspace, masks), workspace.read_record("masks")
             add_to_table(out / "masks.csv", workspace.plant_id, record.options["backend"] if record else "", counts)
@@ -91,6 +91,7 @@ def study(
     from .commands.simulate import STANDARD_PLANT, film_once
     from .options import resolve
     from .planning.tradeoff import parse_duration
+    from .plants import plant_at
     from .study.settings import sweeps_of
     from .study.tables import summary
     from .study.work import Study
@@ -100,7 +101,7 @@ def study(
         sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")
         if standard:
             film_once(plant_dir, resolve("simulate", STANDARD_PLANT), watcher.watched("simulate"))
-        plant, tell = Workspace(plant_dir), partial(typer.echo, err=True)
+        plant, tell = plant_at(plant_dir), partial(typer.echo, err=True)
         if lpips and not lpips.is_file():
             raise MissingInput(f"{lpips} is not there; docs/papers.md says how to make the network of LPIPS")
         work = Study(

@@ -15,7 +15,7 @@ from .files.saving import explained
 from .option_rules import flags
 from .options import PRESETS, STAGE_OPTIONS
 
-PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, holding its video or an images folder")]
+PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, with its video or an images folder; or a video")]
 ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
 CardFiles = Annotated[
     list[Path], typer.Argument(metavar="[FIELDBOOK] CARDS", help="field book (.csv, .xlsx), and the cards (.pdf)")

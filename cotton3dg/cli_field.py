@@ -66,12 +66,12 @@ def correct(
     from . import display
     from .commands.correct import Asked
     from .commands.correct import correct as mend
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir), display.ProgressDisplay() as watcher:
         picked = (add or (), corner or (), ruler or ())
         asked = Asked(file, merge or (), split or (), delete or (), branch or (), *picked, undo)
-        outcome = mend(Workspace(plant_dir), asked, watcher)
+        outcome = mend(plant_at(plant_dir), asked, watcher)
         display.print_corrections(outcome)
     if outcome.refused:
         raise typer.Exit(SOME_FAILED)

@@ -71,10 +71,10 @@ def bug_report(
     """What a developer needs to see of a failed plant, as one file: log, records, options, versions; no images."""
     from .commands.bug_report import pack
     from .commands.doctor import examine
-    from .workspace import Workspace
+    from .plants import plant_at
 
     with report_errors(plant_dir):
-        workspace = Workspace(plant_dir)
+        workspace = plant_at(plant_dir)
         machine = "".join(f"{item.name}: {item.found} {item.remedy}\n" for item in examine(plant_dir))
         file = pack(workspace, out or Path(f"bug_report_{workspace.plant_id}.zip"), machine, images=images)
         typer.echo(f"saved as {file}")

@@ -12,11 +12,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .core.progress import Progress, silent
 from .documents.record import Record
-from .errors import BadUsage, Cotton3dgError, OutOfResources, StageFailed, unknown
+from .errors import (
+    BadInput,
+    BadUsage,
+    Cotton3dgError,
+    EnvironmentUnusable,
+    MissingInput,
+    OutOfResources,
+    StageFailed,
+    unknown,
+)
 from .options import PRESET_VALUES, PRESETS, read_toml, recorded, resolve
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .stages.stage import STAGES, stage_of
@@ -24,6 +33,10 @@ from .stages.staleness import StageState, stale_reason, state_of
 from .workspace import Workspace
 
 log = logging.getLogger("cotton3dg")
+
+NOT_OF_THE_PLANT: Final = (BadUsage, MissingInput, BadInput, EnvironmentUnusable)
+"""Failures that speak of what was typed, of a file that somebody gave, or of this machine. What was finished before is
+as good as it was."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +146,18 @@ def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...],
     return steps
 
 
+def require_inputs(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...] = STAGES) -> None:
+    """Look for the capture and for all that these stages need, before any of them touches anything.
+
+    Raises:
+        MissingInput, BadInput: something is not there, or is not what it should be.
+    """
+    workspace.capture()
+    for position, stage in enumerate(stages):
+        stage_of(stage).require_named(workspace, options[stage])
+        stage_of(stage).require_results(workspace, made=stages[:position])
+
+
 def run(
     workspace: Workspace,
     options: dict[str, Any],
@@ -148,13 +173,23 @@ def run(
     Args:
         report: make the plant's page at the end, also after a failure, unless nothing changed.
     Raises:
-        Cotton3dgError: the first failure; results of earlier stages stay.
+        Cotton3dgError: the first failure; results of earlier stages stay. Where what is needed is not there, nothing
+            was touched.
     """
     watcher = watcher or Watcher()
-    with workspace.locked(wait=wait), _logged(workspace):
-        failure = ""
+    require_inputs(workspace, options, () if wait else stages)
+    with workspace.locked(wait=wait):
+        require_inputs(workspace, options, stages)
+        _run(workspace, options, stages, force, watcher, report)
+
+
+def _run(
+    workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], force: bool, watcher: Watcher, report: bool
+) -> None:
+    failure = ""
+    before = _records(workspace)
+    with _logged(workspace):
         try:
-            workspace.capture()
             workspace.drop_unfinished(STAGES)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
@@ -170,8 +205,8 @@ def run(
             failure = str(error)
             raise
         finally:
-            # Not after Ctrl-C: whoever interrupts wants it to end.
-            if report and (failure or sys.exc_info()[0] is None):
+            # Not after Ctrl-C: whoever interrupts wants it to end. Nor after a mistake that changed nothing.
+            if report and (_records(workspace) != before if failure else sys.exc_info()[0] is None):
                 _make_report(workspace, failure, watcher)
 
 
@@ -209,8 +244,12 @@ def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
         watcher.reported(f"warning: could not be made ({error}); the results are not affected")
 
 
+def _records(workspace: Workspace) -> list[Record | None]:
+    return [workspace.read_record(stage) for stage in STAGES]
+
+
 def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
-    """Run one stage and save its record, also when it fails."""
+    """Run one stage and save its record, also when it fails: but not over a finished one for a mistake."""
     stage = stage_of(step.stage)
     record = stage.record(step.options, step.reason)
     _reset_peak_memory()
@@ -235,9 +274,11 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
         peak_memory_mib=_peak_memory_mib(),
     )
     if failure:
-        # That the stage failed matters more than a failure to say so.
-        with suppress(Cotton3dgError):
-            workspace.write_record(replace(record, error=str(failure), exit_code=failure.exit_code))
+        finished = workspace.read_record(step.stage)
+        if not (isinstance(failure, NOT_OF_THE_PLANT) and finished and finished.is_ok):
+            # That the stage failed matters more than a failure to say so.
+            with suppress(Cotton3dgError):
+                workspace.write_record(replace(record, error=str(failure), exit_code=failure.exit_code))
         log.error("%s failed: %s", step.stage, failure)
         raise failure
     workspace.write_record(record)

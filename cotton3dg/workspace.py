@@ -104,6 +104,9 @@ class Workspace:
     plant_map_svg = _Below("traits/plant_map.svg")
     """The same as a drawing to print."""
     repeats = _Below("repeats")
+    """Further runs of the same capture, to see how far they agree."""
+    render = _Below("render")
+    """Films of the model."""
     corrected_bolls_json = _Below("traits/bolls.json")
     corrected_labels_npy = _Below("traits/labels.npy")
     """The bolls that were measured, where they were corrected: as those of `cluster`."""
@@ -148,11 +151,7 @@ class Workspace:
             MissingInput: there is neither.
             BadInput: there are several videos.
         """
-        videos = sorted(
-            path
-            for path in self.root.iterdir()
-            if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file() and not path.name.startswith(".")
-        )
+        videos = self.videos()
         if len(videos) > 1:
             names = ", ".join(path.name for path in videos)
             raise BadInput(f"several videos ({names}); keep one video in each plant's folder")
@@ -162,13 +161,16 @@ class Workspace:
             return self.images_input
         raise MissingInput(
             f"no video ({', '.join(VIDEO_SUFFIXES)}) and no images folder; copy the plant's video here, or photos of it"
-            f" into a folder named images in here{self._plants_below()}"
+            " into a folder named images in here"
         )
 
-    def _plants_below(self) -> str:
-        """Advice for those who are one folder too high."""
-        below = [path.parent.name for path in self.root.glob("*/*") if path.suffix.lower() in VIDEO_SUFFIXES]
-        return f"; or give the folder {min(below)}, which has one" if below else ""
+    def videos(self) -> list[Path]:
+        """Those in the plant's folder itself."""
+        return sorted(
+            path
+            for path in self.root.iterdir()
+            if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file() and not path.name.startswith(".")
+        )
 
     def folder(self, stage: str) -> Path:
         return self.root / stage
@@ -374,3 +376,9 @@ class Workspace:
     def locked(self, *, wait: bool = False) -> AbstractContextManager[None]:
         """Hold the plant's folder for this process, as `files.lock.locked` explains."""
         return locked(self.root / ".lock", wait=wait)
+
+
+OWN_NAMES: Final = frozenset(item.path.split("/")[0] for item in vars(Workspace).values() if isinstance(item, _Below))
+"""Names of all that a plant's folder holds besides the video."""
+OWN_FOLDERS: Final = frozenset(name for name in OWN_NAMES if not Path(name).suffix)
+"""Those of folders: no plant is called so unless it has a video."""

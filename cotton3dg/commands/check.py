@@ -19,12 +19,11 @@ from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
 from ..documents.check import CheckInfo, film_of
 from ..documents.frames import FramesInfo
-from ..errors import BadInput, CaptureFailed
+from ..errors import CaptureFailed
 from ..files.colmap import read_cameras
-from ..files.saving import explain_disk_errors, link
 from ..pipeline import Watcher, begin, run
 from ..stages.staleness import stale_reason
-from ..workspace import VIDEO_SUFFIXES, Workspace
+from ..workspace import Workspace
 
 
 def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> CheckInfo:
@@ -50,30 +49,6 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> Ch
             return _save(workspace, info, look, frames)
     except CaptureFailed as error:
         return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames)
-
-
-def plant_of(given: Path) -> Workspace:
-    """The plant's folder: the given one, or for a video one of its name beside it, which shares the video.
-
-    Raises:
-        MissingInput: there is neither.
-        BadInput: the folder that a video would get has another one.
-    """
-    if not given.is_file():
-        return Workspace(given)
-    if given.suffix.lower() not in VIDEO_SUFFIXES:
-        raise BadInput(f"{given.name} is no video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
-    if (given.parent / "records").is_dir():
-        return Workspace(given.parent)
-    folder = given.parent / given.stem
-    with explain_disk_errors(given.parent):
-        folder.mkdir(exist_ok=True)
-        shared = folder / given.name
-        if not shared.exists():
-            link(given, shared)
-    if shared.stat().st_size != given.stat().st_size:
-        raise BadInput(f"{folder.name}/ has another video of the name {given.name}; move one of them elsewhere")
-    return Workspace(folder)
 
 
 def _place(

@@ -6,7 +6,6 @@ after the field book was mended. Nothing is guessed and nothing is replaced: wha
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -24,7 +23,7 @@ from ..documents.imported import ReadVideo, ReadVideos
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
-from ..files.saving import copy, explain_disk_errors, partial_name, replacing, write_text_atomically
+from ..files.saving import copy, explain_disk_errors, fingerprint, partial_name, replacing, write_text_atomically
 from ..files.tables import csv_text, read_rows
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
@@ -37,7 +36,6 @@ EVERY_S: Final = 0.25
 MOST_FRAMES: Final = 160
 SMALL_SIDE: Final = 1920
 """Videos are read at this size first and, where that does not tell, as filmed."""
-PART_BYTES: Final = 1 << 20
 STILLS: Final = (".heic", ".heif", ".jpg", ".jpeg", ".dng")
 LIVE_PHOTO_S: Final = 5.0
 LEFTOVERS: Final = (".lrv",)
@@ -102,7 +100,7 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
     named = _names(asked.names)
     rows = {path: Row(str(path), state=LEFT_OUT, reason=why) for path in videos if (why := _companion(path, videos))}
     wanted = [path for path in videos if path not in rows]
-    prints = {path: _fingerprint(path) for path in wanted}
+    prints = {path: fingerprint(path) for path in wanted}
     read = _read(wanted, prints, {path for path in wanted if _given(path, named)}, asked, progress)
     for path in wanted:
         rows[path] = _identify(path, read[prints[path]], book, _given(path, named))
@@ -149,16 +147,6 @@ def _companion(path: Path, videos: Sequence[Path]) -> str:
     # An iPhone saves an edited IMG_1234.MOV as IMG_E1234.MOV.
     original = path.with_name(path.name.replace("IMG_E", "IMG_", 1))
     return f"an edited version of {original.name}" if original != path and original in videos else ""
-
-
-def _fingerprint(path: Path) -> str:
-    """Hash of size, beginning and end of a file: reading fifty whole videos would take as long as copying them."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        found = hashlib.sha256(f"{size} ".encode() + file.read(PART_BYTES))
-        file.seek(max(0, size - PART_BYTES))
-        found.update(file.read(PART_BYTES))
-    return found.hexdigest()
 
 
 def _field_book(asked: Import) -> FieldBook | None:
@@ -210,14 +198,14 @@ def _read(
     due = {prints[path]: path for path in videos if prints[path] not in known and path not in named}
     with ThreadPoolExecutor(len(usable_cores())) as pool:
         results = zip(due, pool.map(read_video, due.values()), strict=True)
-        for number, (fingerprint, found) in enumerate(results):
-            known[fingerprint] = found
+        for number, (own, found) in enumerate(results):
+            known[own] = found
             progress(number + 1, len(due), "reading cards")
             if not asked.dry_run:
                 with explain_disk_errors(asked.into):
                     asked.into.mkdir(parents=True, exist_ok=True)
                     ReadVideos(known).save(memory)
-    return {fingerprint: known.get(fingerprint, ReadVideo()) for fingerprint in prints.values()}
+    return {own: known.get(own, ReadVideo()) for own in prints.values()}
 
 
 def read_video(path: Path) -> ReadVideo:
@@ -260,8 +248,8 @@ _REMEDY: Final = f"write its plant_id into {TABLE} and give that with --names"
 def _find_doubles(rows: dict[Path, Row], prints: dict[Path, str]) -> None:
     """Take the id from videos that share it, or the folder that it makes; of the same video twice the first counts."""
     first: dict[str, Path] = {}
-    for path, fingerprint in prints.items():
-        if (other := first.setdefault(fingerprint, path)) is not path:
+    for path, own in prints.items():
+        if (other := first.setdefault(own, path)) is not path:
             rows[path] = Row(str(path), state=LEFT_OUT, reason=f"the same video as {other}")
     sharing: dict[str, list[Path]] = {}
     for path, row in rows.items():
@@ -308,7 +296,7 @@ def _compare_with(folder: Path, path: Path, row: Row) -> Row:
         own = Workspace(folder).capture()
     except Cotton3dgError:
         own = None
-    if own and own.is_file() and _fingerprint(own) == _fingerprint(path):
+    if own and own.is_file() and fingerprint(own) == fingerprint(path):
         return replace(row, state=THERE)
     reason = f"the folder {folder.name} is there with something else in it; films of another day belong into a field of"
     return replace(row, reason=f"{reason} their own")

@@ -25,26 +25,32 @@ from ..masks.lint_edges import EDGES_FILE
 from ..option_rules import as_dict
 from ..options import MasksOptions
 from ..workspace import Workspace
-from .stage import Cost, Stage, Work
+from .stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 
 MASK_BYTES: Final = 2**18
 """Of one image's masks on the disk, generous."""
 WEIGHTS: Final = ("weights", "detector")
 """Options that name networks, of whichever back end has them."""
+NAMES: Final = {
+    "bolls.weights": FILE,
+    "import.source": EITHER,
+    "yolo.weights": FILE,
+    "sam.weights": FOLDER,
+    "sam.prompts": FILE,
+    "grounded-sam.weights": FOLDER,
+    "grounded-sam.detector": FOLDER,
+}
 
 
 def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted, workspace.masks_input]
 
 
-def named_files(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """Weights, prompts and masks wherever they are: a network trained anew under the same name gives other masks; and
-    the model, where `bolls` and `lint` look at it."""
-    chosen = as_dict(options)
-    named = [workspace.named_file(chosen[name]) for name in (*WEIGHTS, "prompts", "source") if chosen.get(name)]
-    if options.backend == "bolls":
-        named += [EDGES_FILE] if options.bolls.weights else [EDGES_FILE, SHIPPED_FILE]
-    return [*named, workspace.gaussians_ply] if _looks_at_model(options) else named
+def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
+    """The networks that come with the program; and the model, where a back end looks at it."""
+    networks = [EDGES_FILE] if options.backend == "bolls" else []
+    networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
+    return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
 
 
 def _looks_at_model(options: MasksOptions) -> bool:
@@ -130,5 +136,12 @@ def _cost(work: Work) -> Cost:
 
 
 STAGE: Final = Stage(
-    "masks", version=19, inputs=inputs, run=run, cost=_cost, disk_bytes=_disk_bytes, named_files=named_files
+    "masks",
+    version=19,
+    inputs=inputs,
+    run=run,
+    cost=_cost,
+    disk_bytes=_disk_bytes,
+    names=NAMES,
+    also_reads=also_reads,
 )

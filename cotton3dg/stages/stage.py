@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -12,13 +12,17 @@ from .. import __version__
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.record import Record
+from ..errors import BadInput, MissingInput
 from ..files.images import fit_size
-from ..option_rules import as_dict
+from ..option_rules import as_dict, places
 from ..options import STAGE_OPTIONS
 from ..workspace import Workspace
 
 STAGES: Final = tuple(STAGE_OPTIONS)
 """Names, in the order in which they run."""
+FILE: Final = "file"
+FOLDER: Final = "folder"
+EITHER: Final = "file or folder"
 
 
 @dataclass(frozen=True)
@@ -103,16 +107,60 @@ class Stage:
     """Whether its time goes with that of the splatting core instead of with that of images."""
     disk_bytes: Callable[[Workspace, Any], float] = lambda workspace, options: 0.0
     """About what it writes, by its options and by the size of what it reads; generous."""
-    named_files: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
-    """Files anywhere that its options name."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Option that names something of the user's, as `--set` writes it -> FILE, FOLDER or EITHER."""
+    also_reads: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
+    """Files anywhere that it reads with these options, besides those."""
     parts: Callable[[Workspace], dict[str, str]] = lambda workspace: {}
     """SHA-256, by a name, of what it reads of files that hold more than what is for it."""
     droppable: Callable[[Workspace], list[Path]] = lambda workspace: []
     """What `clean` drops, as it can be made again and no result is."""
 
+    def named_files(self, workspace: Workspace, options: Any) -> list[Path]:
+        """What its options name, wherever that is: a file made anew under the same name gives another result."""
+        return [path for _, path in self._named(workspace, options)]
+
     def reads(self, workspace: Workspace, options: Any) -> list[Path]:
         """All that the result depends on besides the options."""
-        return [*self.inputs(workspace), *self.named_files(workspace, options)]
+        return [
+            *self.inputs(workspace),
+            *self.named_files(workspace, options),
+            *self.also_reads(workspace, options),
+        ]
+
+    def require_named(self, workspace: Workspace, options: Any) -> None:
+        """Look for what its options name.
+
+        Raises:
+            MissingInput: it is not there. BadInput: a folder where a file is due, or the other way round.
+        """
+        for place, path in self._named(workspace, options):
+            said, kind = f"{self.name}.{place} = {str(path)!r}", self.names[place]
+            if not path.exists():
+                raise MissingInput(f"{said} is not there, neither in the plant's folder nor here; mend the path")
+            if path.is_dir() == (kind == FILE) and kind != EITHER:
+                raise BadInput(f"{said} is a {FOLDER if path.is_dir() else FILE}; give a {kind}")
+
+    def require_results(self, workspace: Workspace, made: Collection[str] = ()) -> None:
+        """Look for the results of the stages that it follows.
+
+        Args:
+            made: stages that run before it.
+        Raises:
+            MissingInput: one has none.
+        """
+        for path in self.inputs(workspace):
+            maker = path.relative_to(workspace.root).parts[0] if path.is_relative_to(workspace.root) else ""
+            if maker in STAGES and maker not in made and not workspace.folder(maker).is_dir():
+                workspace.require(path, maker)
+
+    def _named(self, workspace: Workspace, options: Any) -> Iterator[tuple[str, Path]]:
+        """Options that name something and count, and what they name."""
+        known = list(places(options))
+        method = known[0].value_in(options)
+        for place in known:
+            if place.path in self.names and place.counts_with(method) and (text := place.value_in(options)):
+                yield place.path, workspace.named_file(text)
 
     def input_hashes(self, workspace: Workspace, options: Any) -> dict[str, str]:
         """SHA-256 of the same, by names."""

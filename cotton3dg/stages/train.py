@@ -34,7 +34,7 @@ from ..training.foreign_model import as_fit, explained, read_foreign
 from ..training.photos import Capture, SparseModel, capture_of
 from ..training.quality import judged, outcome_of
 from ..workspace import Workspace
-from .stage import Cost, Stage, Work
+from .stage import FILE, Cost, Stage, Work
 
 COST_SLICES: Final = 20
 """Parts of a training over which its cost takes the number of Gaussians as constant."""
@@ -48,17 +48,13 @@ def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted]
 
 
-def named_files(workspace: Workspace, options: TrainOptions) -> list[Path]:
-    return [workspace.named_file(text) for text in (options.model, options.transforms) if text]
-
-
 def run(workspace: Workspace, options: TrainOptions, progress: Progress = silent) -> StageOutcome:
     """Writes gaussians.ply, metrics.json and a few photos beside their renders."""
     watch = Stopwatch()
     capture = load_capture(workspace, options)
     watch.lap("loading")
     if options.model:
-        model = read_foreign(*named_files(workspace, options))
+        model = read_foreign(*STAGE.named_files(workspace, options))
         outcome = save_model(workspace, as_fit(model), capture)
         watch.lap("judging")
         return replace(explained(outcome, TrainMetrics.load(workspace.metrics_json)), parts_s=watch.parts_s)
@@ -193,6 +189,6 @@ STAGE: Final = Stage(
     run=run,
     cost=_cost,
     disk_bytes=_disk_bytes,
-    named_files=named_files,
+    names={"model": FILE, "transforms": FILE},
     splats=True,
 )

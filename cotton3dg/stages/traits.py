@@ -49,7 +49,7 @@ from ..traits.measure import Measured, Parts, mark_corrections, measure_parts, m
 from ..traits.plant_size import TIP_OPACITY
 from ..traits.weight import predict_weight
 from ..workspace import Workspace
-from .stage import STAGES, Cost, Stage, Work
+from .stage import FILE, STAGES, Cost, Stage, Work
 
 NO_MAP: Final = "no_map"
 UNMAPPED: Final = (
@@ -76,10 +76,6 @@ def inputs(workspace: Workspace) -> list[Path]:
     ]
 
 
-def named_files(workspace: Workspace, options: TraitsOptions) -> list[Path]:
-    return [workspace.named_file(options.weight_model)] if options.weight_model else []
-
-
 def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silent) -> StageOutcome:
     """Writes traits.csv, bolls.csv, branches.csv, columns.csv (what each column means), skeleton.json, skeleton.ply and
     plant_map.svg (the plant's map), and plant.npy (rows of the plant)."""
@@ -96,7 +92,7 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     of_plant = measured.plant.rows if measured.plant else np.zeros(len(gaussians), bool)
     flags = (*measured.flags, *([NO_MAP] if unmapped else []))
     warnings = (*measured.warnings, *([UNMAPPED] if unmapped else []))
-    if weights := named_files(workspace, options):
+    if weights := STAGE.named_files(workspace, options):
         measured = replace(measured, traits=_weighed(measured.traits, WeightModel.load(weights[0])))
     evidence = _evidence(workspace, scale, metrics, flags)
     plant_id = options.plant_id or workspace.plant_id
@@ -299,4 +295,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE: Final = Stage("traits", version=33, inputs=inputs, run=run, cost=_cost, named_files=named_files)
+STAGE: Final = Stage("traits", version=33, inputs=inputs, run=run, cost=_cost, names={"weight_model": FILE})

@@ -10,10 +10,9 @@ from scenes.tiny_plant import in_shell
 
 from cotton3dg import pipeline
 from cotton3dg.capture import reconstruction
-from cotton3dg.commands.check import check, plant_of
+from cotton3dg.commands.check import check
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.documents.check import CheckInfo
-from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.files import video
 from cotton3dg.options import resolve
 from cotton3dg.stages import sfm
@@ -89,28 +88,3 @@ def test_a_film_of_a_still_camera_is_red_and_exits_4(tmp_path):
     told = in_shell("cotton3dg", "check", "--json", tmp_path / "walk", cwd=tmp_path)
     assert told.returncode == 4
     assert json.loads(told.stdout)["verdict"] == "red"
-
-
-def test_a_video_gets_a_folder_of_its_name_and_a_plants_video_is_the_plant(tmp_path):
-    film = tmp_path / "a.mp4"
-    film.write_bytes(b"film")
-    plant = plant_of(film)
-    assert plant.root == tmp_path / "a"
-    assert plant.capture().read_bytes() == b"film"
-    assert plant_of(film).root == plant.root
-    (plant.root / "records").mkdir()
-    assert plant_of(plant.root / "a.mp4").root == plant.root
-    assert plant_of(plant.root).root == plant.root
-
-
-def test_what_is_no_video_is_told(tmp_path):
-    (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(BadInput, match=r"notes.txt is no video"):
-        plant_of(tmp_path / "notes.txt")
-    with pytest.raises(MissingInput):
-        plant_of(tmp_path / "nothing.mp4")
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "a.mp4").write_bytes(b"another")
-    (tmp_path / "a.mp4").write_bytes(b"film")
-    with pytest.raises(BadInput, match="another video"):
-        plant_of(tmp_path / "a.mp4")

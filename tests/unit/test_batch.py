@@ -11,9 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from cotton3dg.batch import BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE, Batch, default_jobs, find_plants, saved_results
+from cotton3dg.batch import (
+    BOLL_TABLE,
+    FITS_TABLE,
+    MEANS_TABLE,
+    TABLE,
+    Batch,
+    default_jobs,
+    find_plants,
+    require_named,
+    saved_results,
+)
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.pipeline import stage_options
 
 STAND_IN = """
 import os, pathlib, signal, sys, time
@@ -76,9 +87,50 @@ def table(folder: Path, name: str = TABLE) -> list[dict[str, str]]:
 def test_what_a_run_left_in_a_plant_without_video_is_no_plant(tmp_path):
     plant = tmp_path / "field" / "forgotten"
     (plant / "records").mkdir(parents=True)
-    assert find_plants(tmp_path / "field") == [plant / "records"]
+    assert find_plants(tmp_path / "field") == [plant]
     (plant / "run.log").touch()
     assert find_plants(tmp_path / "field") == [plant]
+
+
+def test_what_an_earlier_run_left_in_a_field_is_no_plant(tmp_path):
+    make_plant(tmp_path, "field/a")
+    make_plant(tmp_path, "field/check")  # a plot of the check variety
+    for name in ("records", "render", "frames"):
+        (tmp_path / "field" / name).mkdir()
+    (tmp_path / "field" / "render" / "turntable.png").touch()
+    (tmp_path / "field" / "run.log").touch()
+    field = tmp_path / "field"
+    assert find_plants(field) == [field / "a", field / "check"]
+    assert find_plants(tmp_path) == [field / "a", field / "check"]  # the log makes the field no plant
+
+
+def test_a_batch_of_one_plant_is_refused(tmp_path):
+    plant = make_plant(tmp_path, "a")
+    for name in ("records", "render/turntable", "notes"):
+        (plant / name).mkdir(parents=True)
+    with pytest.raises(BadUsage, match=rf"one plant and no field; use `cotton3dg run {plant}`"):
+        find_plants(plant)
+    (plant / "walk.mp4").unlink()
+    (plant / "records" / "frames.json").write_text("{}")  # its film was moved to an archive
+    with pytest.raises(BadUsage, match="one plant and no field"):
+        find_plants(plant)
+
+
+def test_folders_that_wait_for_no_film_are_no_field(tmp_path):
+    (tmp_path / "documents").mkdir()
+    (tmp_path / "documents" / "letter.txt").touch()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(MissingInput, match=r"no folder below .* has a video or images"):
+        find_plants(tmp_path)
+
+
+def test_a_file_that_is_beside_no_plant_is_refused_before_the_tables_are_touched(tmp_path):
+    plants = [make_plant(tmp_path, name) for name in ("a", "b")]
+    options = stage_options(None, overrides={"masks": {"bolls.weights": "own.onnx"}})
+    with pytest.raises(MissingInput, match=r"masks\.bolls\.weights = 'own\.onnx' is not there"):
+        require_named(plants, options)
+    (plants[1] / "own.onnx").touch()
+    require_named(plants, options)
 
 
 def test_failures_come_first_with_their_reasons_and_cost_no_other_plant(tmp_path, stand_in):

@@ -12,11 +12,24 @@ from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.state import State
 from cotton3dg.documents.record import Record
-from cotton3dg.errors import BadUsage, CaptureFailed, EnvironmentUnusable, OutOfResources, StageFailed
+from cotton3dg.errors import (
+    BadInput,
+    BadUsage,
+    CaptureFailed,
+    Cotton3dgError,
+    EnvironmentUnusable,
+    MissingInput,
+    OutOfResources,
+    StageFailed,
+)
+from cotton3dg.option_rules import places
+from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.stages import masks
 from cotton3dg.stages.stage import Cost, Stage, stage_of
 from cotton3dg.stages.staleness import recorded_states, stale_reason
 from cotton3dg.workspace import Workspace
+
+NAMES_OF = {stage: stage_of(stage).names for stage in pipeline.STAGES}
 
 
 class Recorder(pipeline.Watcher):
@@ -135,7 +148,7 @@ def test_a_renamed_plant_gets_its_new_name_into_the_tables(workspace, stages):
 
 def test_a_network_trained_anew_under_its_old_name_runs_the_masks(workspace, stages, tmp_path):
     weights, overrides = tmp_path / "best.onnx", {"masks": {"weights": str(tmp_path / "best.onnx")}}
-    stages("masks", named_files=masks.named_files)
+    stages("masks", names=masks.NAMES, also_reads=masks.also_reads)
     weights.write_text("trained on ten images")
     run(workspace, overrides=overrides)
     assert run(workspace, overrides=overrides).ran == []
@@ -227,6 +240,96 @@ def test_a_failure_is_recorded_and_costs_one_stage(workspace, stages, raised, er
     assert states == {item.stage: item.state for item in recorded_states(workspace)}
     stages("train", run=working)
     assert run(workspace).kept == ["frames", "sfm"]
+
+
+def tree(workspace):
+    return {path: path.read_bytes() for path in sorted(workspace.root.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    "stage, values, named",
+    [
+        ("masks", {"bolls.weights": "/no/such.onnx"}, r"masks\.bolls\.weights = '/no/such\.onnx' is not there"),
+        ("masks", {"bolls.weights": "frames"}, r"masks\.bolls\.weights = .*frames' is a folder; give a file"),
+        ("masks", {"backend": "import", "source": "nosuch"}, r"masks\.import\.source = 'nosuch' is not there"),
+        ("masks", {"backend": "sam", "weights": "frames", "prompts": "p.csv"}, r"masks\.sam\.prompts = 'p\.csv'"),
+        (
+            "masks",
+            {"backend": "grounded-sam", "detector": "run.log"},
+            r"detector = .*run\.log' is a file; give a folder",
+        ),
+        ("train", {"model": "nosuch.ply"}, r"train\.model = 'nosuch\.ply' is not there"),
+        ("traits", {"weight_model": "w.json"}, r"traits\.weight_model = 'w\.json' is not there"),
+    ],
+)
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_mistyped_file_touches_nothing(workspace, stages, stage, values, named, whole):
+    for name, names in NAMES_OF.items():
+        stages(name, names=names)
+    run(workspace, report=True)
+    before = tree(workspace)
+    with pytest.raises((MissingInput, BadInput), match=named):
+        run(workspace, pipeline.STAGES if whole else (stage,), {stage: values, "frames": {"count": 70}}, report=True)
+    assert tree(workspace) == before
+
+
+def test_every_option_that_is_a_path_is_known():
+    words = {"masks": {"classes", "prompt"}, "scale": {"board", "patches"}, "traits": {"plant_id"}}
+    for stage, kind in STAGE_OPTIONS.items():
+        free = {place.path for place in places(kind) if place.kind is str and not place.item.metadata["choices"]}
+        assert free - {path for path in free if path.split(".")[-1] in words.get(stage, ())} == set(NAMES_OF[stage])
+
+
+def test_a_stage_out_of_order_writes_nothing(workspace, stages):
+    with pytest.raises(MissingInput, match=r"train/out\.txt is missing; run `cotton3dg train` first"):
+        run(workspace, ("masks",), report=True)
+    with pytest.raises(MissingInput, match="cotton3dg sfm"):
+        run(workspace, pipeline.selected("train"), report=True)
+    assert [path.name for path in tree(workspace)] == ["video.mp4"]
+
+
+def test_without_a_film_nothing_is_written(workspace, stages):
+    workspace.capture().unlink()
+    for wait in (True, False):
+        with pytest.raises(MissingInput, match="no video"):
+            run(workspace, report=True, wait=wait)
+    assert not tree(workspace)
+
+
+@pytest.mark.parametrize(
+    "error, recorded",
+    [
+        (BadUsage("no distance; add --distance-cm"), False),
+        (BadInput("own.onnx holds no network; give another"), False),
+        (MissingInput("bolls.json is missing; run cluster"), False),
+        (EnvironmentUnusable("ultralytics is missing; install it"), False),
+        (CaptureFailed("too dark; film again"), True),
+        (ZeroDivisionError("division"), True),
+    ],
+)
+def test_a_mistake_that_a_stage_finds_leaves_what_is_finished(workspace, stages, error, recorded):
+    def fail(workspace, options, progress):
+        raise error
+
+    run(workspace, report=True)
+    before = tree(workspace)
+    stages("masks", run=fail)
+    with pytest.raises(Cotton3dgError):
+        run(workspace, ("masks",), {"masks": {"views": 7}}, report=True)
+    changed = {path.name for path, content in tree(workspace).items() if before.get(path) != content}
+    assert changed == {"run.log"} | ({"masks.json", "report.json", "report.html"} if recorded else set())
+
+
+@pytest.mark.parametrize("error", [BadUsage("no distance"), CaptureFailed("too dark")])
+def test_what_never_was_finished_has_failed(workspace, stages, error):
+    def fail(workspace, options, progress):
+        raise error
+
+    stages("masks", run=fail)
+    with pytest.raises(Cotton3dgError):
+        run(workspace, report=True)
+    assert workspace.read_record("masks").status == "failed"
+    assert str(error) in workspace.report_html.read_text()
 
 
 def test_a_second_process_is_turned_away(workspace, stages):

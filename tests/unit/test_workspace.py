@@ -44,16 +44,6 @@ def test_a_path_that_is_no_folder(tmp_path):
         Workspace(tmp_path / "walk.mp4")
 
 
-def test_whoever_is_one_folder_too_high_is_told_so(tmp_path):
-    (tmp_path / "plant_007").mkdir()
-    (tmp_path / "plant_008").mkdir()
-    with pytest.raises(MissingInput, match=r"in here$"):
-        Workspace(tmp_path).capture()
-    (tmp_path / "plant_008" / "walk.mp4").touch()
-    with pytest.raises(MissingInput, match=r"or give the folder plant_008, which has one$"):
-        Workspace(tmp_path).capture()
-
-
 def write(workspace, text):
     with workspace.writing("frames") as folder:
         (folder / "a.txt").write_text(text)

@@ -72,6 +72,8 @@ class TrainMetrics(Document):
     """Size of a training image's pixel at what the cameras look at."""
     skipped_updates: int = 0
     """Of single Gaussians, over all steps, for a gradient that was not finite."""
+    budget: int | None = None
+    """How many Gaussians the model may have; None for one that was not trained to its end here."""
 
 
 @dataclass(frozen=True)

@@ -16,62 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.progress import Progress, silent
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Gaussians
 from ..errors import StageFailed
-from ..geometry.camera_orbit import Orbit, fit_orbit
+from ..geometry.camera_orbit import Orbit
 from ..options import TrainOptions
 from . import densify
 from .metrics import PLANT_REGION
-from .random_streams import open_stream
 from .rasterizer import StepReport, Window, train_step
-from .state import NO_SURROUNDINGS, AdamState, DensityStatistics, LearningRates, Surroundings
+from .schedule import Schedule
+from .state import AdamState, DensityStatistics
 from .views import View
-
-COARSEST_SIDE_PX: Final = 200
-"""Images are not reduced below this: there is nothing left to learn from."""
-
-LEVEL_SHARES: Final = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
-"""Share of the steps at each resolution, coarse to fine, by the number of resolutions."""
-
-DENSIFY_FROM: Final = 0.05
-DENSIFY_UNTIL: Final = 0.4
-"""Shares of the steps between which the number of Gaussians changes: it is settled when the finest images come, so that
-most of the costly steps can look at the plant alone."""
-
-N_DENSIFICATIONS: Final = 25
-"""How often it changes, unless that would be more than once for each image."""
-
-PAPER_STEPS: Final = 30_000
-"""Length of training in Kerbl et al. 2023, which their learning rates are made for."""
-
-SETTLING_FROM: Final = 0.75
-SETTLED: Final = 0.1
-"""From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
-
-SURROUNDINGS_GROWTH: Final = 2.5
-"""How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it:
-a room's Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
-
-SURROUNDINGS_MEANS: Final = 20.0
-SURROUNDINGS_LOG_SCALES: Final = 3.0
-"""How many times as long they become at most."""
-
-SURROUNDINGS_STEPS: Final = 500
-"""In trainings of fewer steps all are as long as they can be."""
-
-SH_RAISED_EVERY: Final = 0.15
-"""Share of the steps after which the degree of the colour rises by one."""
 
 MOST_REJECTED: Final = 0.02
 """Share of the steps that may be rejected for a non-finite loss before training counts as failed."""
 
-
 FEWEST_REJECTED: Final = 10
 """So many rejected steps are tolerated in the shortest training."""
-
-WHOLE_EVERY: Final = 4
-"""Once the number of Gaussians is settled, a view is trained on whole in one of so many epochs, else on the window that
-shows the plant."""
 
 RECORDED_EVERY: Final = 50
 """Steps between two entries of the history."""
@@ -113,6 +73,8 @@ class Fit:
     the time counts as seen by no view and is pruned."""
     n_pruned: int = 0
     n_split: int = 0
+    budget: int | None = None
+    """How many Gaussians there may be; None where none were to be added."""
 
 
 @dataclass
@@ -173,7 +135,8 @@ def fit(
     training = Training.of(start) if isinstance(start, Gaussians) else start
     if training.n_start > options.max_gaussians:
         raise ValueError(f"{training.n_start} Gaussians to start from, but a budget of {options.max_gaussians}")
-    result, schedule = training.fit, _Schedule.of(views, options, windows or [None] * len(views))
+    result, schedule = training.fit, Schedule.of(views, options, windows or [None] * len(views))
+    result.budget = options.max_gaussians
     saved = time.perf_counter()
     began, cpu_began = saved - training.seconds, time.process_time() - training.cpu_seconds
 
@@ -204,71 +167,28 @@ def fit(
     return result
 
 
-@dataclass(frozen=True)
-class _Schedule:
-    """What a training does at which step: it follows from the views and the options alone."""
-
-    options: TrainOptions
-    cameras: list[Camera]
-    orbit: Orbit
-    around: Surroundings
-    levels: list[tuple[int, list[View]]]
-    """The views from coarse to fine, as `resolutions` has them."""
-    order: list[int]
-    """Index of the view of each step."""
-    densifications: range
-    windows: Sequence[Window | None]
-    """Of the views at the finest resolution."""
-
-    @staticmethod
-    def of(views: Sequence[View], options: TrainOptions, windows: Sequence[Window | None]) -> _Schedule:
-        cameras = [view.camera for view in views]
-        orbit = fit_orbit(cameras)
-        return _Schedule(
-            options,
-            cameras,
-            orbit,
-            surroundings(orbit, options.steps),
-            resolutions(views, options.steps),
-            image_order(len(views), options.steps, options.seed),
-            densification_steps(options.steps, len(views)),
-            windows,
-        )
-
-    def view(self, step: int) -> View:
-        return next(level for until, level in self.levels if step < until)[self.order[step]]
-
-    def window(self, step: int) -> Window | None:
-        """What of its view a step looks at; None = all of it."""
-        coarse = [until for until, _ in self.levels[:-1]]
-        if step < max([*coarse, *self.densifications[-1:]], default=0):
-            return None
-        index, epoch = self.order[step], step // len(self.cameras)
-        return None if (epoch + index) % WHOLE_EVERY == 0 else self.windows[index]
-
-
-def _take_step(training: Training, view: View, step: int, schedule: _Schedule) -> StepReport:
-    options = schedule.options
+def _take_step(training: Training, view: View, step: int, schedule: Schedule) -> StepReport:
     return train_step(
         training.fit.gaussians,
         training.adam,
         training.statistics,
         view.camera,
         view.image,
-        sh_degree=min(options.sh_degree, int(step / (SH_RAISED_EVERY * options.steps))),
+        sh_degree=schedule.sh_degree(step),
         background=(0.0, 0.0, 0.0),
-        learning_rates=learning_rates(step, options.steps, schedule.orbit.distance, schedule.around),
-        dssim=options.dssim,
+        learning_rates=schedule.learning_rates(step),
+        dssim=schedule.options.dssim,
         window=schedule.window(step),
     )
 
 
-def _control_density(training: Training, done: int, schedule: _Schedule) -> None:
+def _control_density(training: Training, done: int, schedule: Schedule) -> None:
     """Split and prune after `done` steps."""
     result, steps = training.fit, schedule.densifications
     share = (steps.index(done) + 1) / len(steps)
     count = densify.scheduled_count(training.n_start, schedule.options.max_gaussians, share)
-    densified = _densify(result.gaussians, training.statistics, schedule.cameras, schedule.orbit, count)
+    keep = _find_worth_keeping(training, done, schedule)
+    densified = _densify(result.gaussians, keep, training.statistics, schedule.orbit, count)
     if len(densified.gaussians) == 0:
         raise StageFailed("training lost every Gaussian; run again with more steps or another --seed")
     result.n_pruned += densified.n_pruned
@@ -293,81 +213,13 @@ def _recorded(training: Training, done: int, width_px: int) -> dict[str, Any]:
     return entry
 
 
-def _drop_superfluous(training: Training, schedule: _Schedule) -> None:
+def _drop_superfluous(training: Training, schedule: Schedule) -> None:
     """Leave out what no view needed since the last densification."""
-    result, last = training.fit, schedule.densifications[-1] if schedule.densifications else 0
-    keep = _find_worth_keeping(result.gaussians, training.statistics, schedule.cameras, schedule.orbit)
-    # Whoever has not been looked for in every view cannot be called hidden.
-    if keep.any() and schedule.options.steps - last >= len(schedule.cameras):
+    result = training.fit
+    keep = _find_worth_keeping(training, schedule.options.steps, schedule)
+    if keep.any():
         result.n_pruned += int((~keep).sum())
         result.gaussians = result.gaussians[keep]
-
-
-def resolutions(views: Sequence[View], steps: int) -> list[tuple[int, list[View]]]:
-    """The views from coarse to fine, each resolution with the step that ends its use."""
-    side = max(max(view.image.shape) for view in views)
-    return [(until, [view.limited(side / factor) for view in views]) for until, factor in levels(side, steps)]
-
-
-def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
-    """By how much images are reduced, coarse to fine, each factor after the step that ends its use."""
-    factors = [factor for factor in (4, 2, 1) if factor == 1 or side_px / factor >= COARSEST_SIDE_PX]
-    untils = np.rint(np.cumsum(LEVEL_SHARES[len(factors)]) * steps).astype(int).tolist()
-    return list(zip(untils, factors, strict=True))
-
-
-def densification_steps(steps: int, n_views: int) -> range:
-    """Numbers of finished steps after which the density is controlled.
-
-    Always after whole epochs: a window that misses views finds what only those show hidden.
-    """
-    epochs = max(1, round((DENSIFY_UNTIL - DENSIFY_FROM) * steps / N_DENSIFICATIONS / n_views))
-    first = math.ceil(DENSIFY_FROM * steps / n_views) + epochs
-    return range(first * n_views, round(DENSIFY_UNTIL * steps) + 1, epochs * n_views)
-
-
-def image_order(n_views: int, steps: int, seed: int) -> list[int]:
-    """Index of the view of each step: all views once, in random order, then all again in another."""
-    rng = open_stream(seed, "image order")
-    epochs = [rng.permutation(n_views) for _ in range(math.ceil(steps / n_views))]
-    return np.concatenate(epochs)[:steps].tolist()
-
-
-def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings = NO_SURROUNDINGS) -> LearningRates:
-    """Rates of step `step` of `steps`; that of the means grows with the scene.
-
-    At 30,000 steps they start as those of Kerbl et al. 2023. A shorter run must cover the same way in fewer steps: all
-    rates grow as the run gets shorter. The means' fall all the time, as in the paper, to a hundredth; the others,
-    constant there, fall at the end. The exponents were fitted to runs of 1000 steps on 480 px and 3000 steps on 960 px
-    images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px. `around` the plant the rates
-    grow with the distance, unlike in the paper.
-    """
-    progress = step / steps
-    shortness = max(1.0, PAPER_STEPS / steps)
-    settling = SETTLED ** max(0.0, (progress - SETTLING_FROM) / (1 - SETTLING_FROM))
-    return LearningRates(
-        means=1.6e-4 * radius_su * shortness**0.6 * 0.01**progress,
-        quats=1e-3 * shortness**0.7 * settling,
-        log_scales=5e-3 * shortness**0.7 * settling,
-        opacity_logits=5e-2 * min(2.0, shortness) * settling,
-        sh0=2.5e-3 * min(2.0, shortness) * settling,
-        sh_rest=2.5e-3 / 20 * min(40.0, shortness) * settling,
-        surroundings=around,
-    )
-
-
-def surroundings(orbit: Orbit, steps: int) -> Surroundings:
-    """Where a training of `steps` steps takes longer ones."""
-    if steps < SURROUNDINGS_STEPS:
-        return NO_SURROUNDINGS
-    x, y, z = orbit.centre
-    return Surroundings(
-        (float(x), float(y), float(z)),
-        PLANT_REGION * orbit.distance,
-        SURROUNDINGS_GROWTH,
-        SURROUNDINGS_MEANS,
-        SURROUNDINGS_LOG_SCALES,
-    )
 
 
 def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> None:
@@ -385,7 +237,7 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
 
 
 def _densify(
-    gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], orbit: Orbit, count: int
+    gaussians: Gaussians, keep: NDArray[np.bool_], statistics: DensityStatistics, orbit: Orbit, count: int
 ) -> densify.Densified:
     """Density control that favours the plant: what the cameras look at is what gets measured."""
     distances = np.linalg.norm(gaussians.means - orbit.centre, axis=1)
@@ -395,13 +247,13 @@ def _densify(
     oversized = np.exp(gaussians.log_scales.max(axis=1)) / largest
     # Anything oversized comes before anything else, the worst first; 1e6 only has to exceed every gradient.
     need = np.where(oversized > 1, 1e6 * oversized, need)
-    keep = _find_worth_keeping(gaussians, statistics, cameras, orbit)
     return densify.densify(gaussians, keep, need, count)
 
 
-def _find_worth_keeping(
-    gaussians: Gaussians, statistics: DensityStatistics, cameras: Sequence[Camera], orbit: Orbit
-) -> NDArray[np.bool_]:
-    centres = np.array([camera.centre for camera in cameras])
-    keep = densify.find_worth_keeping(gaussians, centres, CLOSEST * orbit.distance)
-    return keep & densify.find_contributing(statistics.weight, statistics.count)
+def _find_worth_keeping(training: Training, done: int, schedule: Schedule) -> NDArray[np.bool_]:
+    """(N,) which Gaussians stay after `done` steps."""
+    centres = np.array([camera.centre for camera in schedule.cameras])
+    keep = densify.find_worth_keeping(training.fit.gaussians, centres, CLOSEST * schedule.orbit.distance)
+    if schedule.hidden_are_known(done):
+        keep &= densify.find_contributing(training.statistics.weight, training.statistics.count)
+    return keep

@@ -28,7 +28,8 @@ from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
 from ..splat.plant_windows import find_plant_windows
 from ..splat.rasterizer import Window
-from ..splat.trainer import DENSIFY_FROM, DENSIFY_UNTIL, Fit, Training, fit, levels
+from ..splat.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
+from ..splat.trainer import Fit, Training, fit
 from ..splat.views import View
 from ..training.foreign_model import as_fit, explained, read_foreign
 from ..training.photos import Capture, SparseModel, capture_of
@@ -175,7 +176,7 @@ def _cost(work: Work) -> Cost:
     for i in range(COST_SLICES):
         share = (i + 0.5) / COST_SLICES
         factor = next(factor for until, factor in ends if share * options.steps < until or factor == 1)
-        grown = (share - DENSIFY_FROM) / (DENSIFY_UNTIL - DENSIFY_FROM)
+        grown = (share - DENSIFY_AFTER) / (DENSIFY_UNTIL - DENSIFY_AFTER)
         millions = scheduled_count(round(start), options.max_gaussians, grown) / 1e6
         of_whole = WINDOWED if options.plant_window and factor == 1 and share > DENSIFY_UNTIL else 1.0
         steps_s += options.steps / COST_SLICES * of_whole * (0.1 * full_mp / factor**2 + per_million * millions)

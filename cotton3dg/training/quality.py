@@ -18,6 +18,8 @@ from .photos import Capture
 
 LOW_PSNR_DB: Final = 22.0
 """Below this the render is visibly blurred, and traits measured on it are doubtful."""
+USED_BUDGET: Final = 0.9
+"""A model with less of the Gaussians that it may have is blurred where it could be sharp."""
 COMPARISONS: Final = 4
 """Held-out photos that are shown beside their renders."""
 
@@ -66,6 +68,7 @@ def metrics_of(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Tr
         n_split=result.n_split,
         culled=result.culled,
         skipped_updates=result.n_skipped,
+        budget=result.budget,
         rejected_steps=tuple(RejectedStep(step, name) for step, name in result.rejected),
         held_out=tuple(
             HeldOut(each.name, each.psnr_db, each.ssim, each.plant_psnr_db, each.plant_ssim, each.plant_share)
@@ -96,6 +99,11 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
     if metrics.skipped_updates:
         warnings.append(
             f"{metrics.skipped_updates} updates of single Gaussians were left out, as their gradient was not finite"
+        )
+    reached = metrics.history[-1].n_gaussians
+    if metrics.budget and reached < USED_BUDGET * metrics.budget:
+        warnings.append(
+            f"the model grew to {reached} of the {metrics.budget} Gaussians that it may have; set more `train.steps`"
         )
     if metrics.psnr_db < LOW_PSNR_DB:
         flags.append("low_psnr")

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from cotton3dg.files.colmap import read_points
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
-from cotton3dg.splat import densify, initialise, trainer
+from cotton3dg.splat import densify, initialise, schedule, trainer
 from cotton3dg.splat.metrics import view_quality
 from cotton3dg.splat.views import View
 from cotton3dg.stages.train import load_capture, load_windows
@@ -56,16 +56,16 @@ def no_dense_points(views: Any, points: Any, count: int, seed: int) -> tuple[Any
 
 
 INGREDIENTS: dict[str, list[tuple[Any, str, Any]]] = {
-    "coarse to fine": [(trainer, "resolutions", at_full_size)],
-    "settled early": [(trainer, "DENSIFY_UNTIL", 0.6)],
+    "coarse to fine": [(schedule, "resolutions", at_full_size)],
+    "settled early": [(schedule, "DENSIFY_UNTIL", 0.6)],
     "early splitting": [(densify, "scheduled_count", evenly)],
     "order along a curve": [(densify, "order_along_curve", as_they_come)],
     "hidden ones pruned": [(densify, "find_contributing", all_contribute)],
     "plant first": [(trainer, "PLANT_NEED", 1.0)],
     "size limits": [(trainer, "LARGEST_IN_PLANT", np.inf), (trainer, "LARGEST_IN_ROOM", np.inf)],
-    "rates for short runs": [(trainer, "PAPER_STEPS", 1)],
-    "settling late": [(trainer, "SETTLING_FROM", 0.0), (trainer, "SETTLED", 0.25)],
-    "longer steps far away": [(trainer, "SURROUNDINGS_GROWTH", 0.0)],
+    "rates for short runs": [(schedule, "PAPER_STEPS", 1)],
+    "settling late": [(schedule, "SETTLING_FROM", 0.0), (schedule, "SETTLED", 0.25)],
+    "longer steps far away": [(schedule, "SURROUNDINGS_GROWTH", 0.0)],
     "dense points from flow": [(initialise, "find_dense_points", no_dense_points)],
     "filling of the plant region": [(initialise, "FILL_SHARE", 0.0)],
     "opaque start": [(initialise, "START_OPACITY", 0.1)],

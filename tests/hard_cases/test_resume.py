@@ -25,7 +25,8 @@ from cotton3dg.files.ply import read_gaussians
 from cotton3dg.options import TrainOptions
 from cotton3dg.splat import trainer
 from cotton3dg.splat.rasterizer import train_step
-from cotton3dg.splat.trainer import Training, densification_steps, fit
+from cotton3dg.splat.schedule import densification_steps
+from cotton3dg.splat.trainer import Training, fit
 from cotton3dg.stages import train
 from cotton3dg.workspace import Workspace
 

@@ -19,7 +19,7 @@ from cotton3dg.splat.initialise import (
     start_gaussians,
     starting_scales,
 )
-from cotton3dg.splat.trainer import image_order
+from cotton3dg.splat.schedule import image_order
 from cotton3dg.splat.views import View
 
 

@@ -15,17 +15,20 @@ from cotton3dg.splat import densify, trainer
 from cotton3dg.splat.initialise import place_gaussians
 from cotton3dg.splat.metrics import PLANT_REGION, psnr_db, to_uint8
 from cotton3dg.splat.rasterizer import StepReport, render
-from cotton3dg.splat.trainer import (
-    DENSIFY_FROM,
+from cotton3dg.splat.schedule import (
+    DENSIFY_AFTER,
+    DENSIFY_EVERY,
     DENSIFY_UNTIL,
-    N_DENSIFICATIONS,
+    FEWEST_DENSIFICATIONS,
+    SHORTEST_STEPS,
+    Schedule,
     densification_steps,
-    fit,
     image_order,
     learning_rates,
     resolutions,
     surroundings,
 )
+from cotton3dg.splat.trainer import fit
 from cotton3dg.splat.views import View
 from cotton3dg.training.quality import metrics_of, outcome_of
 
@@ -172,7 +175,7 @@ def test_resolution_grows_to_full_size() -> None:
     assert [len(resolutions([view.limited(side)], 10)) for side in (64, 480)] == [1, 2]
 
 
-@pytest.mark.parametrize(("steps", "n_views"), [(1, 1), (10, 100), (2000, 44), (3000, 87), (3000, 26), (30000, 130)])
+@pytest.mark.parametrize(("steps", "n_views"), [(2000, 44), (3000, 87), (3000, 26), (30000, 130)])
 def test_density_is_controlled_after_whole_epochs(steps: int, n_views: int) -> None:
     """What few views show must not be called hidden because a window missed them."""
     densifications = densification_steps(steps, n_views)
@@ -180,8 +183,51 @@ def test_density_is_controlled_after_whole_epochs(steps: int, n_views: int) -> N
     for begin, end in itertools.pairwise([0, *densifications]):
         counts = np.bincount(order[begin:end], minlength=n_views)
         assert counts.min() == counts.max() >= 1
-    assert all(DENSIFY_FROM * steps < step <= DENSIFY_UNTIL * steps + 1 for step in densifications)
-    assert len(densifications) <= N_DENSIFICATIONS + 1
+    assert all(DENSIFY_AFTER * steps < step <= DENSIFY_UNTIL * steps for step in densifications)
+    every = densifications.step / steps
+    assert densifications.step == n_views or every == pytest.approx(DENSIFY_EVERY, abs=n_views / steps / 2)
+
+
+def test_the_presets_change_the_density_when_they_always_did() -> None:
+    assert densification_steps(2500, 88) == range(264, 1001, 88)  # standard: 100 images, 12 of them held out
+    assert densification_steps(1500, 52) == range(156, 601, 52)  # draft: 60 images, 8 of them held out
+    assert densification_steps(30_000, 88) == range(2024, 12_001, 440)
+
+
+@pytest.mark.parametrize(("steps", "n_views"), [(100, 52), (250, 52), (300, 88), (500, 88), (10, 1000)])
+def test_short_trainings_change_the_density_too(steps: int, n_views: int) -> None:
+    densifications = densification_steps(steps, n_views)
+    assert FEWEST_DENSIFICATIONS <= len(densifications) <= FEWEST_DENSIFICATIONS + 1
+    assert 0 < densifications[0] <= 0.11 * steps
+    assert 0.35 * steps <= densifications[-1] <= DENSIFY_UNTIL * steps
+
+
+@pytest.mark.parametrize("steps", [30, 40])
+def test_a_training_of_three_epochs_uses_its_budget(steps: int) -> None:
+    start, views, held_out = training_scene()
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=steps))
+    assert result.history[-1]["n_gaussians"] == OPTIONS.max_gaussians
+    assert quality_db(result.gaussians, held_out) > quality_db(start, held_out) + 3
+    assert outcome_of(metrics_of(result, [], 1e-4), effects()).warnings == ()
+
+
+def test_a_training_too_short_for_its_budget_says_so() -> None:
+    start, views, _ = training_scene()
+    result = fit(start, views, dataclasses.replace(OPTIONS, steps=2))
+    (warning,) = outcome_of(metrics_of(result, [], 1e-4), effects()).warnings
+    assert "300 of the 400 Gaussians" in warning and "train.steps" in warning
+
+
+def test_in_part_of_an_epoch_nothing_counts_as_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, views, _ = training_scene()
+    asked = []
+    monkeypatch.setattr(
+        densify, "find_contributing", lambda weight, count: asked.append(1) or np.ones(len(count), bool)
+    )
+    fit(start, views, dataclasses.replace(OPTIONS, steps=11))
+    assert not asked
+    fit(start, views, dataclasses.replace(OPTIONS, steps=40))  # the steps after the last change are two epochs
+    assert len(asked) == 1
 
 
 def test_what_a_single_view_shows_stays() -> None:
@@ -206,6 +252,11 @@ def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> N
     assert learning_rates(0, 1000, 1.0).means > learning_rates(0, 3000, 1.0).means
 
 
+def test_the_rates_of_the_shortest_trainings_are_bounded() -> None:
+    assert learning_rates(0, 1, 1.0) == learning_rates(0, 100, 1.0) == learning_rates(0, SHORTEST_STEPS, 1.0)
+    assert learning_rates(0, 1, 1.0).log_scales < 0.15
+
+
 def test_what_is_far_from_the_centre_takes_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     start, views, _ = training_scene()
     orbit = fit_orbit([view.camera for view in views])
@@ -228,7 +279,7 @@ def test_what_is_far_from_the_centre_takes_longer_steps(monkeypatch: pytest.Monk
 def test_windows_take_three_of_four_epochs_once_the_count_is_settled() -> None:
     _, views, _ = training_scene()
     options = dataclasses.replace(OPTIONS, steps=40 * len(views))
-    schedule = trainer._Schedule.of(views, options, [(0, 0, 16, 16)] * len(views))
+    schedule = Schedule.of(views, options, [(0, 0, 16, 16)] * len(views))
     settled = max(schedule.densifications[-1], *(until for until, _ in schedule.levels[:-1]), 0)
     looks = [(schedule.order[step], schedule.window(step)) for step in range(options.steps)]
     assert not any(window for _, window in looks[:settled])

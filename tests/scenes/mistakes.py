@@ -100,7 +100,10 @@ def _lines(said: bytes) -> list[str]:
 
 
 def snapshot(folder: Path) -> dict[str, str]:
-    """What is below a folder, by path: the SHA-256 of each file, the target of each link, and the folders."""
+    """What is below a folder, by path: the SHA-256 of each file, the target of each link, the folders.
+
+    A lock's file names its last holder and is no result.
+    """
     found = {}
     for above, folders, files in os.walk(os.fsencode(folder)):
         for name in folders + files:
@@ -111,7 +114,7 @@ def snapshot(folder: Path) -> dict[str, str]:
             elif name in folders:
                 found[key + "/"] = "folder"
             else:
-                found[key] = _sha256(path)
+                found[key] = "lock" if name == b".lock" else _sha256(path)
     return found
 
 

@@ -105,6 +105,10 @@ slurm-test: setup ## four plants through a real Slurm of one node, installed if 
 	rm -rf results/slurm && mkdir -p results
 	$(BIN)/python tests/stress/slurm_cluster.py results/slurm
 
+mistakes: setup ## forty mistakes and more on finished plants: no traceback, no changed byte, the remedy in a line; ONLY='--only NAME'
+	rm -rf results/mistakes && mkdir -p results
+	$(BIN)/python tests/stress/forty_mistakes.py results/mistakes $(ONLY)
+
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py
 

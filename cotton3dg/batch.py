@@ -142,6 +142,7 @@ class Batch:
         if self.jobs < 1:
             raise BadUsage(f"--jobs {self.jobs}: at least 1")
         names = [plant.relative_to(self.folder).as_posix() for plant in plants]
+        self.jobs = min(self.jobs, max(1, len(names)))  # each gets its share of cores and memory
         self.results |= {name: Result(name) for name in names}
         self.save()
         slots: SimpleQueue[list[int]] = SimpleQueue()

@@ -84,6 +84,18 @@ def table(folder: Path, name: str = TABLE) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def test_plants_share_cores_and_memory_among_themselves_and_not_with_jobs_that_do_not_exist(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a")
+    limit = (
+        "import resource; print(resource.getrlimit(resource.RLIMIT_DATA)[0], file=open(sys.argv[1] + '/limit', 'w'))"
+    )
+    Path(stand_in[1]).write_text(f"{STAND_IN}{limit}\n")
+    (result,) = Batch(field, jobs=10**6, tell=lambda line: None, command=stand_in).run(find_plants(field))
+    assert result.state == "done"
+    assert int((field / "a" / "limit").read_text()) in (-1, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
 def test_what_a_run_left_in_a_plant_without_video_is_no_plant(tmp_path):
     plant = tmp_path / "field" / "forgotten"
     (plant / "records").mkdir(parents=True)

@@ -20,11 +20,13 @@ from scenes.doc_commands import (
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
+from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.core.columns import columns_of
 from cotton3dg.evaluation.changes import BollChange, TraitChange
 from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
 from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
-from cotton3dg.options import STAGE_OPTIONS, resolve
+from cotton3dg.option_rules import places
+from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
 from cotton3dg.stages import cluster, segment, traits
 from cotton3dg.workspace import Workspace
@@ -140,6 +142,55 @@ def test_each_question_of_a_newcomer_has_one_file_with_what_it_names():
     for question, answer, sign in rows:
         file, name = answer.strip("`"), re.findall(r"`(\w+)`", sign)[0]
         assert re.search(rf"\b{name}\b", (ROOT / file).read_text(encoding="utf-8")), question
+
+
+def text_of(*names):
+    return (ROOT / "docs").joinpath(*names).read_text(encoding="utf-8")
+
+
+def test_words_in_quotation_marks_stand_on_the_pages_that_the_program_makes():
+    pages = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "cotton3dg/report/templates").iterdir())
+    quoted = [words for page in PAGES for words in re.findall("“([A-Z][^”]+)”", page.read_text(encoding="utf-8"))]
+    assert len(quoted) > 2
+    assert [words for words in quoted if words not in pages] == []
+
+
+def test_papers_md_has_the_defaults():
+    rows = [
+        row.split("|") for row in text_of("papers.md").split("\n## Constants")[1].split("\n## ")[0].splitlines()[3:]
+    ]
+    stated = {name: row[3] for row in rows if len(row) > 4 for name in re.findall(r"`([\w.]+)`", row[4])}
+    defaults = {
+        f"{stage}.{place.path}": place.item.default for stage, kind in STAGE_OPTIONS.items() for place in places(kind)
+    }
+    compared = {name: cell for name, cell in stated.items() if name in defaults and re.search(r"\d", cell)}
+    assert len(compared) > 10
+    for name, cell in compared.items():
+        assert f"{defaults[name]:g}" in re.findall(r"[\d.]+", cell), name
+
+
+def test_papers_md_names_the_model_of_standard():
+    (sets,) = re.findall(r"`([^`]*)` is the model of `standard`", text_of("papers.md"))
+    named = parse_overrides(sets.replace("--set", "").split())["train"]
+    assert resolve("train", PRESET_VALUES["paper2"]["train"], asked=named) == resolve("train")
+
+
+def test_limits_md_counts_the_path_traced_plants_of_the_readme():
+    rows = re.findall("^\\| path-traced", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
+    assert f"{ {2: 'two', 6: 'six'}[len(rows)] } of them come from a path\n  tracer" in text_of("limits.md")
+
+
+def test_exports_md_names_the_file_of_a_film():
+    name = f"{RenderOptions().view}_{RenderOptions().show}"
+    assert f"`render/{name}/{name}.mp4`" in text_of("exports.md")
+
+
+def test_public_machines_run_what_a_developers_machine_does_or_say_what_they_leave_out():
+    files = [(ROOT / file).read_text(encoding="utf-8") for file in (".ci/run", ".github/workflows/checks.yml")]
+    of_developers, public = (
+        {w for targets in re.findall("make ([a-z -]+)", f) for w in targets.split()} for f in files
+    )
+    assert {"lint", "docs", "test"} <= of_developers <= public
 
 
 def test_pictures_are_small():

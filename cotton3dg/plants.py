@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -46,10 +46,18 @@ def is_plant(workspace: Workspace) -> bool:
     try:
         workspace.capture()
     except MissingInput:
-        return _has_results(workspace)
+        return has_results(workspace)
     except Cotton3dgError:
         pass  # its run will explain
     return True
+
+
+def has_results(workspace: Workspace) -> bool:
+    """Whether a stage has run in a folder."""
+    return any(
+        workspace.record_file(stage).is_file() or (workspace.folder(stage) / OWNER_MARK).exists()
+        for stage in STAGE_OPTIONS
+    )
 
 
 def refuse_plant(folder: Path) -> None:
@@ -65,6 +73,24 @@ def plants_in(folder: Path) -> list[Path]:
 
 def _plants_at(folder: Path) -> list[Path]:
     return [folder] if is_plant(Workspace(folder)) else plants_in(folder) or [folder]
+
+
+def same_films(field: Path, names: Sequence[str]) -> dict[str, str]:
+    """Plants of a field whose video another one of them has, too -> the first other one."""
+    by_size: dict[int, list[tuple[str, Path]]] = {}
+    for name in names:
+        videos = Workspace(field / name).videos()
+        if len(videos) == 1 and (size := videos[0].stat().st_size):
+            by_size.setdefault(size, []).append((name, videos[0]))
+    found: dict[str, str] = {}
+    for alike in (alike for alike in by_size.values() if len(alike) > 1):
+        first: dict[str, str] = {}
+        for name, video in alike:
+            other = first.setdefault(fingerprint(video), name)
+            if other != name:
+                found[name] = other
+                found.setdefault(other, name)
+    return found
 
 
 def is_empty(folder: Path) -> bool:
@@ -93,17 +119,10 @@ def _folders(folder: Path) -> list[Path]:
     )
 
 
-def _has_results(workspace: Workspace) -> bool:
-    return any(
-        workspace.record_file(stage).is_file() or (workspace.folder(stage) / OWNER_MARK).exists()
-        for stage in STAGE_OPTIONS
-    )
-
-
 def _plant_of_film(film: Path, make: bool) -> Workspace:
     if film.suffix.lower() not in VIDEO_SUFFIXES:
         raise BadInput(f"{film.name} is no video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
-    if _has_results(Workspace(film.parent)):
+    if has_results(Workspace(film.parent)):
         return Workspace(film.parent)
     folder = film.parent / film.stem
     if not folder.is_dir() and not make:

@@ -90,7 +90,7 @@ def _film(
     threads = options.threads or len(usable_cores())
     name = "_".join([options.view, options.show, *["plant"] * options.plant_only])
     wall_s = cpu_s = 0.0
-    with workspace.writing(f"render/{name}") as folder:
+    with workspace.writing(f"{workspace.render.name}/{name}") as folder:
         with _saver(folder, name, path[0], options) as save:
             for i, camera in enumerate(path):
                 wall_s, cpu_s = wall_s - time.perf_counter(), cpu_s - time.process_time()
@@ -101,7 +101,7 @@ def _film(
                     image = depth_colours(rendered.depth, rendered.transmittance, near_su, far_su, background)
                 save(camera, to_uint8(image))
                 progress(i + 1, len(path), "rendering")
-        saved = workspace.folder(f"render/{name}") / (f"{name}.mp4" if options.format == "mp4" else "")
+        saved = workspace.render / name / (f"{name}.mp4" if options.format == "mp4" else "")
         record: dict[str, Any] = {
             "options": as_dict(options),
             "saved_as": saved.relative_to(workspace.root).as_posix(),

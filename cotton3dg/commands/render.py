@@ -56,6 +56,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
         MissingInput: a stage that is needed has not run. BadInput: its result is damaged or of another model.
         NoBolls: bolls are to be shown and there are none. BadUsage: a size that cannot be encoded.
     """
+    workspace.require(workspace.gaussians_ply, "train")  # before a lock is left where nothing was trained
     with workspace.locked():
         gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
         cameras = _order_cameras(workspace)

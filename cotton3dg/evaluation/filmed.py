@@ -69,9 +69,10 @@ def read_filmed(folder: Path) -> Filmed:
     """
     try:
         workspace = plant_at(folder)
+        traits_csv = workspace.require(workspace.traits_csv, "run")
     except Cotton3dgError as error:
         raise type(error)(f"{folder}: {error}") from error
-    traits = read_rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    traits = read_rows(traits_csv)[0]
     if traits.get("scale_source") == "none":
         raise BadInput(f"{folder} has no scale, so its bolls have no places; see docs/scale.md")
     bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))

@@ -202,9 +202,10 @@ def _run(
                     watcher.finished(due, record)
     except Cotton3dgError as error:
         failure = str(error)
-        if _records(workspace) == before and isinstance(error, NOT_OF_THE_PLANT):
+        if _records(workspace) == before:
             report = False
-            _cut(workspace.log_file, log_bytes)
+            if isinstance(error, NOT_OF_THE_PLANT):
+                _cut(workspace.log_file, log_bytes)
         raise
     finally:
         # Not after Ctrl-C: whoever interrupts wants it to end.

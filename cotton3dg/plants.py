@@ -63,7 +63,7 @@ def has_results(workspace: Workspace) -> bool:
 
 def refuse_plant(folder: Path) -> None:
     """Raise BadUsage where a field is asked for and the folder of one plant was given."""
-    if is_plant(Workspace(folder)):
+    if is_plant(Workspace(folder)) and not any(_plants_below(folder, LEVELS_BELOW)):
         raise BadUsage(f"this folder is one plant and no field; use `cotton3dg run {shlex.quote(str(folder))}`")
 
 
@@ -125,9 +125,8 @@ def _plant_of_film(film: Path, make: bool) -> Workspace:
         return Workspace(film.parent)
     folder = film.parent / film.stem
     if not folder.is_dir() and not make:
-        raise MissingInput(
-            f"nothing was run of this film yet; begin with `cotton3dg run {shlex.quote(str(film))}`, or give the folder of its plant"
-        )
+        begin = f"begin with `cotton3dg run {shlex.quote(str(film))}`"
+        raise MissingInput(f"nothing was run of this film yet; {begin}, or give the folder of its plant")
     with explain_disk_errors(film.parent):
         if folder.exists() and not folder.is_dir():
             raise BadInput(f"{folder.name} is a file where {film.name} gets its folder; move it elsewhere")

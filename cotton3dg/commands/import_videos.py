@@ -27,7 +27,7 @@ from ..files.saving import copy, explain_disk_errors, fingerprint, partial_name,
 from ..files.tables import csv_text, read_rows, refuse_other_table
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
-from ..plants import refuse_plant
+from ..plants import has_results
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"
@@ -94,8 +94,8 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
     """
     if asked.how not in HOW:
         raise unknown(f"--how {asked.how}", asked.how, HOW)
-    if asked.into.is_dir():
-        refuse_plant(asked.into)
+    if asked.into.is_dir() and has_results(Workspace(asked.into)):
+        raise BadUsage(f"{asked.into} is a plant; give the folder of its field, or a new one, as --into")
     refuse_other_table(asked.into / TABLE, COLUMNS)
     videos = list(_videos(sources, asked.into))
     if not videos:

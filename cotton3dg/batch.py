@@ -26,12 +26,12 @@ from .core.state import State
 from .errors import INTERRUPTED, BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
 from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
-from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE
+from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, KNOWN, MEANS_TABLE, TABLE
 from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from .files.saving import write_text_atomically
-from .files.tables import BOLLS, TRAITS, csv_text, read_rows, value_of
+from .files.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
 from .identity.names import folder_name
-from .plants import is_empty, is_plant, plants_in, refuse_plant
+from .plants import is_empty, is_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
 from .stages.stage import STAGES, stage_of
 from .workspace import Workspace
@@ -40,6 +40,7 @@ RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")
 
 OPTIONS_FILE: Final = "cotton3dg.toml"
 INDEX: Final = "index.html"
+SAME_FILM: Final = "same_film"
 
 MEMORY_OF_A_RUN_GIB: Final = 3.0
 """What one plant needs with room to spare; decides how many run side by side unless --jobs does."""
@@ -131,6 +132,8 @@ class Batch:
     _tables: dict[tuple[str, str], list[dict[str, Any]]] = field(default_factory=dict)
     """Of the plants that are done, as the batch's tables are saved again after each plant."""
     _processes: set[subprocess.Popen[str]] = field(default_factory=set)
+    _same_film: dict[str, str] = field(default_factory=dict)
+    """Folders of plants whose film another one has, too -> that one."""
     _saving: threading.Lock = field(default_factory=threading.Lock)
     _draining: threading.Event = field(default_factory=threading.Event)
 
@@ -144,6 +147,7 @@ class Batch:
         names = [plant.relative_to(self.folder).as_posix() for plant in plants]
         self.jobs = min(self.jobs, max(1, len(names)))  # each gets its share of cores and memory
         self.results |= {name: Result(name) for name in names}
+        self.look_over()
         self.save()
         slots: SimpleQueue[list[int]] = SimpleQueue()
         for slot in range(self.jobs):
@@ -168,6 +172,19 @@ class Batch:
         for future in futures:
             future.result()
         return self.ordered()
+
+    def look_over(self) -> None:
+        """What is to be seen before anything is written: say which plants share a film, to flag them in the table.
+
+        Raises:
+            BadInput: a file of the user's is called like one of the tables.
+        """
+        for name, columns in KNOWN.items():
+            refuse_other_table(self.folder / name, columns)
+        self._same_film = same_films(self.folder, sorted(self.results))
+        for name, other in self._same_film.items():
+            if other < name:
+                self.tell(f"{name} has the same film as {other}; put each plant's own film into its folder")
 
     def ordered(self) -> list[Result]:
         """Failures first, then what waits, then what is done; by folder."""
@@ -249,6 +266,8 @@ class Batch:
         rows = []
         for result in ordered:
             row = vars(result) | (self._rows(result, "traits_csv") or [blank])[0]
+            if result.folder in self._same_film:
+                row["qc_flags"] = ";".join([*flags_of(row), SAME_FILM])
             plant_id = row["plant_id"] or self._id_of_folder.get(Path(result.folder).name, "")
             rows.append(row | book_cells(self.book, plant_id, added))
         bolls_added = table_columns(self.book, [column.name for column in BOLLS])

@@ -34,6 +34,7 @@ def evaluate(
         is_boll_table,
         write_evaluation,
     )
+    from .outputs import made_of, saving
     from .plants import plant_at
 
     with report_errors(measured):
@@ -42,7 +43,8 @@ def evaluate(
                 raise BadUsage("the table of the truth is not given; add --truth TRUTH.csv")
             of_bolls = is_boll_table(measured)
             evaluation = evaluate_boll_tables(measured, truth) if of_bolls else evaluate_tables(measured, truth)
-            write_evaluation(out, evaluation)
+            with saving(out, made_of("evaluate", measured, truth)) as folder:
+                write_evaluation(folder, evaluation)
             typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
             return
         workspace = plant_at(measured)
@@ -66,10 +68,12 @@ def evaluate_weights(
 ) -> None:
     """Seed-cotton weight by boll volume and count, fitted to weighed plants, for traits --weight-model."""
     from .evaluation.weights import fit_weights, weights_text, write_weights
+    from .outputs import made_of, saving
 
     with report_errors(measured):
         model, points = fit_weights(measured, truth or measured)
-        write_weights(out, model, points)
+        with saving(out, made_of("evaluate-weights", measured, truth or measured)) as saved:
+            write_weights(saved, model, points)
         typer.echo(f"{weights_text(model)}\nsaved as {out / 'weights.json'}")
 
 

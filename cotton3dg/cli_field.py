@@ -109,10 +109,15 @@ def compare(
     from .evaluation.changes import compare as lay_beside
     from .evaluation.changes import comparison_text
     from .evaluation.changes_page import write_comparisons
+    from .evaluation.filmed import find_same_films
+    from .outputs import made_of, saving
 
     with report_errors(films[0]):
         comparisons = lay_beside(films, reach_cm, turn_deg)
-        write_comparisons(out, comparisons)
+        for remark in find_same_films([comparisons[0].first, *(each.other for each in comparisons)]):
+            typer.echo(remark, err=True)
+        with saving(out, made_of("compare", *films)) as folder:
+            write_comparisons(folder, comparisons)
         for comparison in comparisons:
             typer.echo(comparison_text(comparison))
         typer.echo(f"saved in {out}")
@@ -125,11 +130,16 @@ def repeat(
     turn_deg: TurnDeg = None,
 ) -> None:
     """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
+    from .evaluation.filmed import find_same_films
     from .evaluation.repeats import repeat as lay_beside
     from .evaluation.repeats import repeats_text
     from .evaluation.repeats_page import write_repeats
+    from .outputs import made_of, saving
 
     with report_errors(films[0]):
         repeats = lay_beside(films, reach_cm, turn_deg)
-        write_repeats(out, repeats)
+        for remark in (remark for plant in repeats.plants for remark in find_same_films(plant.films)):
+            typer.echo(remark, err=True)
+        with saving(out, made_of("repeat", *films)) as folder:
+            write_repeats(folder, repeats)
         typer.echo(f"{repeats_text(repeats)}\nsaved in {out}")

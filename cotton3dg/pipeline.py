@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import os
 import resource
 import sys
 import time
@@ -17,11 +18,9 @@ from typing import Any, Final
 from .core.progress import Progress, silent
 from .documents.record import Record
 from .errors import (
-    BadInput,
     BadUsage,
     Cotton3dgError,
     EnvironmentUnusable,
-    MissingInput,
     OutOfResources,
     StageFailed,
     unknown,
@@ -34,7 +33,7 @@ from .workspace import Workspace
 
 log = logging.getLogger("cotton3dg")
 
-NOT_OF_THE_PLANT: Final = (BadUsage, MissingInput, BadInput, EnvironmentUnusable)
+NOT_OF_THE_PLANT: Final = (BadUsage, EnvironmentUnusable)
 """Failures that speak of what was typed, of a file that somebody gave, or of this machine. What was finished before is
 as good as it was."""
 
@@ -187,9 +186,9 @@ def _run(
     workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], force: bool, watcher: Watcher, report: bool
 ) -> None:
     failure = ""
-    before = _records(workspace)
-    with _logged(workspace):
-        try:
+    before, log_bytes = _records(workspace), _size(workspace.log_file)
+    try:
+        with _logged(workspace):
             workspace.drop_unfinished(STAGES)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
@@ -201,13 +200,35 @@ def _run(
                     log.info("%s starts: %s", due.stage, due.reason)
                     record = _run_stage(workspace, due, watcher.started(due))
                     watcher.finished(due, record)
-        except Cotton3dgError as error:
-            failure = str(error)
-            raise
-        finally:
-            # Not after Ctrl-C: whoever interrupts wants it to end. Nor after a mistake that changed nothing.
-            if report and (_records(workspace) != before if failure else sys.exc_info()[0] is None):
+    except Cotton3dgError as error:
+        failure = str(error)
+        if _records(workspace) == before:
+            report = False
+            if isinstance(error, NOT_OF_THE_PLANT):
+                _cut(workspace.log_file, log_bytes)
+        raise
+    finally:
+        # Not after Ctrl-C: whoever interrupts wants it to end.
+        if report and (failure or sys.exc_info()[0] is None):
+            with _logged(workspace):
                 _make_report(workspace, failure, watcher)
+
+
+def _records(workspace: Workspace) -> list[Record | None]:
+    return [workspace.read_record(stage) for stage in STAGES]
+
+
+def _size(file: Path) -> int | None:
+    return file.stat().st_size if file.is_file() else None
+
+
+def _cut(file: Path, size: int | None) -> None:
+    """Take back what was appended to a file: a mistake that changed nothing is no part of the plant's history."""
+    with suppress(OSError):
+        if size is None:
+            file.unlink(missing_ok=True)
+        else:
+            os.truncate(file, size)
 
 
 def begin(workspace: Workspace, stage: str, options: Any, watcher: Watcher) -> None:
@@ -244,10 +265,6 @@ def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
         watcher.reported(f"warning: could not be made ({error}); the results are not affected")
 
 
-def _records(workspace: Workspace) -> list[Record | None]:
-    return [workspace.read_record(stage) for stage in STAGES]
-
-
 def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     """Run one stage and save its record, also when it fails: but not over a finished one for a mistake."""
     stage = stage_of(step.stage)
@@ -255,9 +272,11 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     _reset_peak_memory()
     wall_s, cpu_s = time.perf_counter(), _cpu_seconds()
     failure: Cotton3dgError | None = None
+    has_begun = False
     try:
         check_memory()
         check_disk(workspace, step.stage, step.options)
+        has_begun = True
         record = replace(record, inputs=stage.input_hashes(workspace, step.options))
         outcome = stage.run(workspace, step.options, progress)
         record = record.done(outcome, workspace.hashes(workspace.folder(step.stage)))
@@ -274,8 +293,8 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
         peak_memory_mib=_peak_memory_mib(),
     )
     if failure:
-        finished = workspace.read_record(step.stage)
-        if not (isinstance(failure, NOT_OF_THE_PLANT) and finished and finished.is_ok):
+        finished, of_plant = workspace.read_record(step.stage), has_begun and not isinstance(failure, NOT_OF_THE_PLANT)
+        if of_plant or not (finished and finished.is_ok):
             # That the stage failed matters more than a failure to say so.
             with suppress(Cotton3dgError):
                 workspace.write_record(replace(record, error=str(failure), exit_code=failure.exit_code))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from .errors import BadInput, BadUsage, Cotton3dgError, MissingInput
+from .files.listing import folders_in, is_litter
 from .files.saving import explain_disk_errors, fingerprint, link
 from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
@@ -46,15 +47,23 @@ def is_plant(workspace: Workspace) -> bool:
     try:
         workspace.capture()
     except MissingInput:
-        return _has_results(workspace)
+        return has_results(workspace)
     except Cotton3dgError:
         pass  # its run will explain
     return True
 
 
+def has_results(workspace: Workspace) -> bool:
+    """Whether a stage has run in a folder."""
+    return any(
+        workspace.record_file(stage).is_file() or (workspace.folder(stage) / OWNER_MARK).exists()
+        for stage in STAGE_OPTIONS
+    )
+
+
 def refuse_plant(folder: Path) -> None:
     """Raise BadUsage where a field is asked for and the folder of one plant was given."""
-    if is_plant(Workspace(folder)):
+    if is_plant(Workspace(folder)) and not any(_plants_below(folder, LEVELS_BELOW)):
         raise BadUsage(f"this folder is one plant and no field; use `cotton3dg run {shlex.quote(str(folder))}`")
 
 
@@ -67,9 +76,27 @@ def _plants_at(folder: Path) -> list[Path]:
     return [folder] if is_plant(Workspace(folder)) else plants_in(folder) or [folder]
 
 
+def same_films(field: Path, names: Sequence[str]) -> dict[str, str]:
+    """Plants of a field whose video another one of them has, too -> the first other one."""
+    by_size: dict[int, list[tuple[str, Path]]] = {}
+    for name in names:
+        videos = Workspace(field / name).videos()
+        if len(videos) == 1 and (size := videos[0].stat().st_size):
+            by_size.setdefault(size, []).append((name, videos[0]))
+    found: dict[str, str] = {}
+    for alike in (alike for alike in by_size.values() if len(alike) > 1):
+        first: dict[str, str] = {}
+        for name, video in alike:
+            other = first.setdefault(fingerprint(video), name)
+            if other != name:
+                found[name] = other
+                found.setdefault(other, name)
+    return found
+
+
 def is_empty(folder: Path) -> bool:
     """Whether a folder holds nothing but what this tool or the system left there."""
-    return all(path.name in OWN_NAMES or path.name.startswith(".") for path in folder.iterdir())
+    return all(path.name in OWN_NAMES or is_litter(path.name) for path in folder.iterdir())
 
 
 def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
@@ -82,32 +109,24 @@ def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
 
 def _folders(folder: Path) -> list[Path]:
     """Those that may be plants or hold some: neither hidden nor made by this tool."""
-    return sorted(
+    return [
         path
-        for path in folder.iterdir()
-        if path.is_dir()
-        and not path.name.startswith(".")
-        and not (path / OWNER_MARK).exists()
+        for path in folders_in(folder)
+        if not (path / OWNER_MARK).exists()
         # A plot may be called `check`; what a plant's folder holds under such a name has no video.
         and (path.name not in OWN_FOLDERS or Workspace(path).videos())
-    )
-
-
-def _has_results(workspace: Workspace) -> bool:
-    return any(
-        workspace.record_file(stage).is_file() or (workspace.folder(stage) / OWNER_MARK).exists()
-        for stage in STAGE_OPTIONS
-    )
+    ]
 
 
 def _plant_of_film(film: Path, make: bool) -> Workspace:
     if film.suffix.lower() not in VIDEO_SUFFIXES:
         raise BadInput(f"{film.name} is no video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
-    if _has_results(Workspace(film.parent)):
+    if has_results(Workspace(film.parent)):
         return Workspace(film.parent)
     folder = film.parent / film.stem
     if not folder.is_dir() and not make:
-        raise MissingInput(f"nothing was run of this film yet; begin with `cotton3dg run {shlex.quote(str(film))}`")
+        begin = f"begin with `cotton3dg run {shlex.quote(str(film))}`"
+        raise MissingInput(f"nothing was run of this film yet; {begin}, or give the folder of its plant")
     with explain_disk_errors(film.parent):
         if folder.exists() and not folder.is_dir():
             raise BadInput(f"{folder.name} is a file where {film.name} gets its folder; move it elsewhere")

@@ -134,6 +134,7 @@ def max_array_size() -> int:
 
 def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int) -> dict[str, str]:
     """Submit those plants that no job has in hand, in arrays of at most `array_size`; the jobs by plant."""
+    batch.look_over()
     jobs = _jobs(batch.folder)
     waiting = _queued(jobs.values()) if jobs else {}
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
@@ -157,6 +158,7 @@ def status(batch: Batch, plants: Sequence[Path]) -> list[Result]:
     waiting = _queued(jobs.values())
     for name in (plant.relative_to(batch.folder).as_posix() for plant in plants):
         batch.results[name] = _result(batch.folder, name, jobs.get(name), waiting)
+    batch.look_over()
     batch.save()
     return batch.ordered()
 

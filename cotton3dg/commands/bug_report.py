@@ -11,7 +11,7 @@ from typing import Final
 
 from ..core.version import version_text
 from ..errors import BadUsage
-from ..files.saving import explain_disk_errors
+from ..outputs import made_of, saving
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 
@@ -37,7 +37,10 @@ def pack(workspace: Workspace, out: Path, machine: str, *, images: bool = False)
     if not texts:
         raise BadUsage("nothing was run here yet; run the command that fails, then report it")
     home = str(Path.home())
-    with explain_disk_errors(out.parent), zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+    with (
+        saving(out.parent, made_of("bug-report", workspace.root)) as folder,
+        zipfile.ZipFile(folder / out.name, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
         archive.writestr("machine.txt", (_versions() + machine).replace(home, "~"))
         for path in texts:
             archive.writestr(

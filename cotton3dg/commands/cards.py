@@ -9,12 +9,12 @@ from typing import Final
 from ..core.card import PAPER_CM
 from ..errors import BadInput, BadUsage
 from ..files.fieldbook import FieldBook, read_fieldbook
-from ..files.saving import explain_disk_errors, replacing
 from ..files.sheet import pdf_of
 from ..identity.card import Picture, draw_card
 from ..identity.codes import code_picture
 from ..identity.names import card_text, id_problem
 from ..options import CardsOptions
+from ..outputs import made_of, saving
 
 DOTS_PER_CM: Final = 100
 LINES: Final = 6
@@ -36,10 +36,9 @@ def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> s
         cards = list(_cards_of(read_fieldbook(fieldbook, options.id_column), options.columns, fieldbook.name))
     else:
         cards = [(f"card-{number:04d}", []) for number in range(options.first, options.first + options.blank)]
-    with explain_disk_errors(sheet.parent):
-        sheet.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(sheet) as partial:
-            partial.write_bytes(pdf_of(_drawn(cards, PAPER_CM[options.paper]), DOTS_PER_CM))
+    made = made_of("cards", fieldbook or f"--blank {options.blank} --first {options.first}")
+    with saving(sheet.parent, made, instead="name") as folder:
+        (folder / sheet.name).write_bytes(pdf_of(_drawn(cards, PAPER_CM[options.paper]), DOTS_PER_CM))
     return (
         f"{len(cards)} cards saved as {sheet}\nPrint them at 100 %, measure a ruler of 10 cm. Lay a plant's card flat"
         " on the table with all of it in view; begin the video with the card.\n"

@@ -70,7 +70,7 @@ def _find_unchanged_images(workspace: Workspace) -> list[Path]:
 
 def _find_partial_folders(workspace: Workspace) -> list[Path]:
     """Folders of unfinished saves. In the plant's own folder only names of ours count."""
-    stages, films = _find_partials(workspace.root), _find_partials(workspace.root / "render")
+    stages, films = _find_partials(workspace.root), _find_partials(workspace.render)
     ours = {*STAGES, "annotations", "check"}
     return [
         path for path, name in (*stages, *films) if path.is_dir() and (name in ours or path.parent != workspace.root)

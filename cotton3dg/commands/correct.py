@@ -94,6 +94,8 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     for correction in (*said, *_from_file(asked.file), *_from_words(asked)):
         if problem := correction.problem():
             raise BadUsage(f"a correction makes no sense: {problem}")
+        if correction.model not in ("", known.model) and correction not in kept.corrections:
+            raise BadUsage(f"{asked.file} is of another plant or model; give the file that this plant's report saved")
         placed = known.placed(correction)
         own = own if placed in own else (*own, placed)
     before = _count(workspace)

@@ -11,8 +11,9 @@ from ..field.miappe import DATA_FILE, data_file, miappe_sheets, missing
 from ..field.other_formats import cottongen_sheets, data_package, fieldbook_files, workbook_sheets
 from ..field.study import STUDY_FILE, read_study
 from ..field.tables import Sheets, read_field
-from ..files.saving import explain_disk_errors, json_text, write_text_atomically
+from ..files.saving import json_text, write_text_atomically
 from ..files.workbook import write_workbook
+from ..outputs import made_of, saving
 from ..workspace import OWNER_MARK
 
 FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
@@ -51,12 +52,11 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
         texts = fieldbook_files(field)
     else:
         books[f"{field.name}.xlsx"] = workbook_sheets(field)
-    with explain_disk_errors(folder):
-        target.mkdir(parents=True, exist_ok=True)
+    with saving(target, made_of(f"export --format {kind}", folder)) as partial:
         if out is None:
             (target.parent / OWNER_MARK).touch()  # so that `batch` takes it for no plant
         for name, text in texts.items():
-            write_text_atomically(target / name, text)
-    for name, sheets in books.items():
-        write_workbook(target / name, sheets)
+            write_text_atomically(partial / name, text)
+        for name, sheets in books.items():
+            write_workbook(partial / name, sheets)
     return f"{len(field.plants)} plants saved in {target}: {', '.join([*texts, *books])}{remark}"

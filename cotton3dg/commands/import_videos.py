@@ -24,9 +24,10 @@ from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from ..files.saving import copy, explain_disk_errors, fingerprint, partial_name, replacing, write_text_atomically
-from ..files.tables import csv_text, read_rows
+from ..files.tables import csv_text, read_rows, refuse_other_table
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
+from ..plants import has_results
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"
@@ -93,6 +94,9 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
     """
     if asked.how not in HOW:
         raise unknown(f"--how {asked.how}", asked.how, HOW)
+    if asked.into.is_dir() and has_results(Workspace(asked.into)):
+        raise BadUsage(f"{asked.into} is a plant; give the folder of its field, or a new one, as --into")
+    refuse_other_table(asked.into / TABLE, COLUMNS)
     videos = list(_videos(sources, asked.into))
     if not videos:
         raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}")

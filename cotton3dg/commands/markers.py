@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import BadUsage
-from ..files.saving import explain_disk_errors, replacing
 from ..files.sheet import write_sheet
+from ..option_rules import as_dict
 from ..options import MarkersOptions
+from ..outputs import made_of, saving
 from ..scale.markers import MarkerKind, board_squares, draw_sheet
 
 DOTS_PER_CM: Final = 100
@@ -28,10 +29,9 @@ def print_markers(file: Path, options: MarkersOptions) -> str:
         sheet = draw_sheet(kind, *PAPER_CM[options.paper], DOTS_PER_CM, options.first)
     except ValueError as error:
         raise BadUsage(f"{error}; use a larger --paper or a smaller --marker-cm") from error
-    with explain_disk_errors(file.parent):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as partial:
-            write_sheet(partial, sheet, DOTS_PER_CM, pdf=file.suffix.lower() == ".pdf")
+    made = made_of("markers", *(f"{name}={value}" for name, value in as_dict(options).items()))
+    with saving(file.parent, made, instead="name") as folder:
+        write_sheet(folder / file.name, sheet, DOTS_PER_CM, pdf=file.suffix.lower() == ".pdf")
     board = f" --set scale.board={options.board}" if options.board else ""
     return (
         f"saved as {file}\nPrint it at 100 %, measure its ruler of 10 cm, lay it flat beside the plant and film; then\n"

@@ -17,6 +17,7 @@ from ..files.coco import coco_document
 from ..files.colmap import read_cameras
 from ..files.images import read_ids
 from ..files.saving import json_text
+from ..outputs import made_of, note_all, refuse_changed
 from ..workspace import Workspace
 
 
@@ -27,6 +28,7 @@ def export(workspace: Workspace) -> Path:
         The COCO file.
     Raises:
         MissingInput: there are no masks.
+        BadUsage: somebody has worked on those that were exported before.
     """
     masks = MasksInfo.load(workspace.require(workspace.masks_json, "masks"))
     cameras = {camera.name for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))}
@@ -34,10 +36,12 @@ def export(workspace: Workspace) -> Path:
     if missing := sorted(set(names) - cameras):
         raise MissingInput(f"the image {missing[0]} of the masks is gone; run `cotton3dg masks` again")
     final = workspace.annotations_json
+    refuse_changed(final.parent)
     with workspace.writing("annotations") as folder:
         (folder / "images").mkdir()
         for name in names:
             shutil.copyfile(workspace.undistorted_image(name), folder / "images" / Path(name).name)
         coco = coco_document({name: read_ids(workspace.mask_png(name)) for name in names})
         (folder / final.name).write_text(json_text(coco), encoding="utf-8")
+        note_all(folder, made_of("masks-export", workspace.root))
     return final

@@ -6,6 +6,7 @@ yolo:   best.pt   best.onnx (runs without ultralytics)   training.json
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -68,6 +69,7 @@ def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent)
         raise BadUsage(f"no annotations were given; name their folders with --annotations DIR[,DIR ...]{simulated}")
     if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / "training.json").exists())):
         raise BadUsage(f"{folder} is not empty and holds no training; give a new folder")
+    _refuse_other_training(folder, options)
     masks, photos = read_annotated(options)
     judging = _choose_to_judge(sorted(masks.ids), options) if options.annotations else set()
     with explain_disk_errors(folder):
@@ -85,6 +87,17 @@ def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent)
         }
         write_text_atomically(folder / "training.json", json_text(document))
     return written[0]
+
+
+def _refuse_other_training(folder: Path, options: MasksTrainOptions) -> None:
+    """Raise BadUsage where a finished training of other annotations, or of another network, would be replaced."""
+    try:
+        before = json.loads((folder / "training.json").read_text(encoding="utf-8")).get("options", {})
+    except (OSError, ValueError, AttributeError):
+        return
+    for name in ("network", "annotations", "weights"):
+        if before and before.get(name) != getattr(options, name):
+            raise BadUsage(f"{folder} holds a training with --{name} {before.get(name)!r}; give a new folder")
 
 
 def read_annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]]:

@@ -56,6 +56,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
         MissingInput: a stage that is needed has not run. BadInput: its result is damaged or of another model.
         NoBolls: bolls are to be shown and there are none. BadUsage: a size that cannot be encoded.
     """
+    workspace.require(workspace.gaussians_ply, "train")  # before a lock is left where nothing was trained
     with workspace.locked():
         gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
         cameras = _order_cameras(workspace)
@@ -90,7 +91,7 @@ def _film(
     threads = options.threads or len(usable_cores())
     name = "_".join([options.view, options.show, *["plant"] * options.plant_only])
     wall_s = cpu_s = 0.0
-    with workspace.writing(f"render/{name}") as folder:
+    with workspace.writing(f"{workspace.render.name}/{name}") as folder:
         with _saver(folder, name, path[0], options) as save:
             for i, camera in enumerate(path):
                 wall_s, cpu_s = wall_s - time.perf_counter(), cpu_s - time.process_time()
@@ -101,7 +102,7 @@ def _film(
                     image = depth_colours(rendered.depth, rendered.transmittance, near_su, far_su, background)
                 save(camera, to_uint8(image))
                 progress(i + 1, len(path), "rendering")
-        saved = workspace.folder(f"render/{name}") / (f"{name}.mp4" if options.format == "mp4" else "")
+        saved = workspace.render / name / (f"{name}.mp4" if options.format == "mp4" else "")
         record: dict[str, Any] = {
             "options": as_dict(options),
             "saved_as": saved.relative_to(workspace.root).as_posix(),

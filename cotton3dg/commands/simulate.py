@@ -27,6 +27,7 @@ from ..identity.card import draw_card
 from ..identity.codes import code_picture
 from ..identity.names import card_text, id_problem
 from ..options import SimulateOptions
+from ..plants import has_results
 from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant
@@ -118,6 +119,8 @@ def film_once(folder: Path, options: SimulateOptions, progress: Progress = silen
 def _check(folder: Path, options: SimulateOptions) -> None:
     if options.width % 2 or options.height % 2:
         raise BadUsage(f"{options.width}x{options.height} cannot be encoded; choose even numbers")
+    if folder.is_dir() and has_results(Workspace(folder)):
+        raise BadUsage(f"{folder} holds results of its film; give a new folder")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         try:
             ours = TruthOrigin.load(folder / "truth.json").preset == "simulate"

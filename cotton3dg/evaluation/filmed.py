@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,9 +16,9 @@ from ..core.map_measurements import MapTraits
 from ..core.measurements import PlantTraits, is_counted
 from ..core.plant_map import PlantMap
 from ..documents.skeleton import SkeletonInfo, read_map
-from ..errors import BadInput
+from ..errors import BadInput, Cotton3dgError
 from ..files.tables import flags_of, parse_number, read_rows
-from ..workspace import Workspace
+from ..plants import plant_at
 from .align import Layout
 
 NO_TRAIT: Final = ("corrections", "boll_count_odd", "boll_count_even")
@@ -42,6 +42,8 @@ class Filmed:
     flags: tuple[str, ...]
     """Quality flags of each boll, by semicolons."""
     plant_map: PlantMap
+    film_sha256: str = ""
+    """Of the video, or of all photos; empty where it is not known."""
 
     @property
     def layout(self) -> Layout:
@@ -65,12 +67,17 @@ def read_filmed(folder: Path) -> Filmed:
         MissingInput: the stage traits has not run.
         BadInput: the plant has no scale, so that its bolls have no places.
     """
-    workspace = Workspace(folder)
-    traits = read_rows(workspace.require(workspace.traits_csv, "traits"))[0]
+    try:
+        workspace = plant_at(folder)
+        traits_csv = workspace.require(workspace.traits_csv, "run")
+    except Cotton3dgError as error:
+        raise type(error)(f"{folder}: {error}") from error
+    traits = read_rows(traits_csv)[0]
     if traits.get("scale_source") == "none":
         raise BadInput(f"{folder} has no scale, so its bolls have no places; see docs/scale.md")
     bolls = read_rows(workspace.require(workspace.bolls_csv, "traits"))
     rows = [row for row in bolls if is_counted(flags_of(row))]
+    frames = workspace.read_record("frames")
 
     def numbers(name: str) -> NDArray[np.float64]:
         return np.array([parse_number(row.get(name)) for row in rows], np.float64)
@@ -85,7 +92,19 @@ def read_filmed(folder: Path) -> Filmed:
         numbers("diameter_cm"),
         tuple(row.get("qc_flags", "") for row in rows),
         read_map(SkeletonInfo.load(workspace.require(workspace.skeleton_json, "traits"))),
+        ";".join(sorted(frames.inputs.values())) if frames else "",
     )
+
+
+def find_same_films(films: Sequence[Filmed]) -> list[str]:
+    """A remark on each film that is another one once more, in whatever folder."""
+    first: dict[str, Filmed] = {}
+    remarks = []
+    for film in films:
+        other = first.setdefault(film.film_sha256, film)
+        if film.film_sha256 and other is not film:
+            remarks.append(f"{film.name} is the same film as {other.name}; what differs is not the plant's")
+    return remarks
 
 
 def comparable_traits() -> list[Column]:

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from ..core.columns import Column
 from ..files.saving import explain_disk_errors, write_text_atomically
-from ..files.tables import csv_text, parse_number, read_rows
+from ..files.tables import csv_text, parse_number, read_rows, refuse_other_table
 from .masks import THRESHOLDS, MaskCounts
 
 ALL: Final = "all"
@@ -41,8 +41,9 @@ def add_to_table(path: Path, plant_id: str, backend: str, images: Mapping[str, M
     """Put a plant's images into the table, in place of what it has of this plant and back end.
 
     Raises:
-        BadInput: the table that is there cannot be read.
+        BadInput: the table that is there cannot be read, or is another.
     """
+    refuse_other_table(path, COLUMNS)
     known = read_rows(path) if path.is_file() else []
     kept = {
         (row["plant_id"], row["backend"], row["image"]): _counts_of(row)

@@ -13,6 +13,7 @@ from ..core.columns import Column, columns_of
 from ..core.measurements import PlantTraits
 from ..errors import MissingInput
 from ..files.tables import BOLLS, TRAITS, read_rows, value_of
+from ..plants import refuse_plant
 from .columns import find_roles
 from .genotypes import FIT_COLUMNS, MEANS_COLUMNS
 
@@ -111,6 +112,8 @@ def read_field(folder: Path) -> Field:
     for name, known in KNOWN.items():
         if not (folder / name).is_file():
             if name == TABLE:
+                if folder.is_dir():
+                    refuse_plant(folder)
                 raise MissingInput(f"{TABLE} is missing in {folder}; run `cotton3dg batch {folder}` first")
             continue
         rows = read_rows(folder / name)

@@ -11,10 +11,13 @@ from ..core.columns import Column, columns_of
 from ..core.lint_colour import BollColour, LintColour
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
+from ..errors import BadInput
 from .formulas import defuse
 from .spreadsheet import read_table
 
 BYTE_ORDER_MARK: Final = "\ufeff"
+TELLING: Final = 3
+"""Columns by which a table is known."""
 
 
 TRAITS: Final = (
@@ -74,6 +77,22 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         BadInput: no such file, or no table (`read_table`).
     """
     return read_table(path).rows
+
+
+def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
+    """Look whether a table that is to be written anew is this tool's own: it begins with the same columns.
+
+    Raises:
+        BadInput: a table of that name is somebody else's.
+    """
+    if not path.is_file() or not path.stat().st_size:
+        return
+    try:
+        heads = read_table(path).columns
+    except BadInput:
+        heads = ()
+    if heads[:TELLING] != tuple(column.name for column in columns[:TELLING]):
+        raise BadInput(f"{path} stands where cotton3dg writes its table but was not made by it; move it elsewhere")
 
 
 def flags_of(row: Mapping[str, Any]) -> list[str]:

@@ -210,6 +210,11 @@ FLAGS: Final = {
         "One boll in ten or more has a flag of its own, so count and volume are less sure.",
         "Look at the flagged bolls below; film more slowly in even light, or correct the masks and import them.",
     ),
+    "same_film": Meaning(
+        "The film of another plant",
+        "Another folder of the batch holds the same film, so one of the two rows is of the wrong plant.",
+        "Put each plant's own film into its folder.",
+    ),
 }
 
 BOLL_FLAGS: Final = {

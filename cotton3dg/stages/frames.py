@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,7 @@ from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import blame_capture
-from ..files.images import write_image
+from ..files.images import list_images, write_image
 from ..options import FramesOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
@@ -44,8 +45,19 @@ def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> Sta
             else:
                 taken = take_video(source, options, keep, progress, folder)
         outcome = outcome_of(taken)
+        if source.is_file():
+            outcome = replace(outcome, warnings=(*outcome.warnings, *_unused_photos(workspace, source)))
         taken.info.save(folder / workspace.frames_json.name)
     return outcome
+
+
+def _unused_photos(workspace: Workspace, video: Path) -> list[str]:
+    """A remark on photos in the plant's folder or in its images folder, which a video there leaves unused."""
+    folders = [folder for folder in (workspace.root, workspace.images_input) if folder.is_dir()]
+    if not (photos := [photo for folder in folders for photo in list_images(folder)]):
+        return []
+    found = f"{len(photos)} photos beside {video.name}, e.g. {photos[0].name}, are not used"
+    return [f"{found}; to use photos, put the video elsewhere and the photos into a folder named images"]
 
 
 def _disk_bytes(_: Workspace, options: FramesOptions) -> float:

@@ -78,6 +78,15 @@ def test_a_second_run_has_nothing_to_do_and_the_same_bytes(tmp_path):
     assert workspace.read_record("frames").outputs == record.outputs
 
 
+def test_photos_beside_the_video_are_told(tmp_path):
+    film(tmp_path / "video.mp4", pan(60))
+    (tmp_path / "images").mkdir()
+    for name in ("label.jpg", "images/1.png", "images/notes.txt"):
+        (tmp_path / name).touch()
+    _, _, record = run_frames(tmp_path, count=20)
+    assert record.warnings[-1].startswith("2 photos beside video.mp4, e.g. label.jpg, are not used; to use photos, put")
+
+
 def test_fewer_frames_than_wanted_are_all_used_and_told(tmp_path):
     film(tmp_path / "video.mp4", pan(30), rate=10)
     _, told, record = run_frames(tmp_path, count=100)

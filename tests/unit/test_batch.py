@@ -15,6 +15,7 @@ from cotton3dg.batch import (
     BOLL_TABLE,
     FITS_TABLE,
     MEANS_TABLE,
+    SAME_FILM,
     TABLE,
     Batch,
     default_jobs,
@@ -136,6 +137,21 @@ def test_folders_that_wait_for_no_film_are_no_field(tmp_path):
         find_plants(tmp_path)
 
 
+@pytest.mark.parametrize("name", [TABLE, MEANS_TABLE, FITS_TABLE, "index.html"])
+def test_a_table_of_the_users_is_not_replaced(tmp_path, stand_in, name):
+    field = tmp_path / "field"
+    make_plant(field, "a")
+    (field / name).write_text("genotype,seeds\nLN-1,20\n")
+    batch = Batch(field, tell=lambda line: None, command=stand_in)
+    if name.endswith(".csv"):
+        with pytest.raises(BadInput, match=f"{name} stands where cotton3dg writes its table"):
+            batch.run(find_plants(field))
+        assert sorted(path.name for path in field.iterdir()) == sorted(["a", name])
+    else:
+        batch.run(find_plants(field))
+    assert (field / name).read_text().startswith("genotype,seeds")
+
+
 def test_a_file_that_is_beside_no_plant_is_refused_before_the_tables_are_touched(tmp_path):
     plants = [make_plant(tmp_path, name) for name in ("a", "b")]
     options = stage_options(None, overrides={"masks": {"bolls.weights": "own.onnx"}})
@@ -164,6 +180,20 @@ def test_failures_come_first_with_their_reasons_and_cost_no_other_plant(tmp_path
     assert len(said) == 4
     assert any("b: failed: no video; film it" in line for line in said)
     assert (field / "a" / "arguments").read_text() == "--wait --preset draft"
+
+
+def test_a_film_in_two_folders_is_noticed(tmp_path, stand_in):
+    field = tmp_path / "field"
+    for name, film in (("a", b"film"), ("b", b"kiln"), ("c", b"film"), ("d", b"")):
+        (make_plant(field, name) / "walk.mp4").write_bytes(film)
+    said = []
+    Batch(field, jobs=1, tell=said.append, command=stand_in).run(find_plants(field))
+    assert said[0] == "c has the same film as a; put each plant's own film into its folder"
+    assert [row["folder"] for row in table(field) if SAME_FILM in row["qc_flags"].split(";")] == ["a", "c"]
+    # Those that failed alone are tried again; the others are known from the table.
+    again = Batch(field, jobs=1, tell=said.append, command=stand_in, results=saved_results(field))
+    again.run([field / "c"])
+    assert [row["folder"] for row in table(field) if row["qc_flags"]] == ["a", "c"]
 
 
 def test_cells_of_the_plants_tables_arrive_unchanged(tmp_path, stand_in):

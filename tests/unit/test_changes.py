@@ -1,6 +1,7 @@
 """What changed between two films: bolls gone, new, moved and grown; traits with errors; tables, pictures, a page."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from scenes.filmed_scene import filmed_again, grown, leaning, save_film
 from typer.testing import CliRunner
 
 from cotton3dg.cli import app
+from cotton3dg.documents.record import Record
 from cotton3dg.evaluation.changes import GONE, NEW, SAME, beyond, compare, comparison_text
-from cotton3dg.evaluation.filmed import comparable_traits, error_column
+from cotton3dg.evaluation.filmed import comparable_traits, error_column, find_same_films, read_filmed
 from cotton3dg.files.tables import read_rows
+from cotton3dg.workspace import Workspace
 
 
 @pytest.fixture
@@ -102,6 +105,30 @@ def test_command_writes_tables_pictures_and_a_page(two_dates, tmp_path):
     assert "http" not in page.replace("http-equiv", "")
 
 
+def test_another_comparison_is_not_replaced(two_dates, tmp_path):
+    out, run = tmp_path / "changes", CliRunner().invoke
+    first = ["compare", *map(str, two_dates), "--out", str(out)]
+    assert run(app, first).exit_code == 0
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    refused = run(app, ["compare", *map(str, reversed(two_dates)), "--out", str(out)])
+    assert refused.exit_code == 2
+    assert "boll_changes.csv is there and was made by `cotton3dg compare" in refused.output
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    assert run(app, first).exit_code == 0
+
+
+def test_the_same_film_twice_is_noticed(two_dates):
+    run = CliRunner().invoke
+    for film in two_dates:
+        Workspace(film).write_record(Record("frames", inputs={"walk.mp4": "0" * 64}))
+    for command in ("compare", "repeat"):
+        result = run(app, [command, *map(str, two_dates), "--out", str(two_dates[0].parent / command)])
+        assert f"{two_dates[1]} is the same film as {two_dates[0]}" in result.output
+    first = read_filmed(two_dates[0])
+    assert find_same_films([first, replace(first, film_sha256="1" * 64)]) == []
+    assert find_same_films([replace(first, film_sha256="")] * 2) == []
+
+
 def test_several_films_are_each_compared_with_the_first(two_dates):
     first, second = two_dates
     found = compare([second, first])
@@ -126,4 +153,4 @@ def test_what_cannot_be_compared(two_dates, tmp_path):
     assert run(app, ["compare", str(two_dates[0]), str(two_dates[0])]).exit_code == 2
     (tmp_path / "empty").mkdir()
     result = run(app, ["compare", str(two_dates[0]), str(tmp_path / "empty")])
-    assert "run `cotton3dg traits` first" in result.output
+    assert "empty: no video" in result.output

@@ -317,7 +317,16 @@ def test_a_mistake_that_a_stage_finds_leaves_what_is_finished(workspace, stages,
     with pytest.raises(Cotton3dgError):
         run(workspace, ("masks",), {"masks": {"views": 7}}, report=True)
     changed = {path.name for path, content in tree(workspace).items() if before.get(path) != content}
-    assert changed == {"run.log"} | ({"masks.json", "report.json", "report.html"} if recorded else set())
+    assert changed == ({"run.log", "masks.json", "report.json", "report.html"} if recorded else set())
+
+
+def test_a_stage_that_the_disk_has_no_room_for_leaves_what_is_finished(workspace, stages):
+    run(workspace, report=True)
+    before = tree(workspace)
+    stages("masks", disk_bytes=lambda workspace, options: 2.0**62)
+    with pytest.raises(OutOfResources, match="of disk"):
+        run(workspace, ("masks",), force=True, report=True)
+    assert {path.name for path, content in tree(workspace).items() if before.get(path) != content} == {"run.log"}
 
 
 @pytest.mark.parametrize("error", [BadUsage("no distance"), CaptureFailed("too dark")])

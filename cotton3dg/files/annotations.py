@@ -52,6 +52,18 @@ def read_masks(
     return read_mask_pngs(pngs)
 
 
+def read_whole_masks(source: Path, classes: Collection[str] = ()) -> MaskSet:
+    """As `read_masks`, of masks that others are measured by or learn from.
+
+    Raises:
+        BadInput: also where masks are left out, or may hold several bolls.
+    """
+    found = read_masks(source, classes=classes)
+    if found.notes:
+        raise BadInput(f"{source.name}: {found.notes[0]}")
+    return found
+
+
 def find_annotated_images(source: Path) -> dict[str, Path]:
     """The photos in and below a folder, by stem, that annotations may belong to.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from .errors import BadInput, BadUsage, Cotton3dgError, MissingInput
+from .files.listing import folders_in, is_litter
 from .files.saving import explain_disk_errors, fingerprint, link
 from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
@@ -69,7 +70,7 @@ def _plants_at(folder: Path) -> list[Path]:
 
 def is_empty(folder: Path) -> bool:
     """Whether a folder holds nothing but what this tool or the system left there."""
-    return all(path.name in OWN_NAMES or path.name.startswith(".") for path in folder.iterdir())
+    return all(path.name in OWN_NAMES or is_litter(path.name) for path in folder.iterdir())
 
 
 def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
@@ -82,15 +83,13 @@ def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
 
 def _folders(folder: Path) -> list[Path]:
     """Those that may be plants or hold some: neither hidden nor made by this tool."""
-    return sorted(
+    return [
         path
-        for path in folder.iterdir()
-        if path.is_dir()
-        and not path.name.startswith(".")
-        and not (path / OWNER_MARK).exists()
+        for path in folders_in(folder)
+        if not (path / OWNER_MARK).exists()
         # A plot may be called `check`; what a plant's folder holds under such a name has no video.
         and (path.name not in OWN_FOLDERS or Workspace(path).videos())
-    )
+    ]
 
 
 def _has_results(workspace: Workspace) -> bool:

@@ -18,6 +18,7 @@ from .documents.document import Document
 from .documents.dropped import DroppedFiles
 from .documents.record import Record
 from .errors import BadInput, MissingInput
+from .files.listing import files_in
 from .files.lock import locked
 from .files.saving import (
     FULL_BELOW_BYTES,
@@ -166,11 +167,7 @@ class Workspace:
 
     def videos(self) -> list[Path]:
         """Those in the plant's folder itself."""
-        return sorted(
-            path
-            for path in self.root.iterdir()
-            if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file() and not path.name.startswith(".")
-        )
+        return files_in(self.root, VIDEO_SUFFIXES)
 
     def folder(self, stage: str) -> Path:
         return self.root / stage

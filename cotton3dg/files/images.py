@@ -17,6 +17,11 @@ MAX_PIXELS: Final = 2**27
 """134 Mpx: more than any phone saves, and 400 MB once decoded."""
 MAX_FILE_BYTES: Final = 2**29
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+UNREAD_SUFFIXES: Final = (
+    ".heic", ".heif", ".hif", ".avif", ".webp", ".jxl", ".jp2", ".bmp", ".gif",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
+)  # fmt: skip
+"""Photos of phones, browsers and cameras that have to be converted first."""
 JPEG_QUALITY: Final = 97
 
 # A marker inside entropy-coded data: 0xff followed by anything but a stuffed zero, a restart marker or fill.
@@ -26,6 +31,27 @@ _JPEG_MARKER: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder in natural order (2 before 10)."""
     return sorted(files_in(folder, IMAGE_SUFFIXES), key=lambda path: natural_key(path.name))
+
+
+def unread_photos(folder: Path) -> list[Path]:
+    """Photos of a folder in a format that is not read, and without one beside them that is, as after a conversion."""
+    read = {path.stem.lower() for path in list_images(folder)}
+    return [path for path in files_in(folder, UNREAD_SUFFIXES) if path.stem.lower() not in read]
+
+
+def how_to_convert(photo: Path) -> str:
+    """What to do about photos of another format; the message before names `photo`."""
+    return f"convert them to JPEG, e.g. with ImageMagick: magick mogrify -format jpg '*{photo.suffix}'"
+
+
+def has_transparency(path: Path) -> bool:
+    """Whether parts of an image are transparent, so that viewers do not show the colours that it has there."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if "A" not in image.getbands() and "transparency" not in image.info:
+            return False
+        return image.convert("RGBA").getextrema()[3][0] < 255
 
 
 def natural_key(name: str) -> list[tuple[bool, int, str]]:

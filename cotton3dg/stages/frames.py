@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,7 @@ from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import blame_capture
-from ..files.images import write_image
+from ..files.images import list_images, write_image
 from ..options import FramesOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
@@ -45,6 +46,9 @@ def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> Sta
                 taken = take_video(source, options, keep, progress, folder)
         outcome = outcome_of(taken)
         taken.info.save(folder / workspace.frames_json.name)
+    if source != workspace.images_input and workspace.images_input.is_dir() and list_images(workspace.images_input):
+        beside = f"{source.name} is used and the photos in {workspace.images_input.name} are not; keep one of both"
+        return replace(outcome, warnings=(*outcome.warnings, beside))
     return outcome
 
 

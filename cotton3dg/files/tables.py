@@ -109,7 +109,9 @@ def value_of(cell: str, column: Column) -> Any:
     try:
         return float(cell) if column.digits is not None else int(cell)
     except ValueError as error:
-        raise BadInput(f"column {column.name}: {cell!r} is no number; take back what was changed there, or run again") from error
+        raise BadInput(
+            f"column {column.name}: {cell!r} is no number; take back what was changed there, or run again"
+        ) from error
 
 
 def _cell(value: Any, digits: int | None) -> str:

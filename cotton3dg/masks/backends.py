@@ -192,6 +192,8 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
     if empty and len(empty) < len(ids):
         left = f"{len(empty)} of {len(ids)} imported images have no mask, e.g. {empty[0]}; true if no boll shows"
         notes = (*notes, left)
+    if len(ids) - len(empty) == 1:
+        notes = (*notes, "only one image has masks; a boll is counted where two agree, so draw eight around the plant")
     return Found(masks, notes)
 
 

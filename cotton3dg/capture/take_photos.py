@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -26,11 +26,13 @@ def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Prog
         CaptureFailed: there are too few.
         BadInput: a photo cannot be decoded, or differs from the others in size.
     """
-    found = images.list_images(source)
+    found, unread = images.list_images(source), images.unread_photos(source)
     if len(found) < MIN_PHOTOS:
-        raise CaptureFailed(
-            f"{len(found)} photos in {source.name} ({MIN_PHOTOS} needed); take some 50 all around the plant"
-        )
+        few = f"{len(found)} photos in {source.name} ({MIN_PHOTOS} needed)"
+        if unread:
+            others = f"{len(unread)} of a format that is not read, e.g. {unread[0].name}"
+            raise CaptureFailed(f"{few} and {others}; {images.how_to_convert(unread[0])}")
+        raise CaptureFailed(f"{few}; take some 50 all around the plant")
     indices = frame_quality.spread_indices(len(found), options.count)
     focal_lengths_px: list[float | None] = []
 
@@ -51,7 +53,6 @@ def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Prog
             yield small
 
     entries, motions = keep_all(pictures(), indices, keep, progress)
-    few = len(indices) < len(found)
     info = FramesInfo(
         source="images",
         ordered=False,
@@ -59,5 +60,20 @@ def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Prog
         focal_length_px=focal_lengths_px[0] or math.nan,
         images=tuple(replace(entry, file=found[entry.source_index].name) for entry in entries),
     )
-    warning = f"{len(indices)} of {len(found)} photos are used; raise frames.count to use more"
-    return Taken(info, motions, warnings=(warning,) if few else ())
+    return Taken(info, motions, warnings=tuple(_warnings(found, unread, indices)))
+
+
+def _warnings(found: Sequence[Path], unread: Sequence[Path], indices: Sequence[int]) -> Iterator[str]:
+    """What the photos that were taken are not."""
+    if len(indices) < len(found):
+        yield f"{len(indices)} of {len(found)} photos are used; raise frames.count to use more"
+    if unread:
+        yield (
+            f"{len(unread)} photos are left out, e.g. {unread[0].name}, whose format is not read; "
+            f"{images.how_to_convert(unread[0])}"
+        )
+    if images.has_transparency(first := found[indices[0]]):
+        yield (
+            f"photos have transparent parts, e.g. {first.name}; the colours that these hide are used, so save photos "
+            "without transparency if they are not the plant's"
+        )

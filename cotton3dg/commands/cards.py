@@ -12,12 +12,14 @@ from ..files.fieldbook import FieldBook, read_fieldbook
 from ..files.sheet import pdf_of
 from ..identity.card import Picture, draw_card
 from ..identity.codes import code_picture
+from ..identity.fonts import unprintable
 from ..identity.names import card_text, id_problem
 from ..options import CardsOptions
 from ..outputs import made_of, saving
 
 DOTS_PER_CM: Final = 100
 LINES: Final = 6
+MOST_NAMED: Final = 5
 
 
 def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> str:
@@ -40,9 +42,24 @@ def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> s
     with saving(sheet.parent, made, instead="name") as folder:
         (folder / sheet.name).write_bytes(pdf_of(_drawn(cards, PAPER_CM[options.paper]), DOTS_PER_CM))
     return (
-        f"{len(cards)} cards saved as {sheet}\nPrint them at 100 %, measure a ruler of 10 cm. Lay a plant's card flat"
-        " on the table with all of it in view; begin the video with the card.\n"
+        f"{len(cards)} cards saved as {sheet}\n{_warning(cards)}"
+        "Print them at 100 %, measure a ruler of 10 cm. Lay a plant's card flat on the table with all of it in view; "
+        "begin the video with the card.\n"
         "Then: cotton3dg import VIDEOS --into FIELD" + (f" --fieldbook {fieldbook}" if fieldbook else "")
+    )
+
+
+def _warning(cards: list[tuple[str, list[str]]]) -> str:
+    """A line about what the cards do not show in letters; empty where they show all."""
+    ids = unprintable(plant_id for plant_id, _ in cards)
+    lines = unprintable(line for _, lines in cards for line in lines)
+    if not ids and not lines:
+        return ""
+    shown, more = ", ".join((ids or lines)[:MOST_NAMED]), "" if len(ids or lines) <= MOST_NAMED else ", ..."
+    kept = "; the codes are right" if ids else ""
+    return (
+        f"warning: no font of this machine has the letters of {shown}{more}, so boxes stand for them{kept}. Install a "
+        "font, e.g. fonts-noto-cjk for Chinese or fonts-noto-core for Hindi, and print again\n"
     )
 
 

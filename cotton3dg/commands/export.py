@@ -14,6 +14,7 @@ from ..field.tables import Sheets, read_field
 from ..files.saving import json_text, write_text_atomically
 from ..files.workbook import write_workbook
 from ..outputs import made_of, saving
+from ..text import read_text
 from ..workspace import OWNER_MARK
 
 FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
@@ -44,7 +45,7 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
             remark = f"\nMIAPPE also asks for {', '.join(lacking)}; write them into {folder / STUDY_FILE}"
     elif kind == "frictionless":
         # The tables as they are: a package's paths may not leave its folder.
-        texts = {name: (folder / name).read_bytes().decode("utf-8") for name in field.tables}
+        texts = {name: read_text(folder / name) for name in field.tables}
         texts["datapackage.json"] = json_text(data_package(field))
     elif kind == "cottongen":
         books["cottongen.xlsx"] = cottongen_sheets(field, study)

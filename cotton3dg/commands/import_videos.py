@@ -23,6 +23,8 @@ from ..documents.imported import ReadVideo, ReadVideos
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
+from ..files.images import IMAGE_SUFFIXES, UNREAD_SUFFIXES, how_to_convert
+from ..files.listing import files_below
 from ..files.saving import copy, explain_disk_errors, fingerprint, partial_name, replacing, write_text_atomically
 from ..files.tables import csv_text, read_rows, refuse_other_table
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
@@ -99,7 +101,9 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
     refuse_other_table(asked.into / TABLE, COLUMNS)
     videos = list(_videos(sources, asked.into))
     if not videos:
-        raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}")
+        raise MissingInput(
+            f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}; {_photos(sources)}"
+        )
     book = _field_book(asked)
     named = _names(asked.names)
     rows = {path: Row(str(path), state=LEFT_OUT, reason=why) for path in videos if (why := _companion(path, videos))}
@@ -123,18 +127,26 @@ def _videos(sources: Sequence[Path], into: Path) -> Iterator[Path]:
     seen = set()
     for source in sources:
         if source.is_dir():
-            found = sorted(path for path in source.rglob("*") if path.suffix.lower() in (*VIDEO_SUFFIXES, *LEFTOVERS))
+            found = files_below(source, (*VIDEO_SUFFIXES, *LEFTOVERS))
         elif source.is_file():
             found = [source]
         else:
             raise MissingInput(f"{source} is not there; give videos, or folders that hold them")
         for path in found:
             own = path.resolve()
-            below = path.relative_to(source).parts if source.is_dir() else (path.name,)
-            hidden = any(part.startswith(".") for part in below)
-            if path.is_file() and not hidden and own not in seen and not own.is_relative_to(into.resolve()):
+            if own not in seen and not own.is_relative_to(into.resolve()):
                 seen.add(own)
                 yield path
+
+
+def _photos(sources: Sequence[Path]) -> str:
+    """What to do where there are photos, perhaps, but no videos."""
+    photos = [photo for source in sources for photo in files_below(source, (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES))]
+    if not photos:
+        return "give videos, or folders that hold them"
+    remedy = f"{photos[0].name} is a photo: put each plant's photos into a folder PLANT/images"
+    unread = next((photo for photo in photos if photo.suffix.lower() in UNREAD_SUFFIXES), None)
+    return f"{remedy} and {how_to_convert(unread)}" if unread else remedy
 
 
 def _companion(path: Path, videos: Sequence[Path]) -> str:

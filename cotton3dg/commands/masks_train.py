@@ -20,7 +20,7 @@ from ..core.progress import Progress, silent
 from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
 from ..evaluation.masks import score_masks
-from ..files.annotations import find_annotated_images, read_masks
+from ..files.annotations import find_annotated_images, read_whole_masks
 from ..files.images import read_image, write_image
 from ..files.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
 from ..files.yolo_labels import write_yolo_labels
@@ -110,7 +110,7 @@ def read_annotated(options: MasksTrainOptions) -> tuple[MaskSet, dict[str, Path]
     sources = [Path(part.strip()) for part in options.annotations.split(",") if part.strip()]
     classes = [name.strip() for name in options.classes.split(",") if name.strip()]
     for number, source in enumerate(sources):
-        found = read_masks(source, classes=classes)
+        found = read_whole_masks(source, classes)
         images = find_annotated_images(source if source.is_dir() else source.parent)
         for stem, ids in found.ids.items():
             if stem not in images:

@@ -20,6 +20,8 @@ class MaskSet:
     """Whether all images decided together: a boll then has one id in all, and its score is the images' agreement."""
     halves: tuple[int, int] | None = None
     """Bolls that every second image alone finds, and those that the others do; None where that was not asked."""
+    notes: tuple[str, ...] = ()
+    """What was not taken as it stands in the file that they were read from."""
 
 
 @dataclass(frozen=True)

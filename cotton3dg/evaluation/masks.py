@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..documents.frames import FramesInfo
 from ..documents.truth import TrueMasks
 from ..errors import BadInput
-from ..files.annotations import read_masks, undistort_ids
+from ..files.annotations import read_whole_masks, undistort_ids
 from ..files.colmap import read_cameras
 from ..files.images import read_ids
 from ..workspace import Workspace
@@ -163,7 +163,7 @@ def read_true_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.
     `evaluate_masks` takes it."""
     if (folder / "frames.json").is_file():
         return _read_video_masks(workspace, folder)
-    return read_masks(folder).ids
+    return read_whole_masks(folder).ids
 
 
 def _read_video_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.columns import column
 from ..errors import BadInput, BadUsage
+from ..files.listing import folders_in
 from ..workspace import Workspace
 from .changes import REACH_CM, compare_films
 from .filmed import Filmed, comparable_traits, read_filmed
@@ -148,8 +149,8 @@ def repeat(folders: Sequence[Path], reach_cm: float = REACH_CM, turn_deg: float 
 def _plants_of(field: Path) -> dict[str, Path]:
     """Name of each finished plant of a field -> its folder."""
     found = {}
-    for folder in sorted(field.iterdir()):
-        if folder.is_dir() and Workspace(folder).traits_csv.is_file():
+    for folder in folders_in(field):
+        if Workspace(folder).traits_csv.is_file():
             found[Workspace(folder).plant_id] = folder
     return found
 

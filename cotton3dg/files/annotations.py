@@ -1,4 +1,4 @@
-"""Boll masks made elsewhere: grey PNG files, COCO, Labelme, or YOLO labels, fitted to a plant's images."""
+"""Boll masks made elsewhere: PNG files, COCO, Labelme, or YOLO labels, fitted to a plant's images."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ..core.bolls import MaskSet
 from ..core.scene import Camera
 from ..errors import BadInput, MissingInput
 from .coco import is_coco, parse_coco
-from .images import IMAGE_SUFFIXES, list_images, read_ids, read_image
+from .images import IMAGE_SUFFIXES, read_image
 from .instances import AnnotatedImage, paint_all, read_json
 from .labelme import is_labelme, parse_labelme
-from .yolo_labels import read_yolo_labels
+from .listing import files_below, files_in
+from .mask_pngs import read_mask_pngs
+from .yolo_labels import find_labels, read_class_names, read_yolo_labels
 
 SAME_ASPECT: Final = 0.01
 """Relative difference of aspect ratios that rounding to whole pixels leaves in small images."""
-CLASS_NAMES: Final = "classes.txt"
-"""Beside YOLO labels: the name of a class a line."""
 
 
 def read_masks(
     source: Path, sizes: Mapping[str, tuple[int, int]] | None = None, classes: Collection[str] = ()
 ) -> MaskSet:
-    """Read masks from a COCO or Labelme file, or a folder with such files, YOLO labels or grey PNGs, in this order.
+    """Read masks from a COCO or Labelme file, or a folder with such files, YOLO labels or PNG masks, in this order.
 
     Args:
         sizes: height and width of images by stem, for YOLO labels that have no images beside them.
@@ -39,18 +39,29 @@ def read_masks(
     """
     if not source.exists():
         raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file")
-    documents = [source] if source.is_file() else sorted(source.rglob("*.json"))
-    images = _parse(documents)
+    images = _parse([source] if source.is_file() else files_below(source, (".json",)))
     if not images and source.is_dir():
-        images = _read_labels(source, sizes or {})
+        images = _read_labels(source, sizes or {}, classes)
     if images:
         return paint_all(images, classes, source.name)
     if source.is_file():
         raise BadInput(f"{source.name} is neither COCO nor Labelme; export one of these, or masks as PNG")
-    pngs = [path for path in list_images(source) if path.suffix.lower() == ".png"]
+    pngs = files_in(source, (".png",))
     if not pngs:
         raise MissingInput(f"{source} holds no masks (PNG, COCO, Labelme, YOLO labels); put them there")
-    return MaskSet({path.stem: read_ids(path) for path in pngs})
+    return read_mask_pngs(pngs)
+
+
+def read_whole_masks(source: Path, classes: Collection[str] = ()) -> MaskSet:
+    """As `read_masks`, of masks that others are measured by or learn from.
+
+    Raises:
+        BadInput: also where masks are left out, or may hold several bolls.
+    """
+    found = read_masks(source, classes=classes)
+    if found.notes:
+        raise BadInput(f"{source.name}: {found.notes[0]}")
+    return found
 
 
 def find_annotated_images(source: Path) -> dict[str, Path]:
@@ -60,11 +71,10 @@ def find_annotated_images(source: Path) -> dict[str, Path]:
         BadInput: two have the same stem.
     """
     found: dict[str, Path] = {}
-    for path in sorted(source.rglob("*")):
-        if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file() and not path.name.startswith("."):
-            if path.stem in found:
-                raise BadInput(f"{source.name} has two images named {path.stem}; rename one, with its annotation")
-            found[path.stem] = path
+    for path in files_below(source, IMAGE_SUFFIXES):
+        if path.stem in found:
+            raise BadInput(f"{source.name} has two images named {path.stem}; rename one, with its annotation")
+        found[path.stem] = path
     return found
 
 
@@ -85,15 +95,22 @@ def _parse(documents: list[Path]) -> dict[str, AnnotatedImage]:
     return images
 
 
-def _read_labels(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, AnnotatedImage]:
-    """YOLO labels below a folder, or below its `labels`, by image."""
-    folder = source / "labels" if (source / "labels").is_dir() else source
-    paths = [path for path in sorted(folder.rglob("*.txt")) if path.name != CLASS_NAMES]
+def _read_labels(
+    source: Path, sizes: Mapping[str, tuple[int, int]], classes: Collection[str]
+) -> dict[str, AnnotatedImage]:
+    """YOLO labels of an export, by image."""
+    photos = find_annotated_images(source)
+    paths = find_labels(source, {*photos, *sizes})
     if not paths:
         return {}
-    names = source / CLASS_NAMES
-    class_names = names.read_text(encoding="utf-8").split("\n") if names.is_file() else []
-    photos, images = find_annotated_images(source), {}
+    try:
+        names = read_class_names(source) or read_class_names(source.parent)
+    except BadInput:
+        # Numbers stand for the names, unless these are asked for.
+        if any(not name.isdecimal() for name in classes):
+            raise
+        names = {}
+    images = {}
     for path in paths:
         if path.stem in photos:
             height, width = read_image(photos[path.stem]).shape[:2]
@@ -101,7 +118,7 @@ def _read_labels(source: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str
             height, width = sizes[path.stem]
         else:
             raise BadInput(f"{path.name} belongs to no known image; name labels like their images, or keep both there")
-        images[path.stem] = read_yolo_labels(path, height, width, class_names)
+        images[path.stem] = read_yolo_labels(path, height, width, names)
     return images
 
 

@@ -44,7 +44,7 @@ def parse_coco(document: Any, name: str) -> dict[str, AnnotatedImage]:
             instances = [
                 Instance(
                     labels.get(item.get("category_id"), str(item.get("category_id", ""))),
-                    fill_segmentation(item["segmentation"], height, width),
+                    fill_segmentation(item.get("segmentation") or [], height, width),
                     parse_score(item.get("score", 1.0)),
                 )
                 for item in annotations[key]

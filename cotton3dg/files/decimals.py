@@ -46,6 +46,11 @@ def parse_decimal(cell: str, marks: set[str]) -> float:
     return value
 
 
+def with_dot(cell: str) -> str:
+    """A number with a decimal comma as other programs read it; another cell as it is."""
+    return cell.replace(".", "").replace(",", ".") if NUMBERS[","].fullmatch(cell) else cell
+
+
 def decimal_marks(cells: Iterable[str]) -> set[str]:
     """The decimal marks of those cells that can be read with one of them only."""
     found = (_readings(_plain(cell)) for cell in cells)

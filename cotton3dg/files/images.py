@@ -11,11 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput, MissingInput, OutOfResources
+from .listing import files_in
 
 MAX_PIXELS: Final = 2**27
 """134 Mpx: more than any phone saves, and 400 MB once decoded."""
 MAX_FILE_BYTES: Final = 2**29
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+UNREAD_SUFFIXES: Final = (
+    ".heic", ".heif", ".hif", ".avif", ".webp", ".jxl", ".jp2", ".bmp", ".gif",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
+)  # fmt: skip
+"""Photos of phones, browsers and cameras that have to be converted first."""
 JPEG_QUALITY: Final = 97
 
 # A marker inside entropy-coded data: 0xff followed by anything but a stuffed zero, a restart marker or fill.
@@ -24,12 +30,28 @@ _JPEG_MARKER: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder in natural order (2 before 10)."""
-    found = [
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file() and not path.name.startswith(".")
-    ]
-    return sorted(found, key=lambda path: natural_key(path.name))
+    return sorted(files_in(folder, IMAGE_SUFFIXES), key=lambda path: natural_key(path.name))
+
+
+def unread_photos(folder: Path) -> list[Path]:
+    """Photos of a folder in a format that is not read, and without one beside them that is, as after a conversion."""
+    read = {path.stem.lower() for path in list_images(folder)}
+    return [path for path in files_in(folder, UNREAD_SUFFIXES) if path.stem.lower() not in read]
+
+
+def how_to_convert(photo: Path) -> str:
+    """What to do about photos of another format; the message before names `photo`."""
+    return f"convert them to JPEG, e.g. with ImageMagick: magick mogrify -format jpg '*{photo.suffix}'"
+
+
+def has_transparency(path: Path) -> bool:
+    """Whether parts of an image are transparent, so that viewers do not show the colours that it has there."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if "A" not in image.getbands() and "transparency" not in image.info:
+            return False
+        return image.convert("RGBA").getextrema()[3][0] < 255
 
 
 def natural_key(name: str) -> list[tuple[bool, int, str]]:
@@ -51,8 +73,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """
     import cv2
 
-    content = _read_checked(path)
-    pixels = _decode(path, content, cv2.IMREAD_COLOR)
+    content = read_checked(path)
+    pixels = decode(path, content, cv2.IMREAD_COLOR)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
 
 
@@ -93,7 +115,7 @@ def read_ids(path: Path) -> NDArray[np.uint16]:
     """
     import cv2
 
-    ids = _decode(path, _read_checked(path), cv2.IMREAD_UNCHANGED)
+    ids = decode(path, read_checked(path), cv2.IMREAD_UNCHANGED)
     if ids.ndim != 2 or ids.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"{path.name} is no mask; masks are grey PNG files of 8 or 16 bits, one value an object")
     return ids.astype(np.uint16)
@@ -123,6 +145,45 @@ def fit_size(width: int, height: int, max_side: int) -> tuple[int, int]:
     return max(1, round(width * factor)), max(1, round(height * factor))
 
 
+def read_checked(path: Path) -> bytes:
+    """All bytes of an image file that is whole and not too large.
+
+    Raises:
+        BadInput: it is neither. MissingInput: no such file.
+    """
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise BadInput(f"{path.name} is larger than {MAX_FILE_BYTES >> 20} MiB; save it smaller")
+        content = path.read_bytes()
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise MissingInput(f"{path.name} is not there; put it back or run the stage that makes it") from error
+    size = image_size(content)
+    if size is None:
+        raise BadInput(f"{path.name} is not a JPEG, PNG or TIFF image; convert or remove it")
+    if not 0 < size[0] * size[1] <= MAX_PIXELS:
+        raise BadInput(f"{path.name} claims {size[0]} x {size[1]} px, over {MAX_PIXELS} in all; save it smaller")
+    if not is_whole(content):
+        raise BadInput(f"{path.name} is cut off; copy it again from the camera or remove it")
+    return content
+
+
+def decode(path: Path, content: bytes, flags: int) -> NDArray:
+    """An image as OpenCV decodes it with `flags`.
+
+    Raises:
+        BadInput: it does not.
+    """
+    import cv2
+
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error as error:
+        raise BadInput(f"{path.name} cannot be decoded; copy it again or remove it") from error
+    if pixels is None:
+        raise BadInput(f"{path.name} cannot be decoded; copy it again or remove it")
+    return pixels
+
+
 def image_size(content: bytes) -> tuple[int, int] | None:
     """Stored width and height from the header of a JPEG, PNG or TIFF file, None when there is none to be found."""
     if content.startswith(b"\x89PNG\r\n\x1a\n") and content[12:16] == b"IHDR" and len(content) >= 24:
@@ -141,36 +202,6 @@ def is_whole(content: bytes) -> bool:
     if content.startswith(b"\xff\xd8"):
         return _jpeg_is_whole(content)
     return True
-
-
-def _read_checked(path: Path) -> bytes:
-    """All bytes of an image file that is whole and not too large."""
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise BadInput(f"{path.name} is larger than {MAX_FILE_BYTES >> 20} MiB; save it smaller")
-        content = path.read_bytes()
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise MissingInput(f"{path.name} is not there; put it back or run the stage that makes it") from error
-    size = image_size(content)
-    if size is None:
-        raise BadInput(f"{path.name} is not a JPEG, PNG or TIFF image; convert or remove it")
-    if not 0 < size[0] * size[1] <= MAX_PIXELS:
-        raise BadInput(f"{path.name} claims {size[0]} x {size[1]} px, over {MAX_PIXELS} in all; save it smaller")
-    if not is_whole(content):
-        raise BadInput(f"{path.name} is cut off; copy it again from the camera or remove it")
-    return content
-
-
-def _decode(path: Path, content: bytes, flags: int) -> NDArray:
-    import cv2
-
-    try:
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except cv2.error as error:
-        raise BadInput(f"{path.name} cannot be decoded; copy it again or remove it") from error
-    if pixels is None:
-        raise BadInput(f"{path.name} cannot be decoded; copy it again or remove it")
-    return pixels
 
 
 def _write(path: Path, pixels: NDArray, settings: list[int]) -> None:

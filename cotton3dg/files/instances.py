@@ -120,11 +120,19 @@ def paint_all(images: Mapping[str, AnnotatedImage], classes: Collection[str], so
         raise BadInput(f"{source} has no class {missing[0]!r}; it has {listed}")
     if len(labels) > 1 and not classes:
         raise BadInput(f"{source} has {len(labels)} classes ({listed}); say which are bolls with --classes")
-    masks = MaskSet({}, {})
+    kept = {
+        stem: [item for item in image.instances if not classes or item.label in classes]
+        for stem, image in images.items()
+    }
+    outlined = sum(len(item.pixels) > 0 for items in kept.values() for item in items)
+    boxes = sum(map(len, kept.values())) - outlined
+    if boxes and not outlined:
+        raise BadInput(f"{source}: none of {boxes} instances has an outline; draw outlines, boxes alone are no masks")
+    note = f"{boxes} of {boxes + outlined} instances of {source} have no outline and are left out; draw theirs too"
+    masks = MaskSet({}, {}, notes=(note,) if boxes else ())
     for stem, image in images.items():
-        kept = [item for item in image.instances if not classes or item.label in classes]
         try:
-            masks.ids[stem], masks.scores[stem] = paint(kept, image.height, image.width)
+            masks.ids[stem], masks.scores[stem] = paint(kept[stem], image.height, image.width)
         except BadInput as error:
             raise BadInput(f"{source}: {error}") from error
     return masks

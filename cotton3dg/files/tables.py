@@ -12,6 +12,7 @@ from ..core.lint_colour import BollColour, LintColour
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
 from ..errors import BadInput
+from .decimals import with_dot
 from .formulas import defuse
 from .spreadsheet import read_table
 
@@ -71,12 +72,17 @@ def columns_text(tables: Mapping[str, Sequence[Column]], *, excel: bool = False)
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table by the names of its columns, as text: "" for a blank cell.
+    """Rows of a table of this program by the names of its columns, as text: "" for a blank cell.
+
+    Numbers have dots also where a spreadsheet saved the table again with semicolons and decimal commas.
 
     Raises:
         BadInput: no such file, or no table (`read_table`).
     """
-    return read_table(path).rows
+    table = read_table(path)
+    if table.separator == ",":
+        return table.rows
+    return [{name: with_dot(cell) for name, cell in row.items()} for row in table.rows]
 
 
 def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
@@ -109,12 +115,21 @@ def parse_number(cell: Any) -> float:
 
 
 def value_of(cell: str, column: Column) -> Any:
-    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like."""
+    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like.
+
+    Raises:
+        BadInput: somebody wrote something else than a number.
+    """
     if not cell:
         return None
     if not column.unit:
         return cell
-    return float(cell) if column.digits is not None else int(cell)
+    try:
+        return float(cell) if column.digits is not None else int(cell)
+    except ValueError as error:
+        raise BadInput(
+            f"column {column.name}: {cell!r} is no number; take back what was changed there, or run again"
+        ) from error
 
 
 def _cell(value: Any, digits: int | None) -> str:

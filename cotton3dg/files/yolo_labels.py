@@ -4,6 +4,9 @@ image's width and height (https://docs.ultralytics.com/datasets/segment). A file
 
 from __future__ import annotations
 
+import ast
+import re
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -11,13 +14,79 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
+from ..text import read_text
 from .instances import AnnotatedImage, Instance, check_size, fill_polygons, trace_outlines
+from .listing import files_below
 
 BOX_COLUMNS: Final = 5
 TOLERANCE_PX: Final = 0.5
+CLASS_NAMES: Final = "classes.txt"
+"""Beside YOLO labels: the name of a class a line."""
+DATA_SET: Final = "data.yaml"
+"""Of an export: its `names` are those of the classes."""
+_NUMBERS: Final = re.compile(r"[\s\d.eE+-]*", re.ASCII)
+_QUOTED: Final = r'"(?:[^"\\]|\\.)*"|' + r"'(?:[^']|'')*'"
+_YAML_ITEM: Final = (
+    r"{lead}\s*(?:-\s+|['\"]?(\d+)['\"]?\s*:\s*)?"
+    rf"({_QUOTED}|[^\s{{lead}}#'\"-][^{{lead}}\n]*?)"
+    r"\s*(?:#|(?={lead})|$)"
+)
+"""A name of a list or table behind a comma or a line's end: its number where it has one, and the name."""
 
 
-def read_yolo_labels(path: Path, height: int, width: int, names: list[str]) -> AnnotatedImage:
+def find_labels(source: Path, stems: Collection[str]) -> list[Path]:
+    """The label files of an export: all below its `labels` folders if it has any, without what else is text there.
+
+    Args:
+        stems: of the images that labels may belong to.
+    """
+    texts = files_below(source, (".txt",))
+    labels = [path for path in texts if "labels" in path.relative_to(source).parts[:-1]] or texts
+    return [path for path in labels if path.name != CLASS_NAMES and (path.stem in stems or _is_label(path))]
+
+
+def _is_label(path: Path) -> bool:
+    """Whether a text is made of numbers; the notes, lists of images and names of an export are not."""
+    try:
+        return all(_NUMBERS.fullmatch(line) for line in read_text(path).split("\n"))
+    except BadInput:
+        return False
+
+
+def read_class_names(folder: Path) -> dict[int, str]:
+    """Number -> name of the classes, from `classes.txt` or `data.yaml`; empty where there is neither.
+
+    Raises:
+        BadInput: the encoding of the file is not known.
+    """
+    if (folder / CLASS_NAMES).is_file():
+        lines = [line.strip() for line in read_text(folder / CLASS_NAMES).split("\n")]
+        return {number: line for number, line in enumerate(lines) if line}
+    if (folder / DATA_SET).is_file():
+        return _yaml_names(read_text(folder / DATA_SET))
+    return {}
+
+
+def _yaml_names(text: str) -> dict[int, str]:
+    """The `names` of a YAML document: a list or a table by number, in brackets or a line each."""
+    begin = re.search(r"^names[ \t]*:[ \t]*(#.*)?", text, re.MULTILINE)
+    if not begin:
+        return {}
+    rest = text[begin.end() :]
+    # In brackets, or lines up to the next key at the left edge.
+    inline = re.match(r"[\[{](.*?)[\]}]", rest, re.DOTALL)
+    lead, body = (",", inline[1]) if inline else ("\n", re.split(r"\n(?=[^\s#-])", rest, maxsplit=1)[0])
+    items = re.finditer(_YAML_ITEM.replace("{lead}", lead), lead + body)
+    return {int(item[1] or place): _unquoted(item[2]) for place, item in enumerate(items)}
+
+
+def _unquoted(text: str) -> str:
+    if text.startswith('"'):
+        return str(ast.literal_eval(text))
+    return text[1:-1].replace("''", "'") if text.startswith("'") else text.strip()
+
+
+def read_yolo_labels(path: Path, height: int, width: int, names: Mapping[int, str]) -> AnnotatedImage:
     """The instances of one image.
 
     Args:
@@ -26,12 +95,8 @@ def read_yolo_labels(path: Path, height: int, width: int, names: list[str]) -> A
         BadInput: a line that is no outline.
     """
     check_size(height, width)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{path.name} is no text; export the labels again") from error
     instances = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         words = line.split()
         if not words:
             continue
@@ -53,8 +118,7 @@ def read_yolo_labels(path: Path, height: int, width: int, names: list[str]) -> A
             pixels = fill_polygons([corners * (width, height)], height, width)
         except BadInput as error:
             raise BadInput(f"{where}: {error}") from error
-        name = names[label] if label < len(names) else str(label)
-        instances.append(Instance(name, pixels, min(max(score, 0.0), 1.0)))
+        instances.append(Instance(names.get(label, str(label)), pixels, min(max(score, 0.0), 1.0)))
     return AnnotatedImage(height, width, instances)
 
 

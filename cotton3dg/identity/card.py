@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from ..core.card import (
     WIDTH_CM,
 )
 from ..geometry.printed_markers import marker_dictionary
+from .fonts import font
 
 Picture = NDArray[np.uint8]
 
@@ -69,14 +69,14 @@ def _write(sheet: Picture, title: str, lines: Sequence[str], origin: tuple[float
 
     def text(words: str, x: float, y: float, width: float, size: float, least: float) -> None:
         for points in np.arange(size, least - 0.01, -0.05):
-            font = _font(max(4, round(points * dots)))
-            if draw.textlength(words, font) <= width * dots:
+            shown = font(words, max(4, round(points * dots)))
+            if draw.textlength(words, shown) <= width * dots:
                 break
         else:
-            while len(words) > 1 and draw.textlength(words + "…", font) > width * dots:
+            while len(words) > 1 and draw.textlength(words + "…", shown) > width * dots:
                 words = words[:-1]
             words += "…"
-        draw.text(((origin[0] + x) * dots, (origin[1] + y) * dots), words, 0, font, anchor="lm")
+        draw.text(((origin[0] + x) * dots, (origin[1] + y) * dots), words, 0, shown, anchor="lm")
 
     middle, between = MARKER_CM + 0.5, 13.8 - MARKER_CM - 1.0
     half = len(title) // 2 if len(title) > 16 else len(title)
@@ -92,17 +92,6 @@ def _write(sheet: Picture, title: str, lines: Sequence[str], origin: tuple[float
         draw.line((x, row, round((origin[0] + middle + between) * dots), row), fill=0, width=max(1, dots // 50))
     text("cotton3dg card: lay flat, all of it in view; ruler 10 cm", 0.0, 19.5, WIDTH_CM, 0.32, 0.2)
     sheet[:] = np.asarray(page)
-
-
-@cache
-def _font(size: int):  # type: ignore[no-untyped-def]
-    """DejaVu Sans, which matplotlib brings: Latin, Greek and Cyrillic letters."""
-    from pathlib import Path
-
-    import matplotlib
-    from PIL import ImageFont
-
-    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), size)
 
 
 def _draw_ruler(sheet: Picture, left_cm: float, line_cm: float, dots: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,8 @@ from .yolo_networks import class_numbers, open_network
 VOTING_VIEWS: Final = 36
 """Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
 
+EXPORTED: Final = re.compile(r"_(?:jpe?g|png)\.rf\.\w+$")
+"""What Roboflow puts behind an image's name."""
 NO_LINT: Final = (
     "no boll was found in any image; if the plant has open bolls, look at sfm/undistorted/images: the plant "
     "should stand in the middle of the orbit with its lint lit; or draw masks and use --backend import"
@@ -170,7 +173,10 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
     by_stem = {Path(camera.name).stem: camera for camera in plant.cameras}
     sizes = {stem: (camera.height, camera.width) for stem, camera in by_stem.items()}
     found = read_masks(source, sizes, _listed(own.classes))
-    unknown = sorted(found.ids.keys() - by_stem.keys())
+    renamed = {stem: stem if stem in by_stem else EXPORTED.sub("", stem) for stem in found.ids}
+    if len({*renamed.values()}) < len(renamed):
+        raise BadInput(f"{source.name} has several versions of an image; export it without augmentation")
+    unknown = sorted({*renamed.values()} - by_stem.keys())
     if unknown:
         raise BadInput(
             f"{len(unknown)} masks, e.g. {unknown[0]}, belong to no image with a pose "
@@ -178,15 +184,17 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
         )
     ids: dict[str, NDArray[np.uint16]] = {}
     for stem, mask in found.ids.items():
-        camera = by_stem[stem]
+        camera = by_stem[renamed[stem]]
         ids[camera.name] = undistort_ids(stem, mask, camera, plant.filmed)
-    masks = MaskSet(ids, {by_stem[stem].name: scores for stem, scores in found.scores.items()})
+    masks = MaskSet(ids, {by_stem[renamed[stem]].name: scores for stem, scores in found.scores.items()})
     empty = sorted(name for name, drawn in ids.items() if not drawn.any())
+    notes = found.notes
     if empty and len(empty) < len(ids):
-        return Found(
-            masks, (f"{len(empty)} of {len(ids)} imported images have no mask, e.g. {empty[0]}; true if no boll shows",)
-        )
-    return Found(masks)
+        left = f"{len(empty)} of {len(ids)} imported images have no mask, e.g. {empty[0]}; true if no boll shows"
+        notes = (*notes, left)
+    if len(ids) - len(empty) == 1:
+        notes = (*notes, "only one image has masks; a boll is counted where two agree, so draw eight around the plant")
+    return Found(masks, notes)
 
 
 def _several(cameras: Sequence[Camera]) -> Sequence[Camera]:

@@ -112,6 +112,13 @@ FLAGS: Final = {
         "No mask, so there is nothing to count or measure.",
         "Look at the photos: if there is open lint, try another back end (masks --backend) or import masks.",
     ),
+    "masks_misfit": Meaning(
+        "Many masks do not fit the plant",
+        "Masks of several images mark different places, as those of another plant or of shifted images do. Count and"
+        " volumes cannot be trusted.",
+        "Look at the masks below: are they of this plant, and named like its images? Import the right ones, or take"
+        " another back end (masks --backend).",
+    ),
     "no_bolls": Meaning(
         "No bolls were found in 3D",
         "No boll was seen alike by at least two views.",

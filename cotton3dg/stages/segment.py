@@ -24,6 +24,9 @@ from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work, twice_the_model
 
+LEAST_LIFTED: Final = 0.75
+"""Share of the masks that hold Gaussians which other views' masks hold too; nearly all if they are right."""
+
 
 def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted / "sparse", workspace.gaussians_ply, workspace.folder("masks")]
@@ -38,7 +41,8 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     workspace.require(workspace.folder("masks"), "masks")
-    found = segmented(gaussians, cameras, *_masks(workspace, cameras, options), options, progress)
+    masked, id_images = _masks(workspace, cameras, options)
+    found = segmented(gaussians, cameras, masked, id_images, options, progress)
     with workspace.writing("segment") as folder:
         write_lifted(folder / workspace.selections_npz.name, found.lifted)
         found.info.save(folder / workspace.segment_json.name)
@@ -60,11 +64,17 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         "candidates": len(found.lifted.candidates),
         "gaussians": len(gaussians),
     }
-    if found.lifted.selections:
+    if not found.lifted.selections:
+        remedy = "look at masks/, try another --backend or import masks"
+        return StageOutcome(summary, ("no_bolls",), (f"no mask holds any Gaussian; {remedy}",))
+    drawn = sum(len(np.unique(ids[ids > 0])) for ids in id_images)
+    if options.method == "affinity" or summary["masks"] >= LEAST_LIFTED * drawn:  # affinity takes a few views only
         return StageOutcome(summary)
-    return StageOutcome(
-        summary, ("no_bolls",), ("no mask holds any Gaussian; look at masks/, try another --backend or import masks",)
+    warning = (
+        f"only {summary['masks']} of {drawn} masks agree with those of other views about any part of the plant; look "
+        "whether masks/ are of this plant and named like its images"
     )
+    return StageOutcome(summary, ("masks_misfit",), (warning,))
 
 
 def _masks(

@@ -1,6 +1,7 @@
 """The frames stage on clips and photos, good and bad, through the pipeline."""
 
 import json
+import shutil
 import subprocess
 
 import cv2
@@ -178,6 +179,36 @@ def test_too_few_photos(tmp_path):
     photos(tmp_path, pan(5))
     with pytest.raises(CaptureFailed, match="5 photos"):
         run_frames(tmp_path)
+
+
+def test_photos_of_another_format_are_named(tmp_path):
+    """A folder of an iPhone's photos had "0 photos"; those among JPEGs were left out in silence."""
+    (tmp_path / "images").mkdir()
+    for number in range(1, 4):
+        (tmp_path / "images" / f"IMG_{number}.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
+    remedy = r"convert them to JPEG, e\.g\. with ImageMagick: magick mogrify -format jpg '\*\.HEIC'"
+    with pytest.raises(
+        CaptureFailed, match=rf"0 photos .*3 of a format that is not read, e\.g\. IMG_1\.HEIC; {remedy}"
+    ):
+        run_frames(tmp_path)
+    shutil.rmtree(tmp_path / "images")
+    photos(tmp_path, pan(12, step=20))
+    for number in (3, 13, 14):  # the third was converted
+        (tmp_path / "images" / f"IMG_{number}.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
+    _, told, record = run_frames(tmp_path)
+    assert len(told["images"]) == 12
+    assert "2 photos are left out, e.g. IMG_13.HEIC" in record.warnings[0]
+
+
+def test_colours_below_transparent_parts_are_said(tmp_path):
+    pictures = pan(9, step=20)
+    photos(tmp_path, [np.dstack([np.full(p.shape[:2], 255, np.uint8), p]) for p in pictures], ".png")
+    assert run_frames(tmp_path)[2].warnings == ()
+    for path in (tmp_path / "images").iterdir():
+        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        pixels[:20, :, 3] = 0
+        cv2.imwrite(str(path), pixels)
+    assert "transparent parts, e.g. IMG_1.png" in run_frames(tmp_path)[2].warnings[0]
 
 
 def test_empty_folder_and_no_video(tmp_path):

@@ -82,12 +82,29 @@ def test_imported_masks_are_kept_as_they_are(plant, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_ids(workspace.mask_png(name)), truths[name])
 
 
+def test_white_masks_are_said_and_names_of_exports_are_understood(plant, tmp_path: Path) -> None:
+    """One boll, 1 (1 to 1), and no flag, was the answer to white masks."""
+    workspace, truths = plant
+    for name in list(truths)[:2]:
+        white = np.where(truths[name] > 0, np.uint16(255), np.uint16(0))
+        write_ids(tmp_path / f"{Path(name).stem}_jpg.rf.0c2d9a.png", white)
+    outcome = masks.run(workspace, resolve("masks", {"backend": "import", "source": str(tmp_path)}))
+    assert outcome.summary["images"] == 2
+    assert outcome.summary["masks"] > 2
+    assert "each connected piece counts as a boll" in outcome.warnings[0]
+    write_ids(tmp_path / f"{Path(name).stem}_jpg.rf.ffff.png", white)
+    with pytest.raises(BadInput, match="several versions of an image"):
+        masks.run(workspace, resolve("masks", {"backend": "import", "source": str(tmp_path)}))
+
+
 def test_own_masks_in_the_plant_folder_need_no_option_and_count_as_input(plant) -> None:
     workspace, truths = plant
     workspace.masks_input.mkdir()
     name = next(iter(truths))
     write_ids(workspace.masks_input / f"{Path(name).stem}.png", truths[name])
-    assert masks.run(workspace, MasksOptions(backend="import")).summary["images"] == 1
+    outcome = masks.run(workspace, MasksOptions(backend="import"))
+    assert outcome.summary["images"] == 1
+    assert "only one image has masks" in outcome.warnings[0]
     assert any("own_masks" in path for path in workspace.hashes(*masks.inputs(workspace)))
 
 

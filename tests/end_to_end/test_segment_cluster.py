@@ -10,6 +10,7 @@ from scenes.boll_scene import CENTRES, N_VIEWS, RADIUS, made_workspace, model, w
 from cotton3dg.documents.bolls import read_bolls, read_lifted
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.match import match_bolls
+from cotton3dg.files.images import read_ids
 from cotton3dg.files.ply import read_gaussians, write_gaussians
 from cotton3dg.options import ClusterOptions, SegmentOptions
 from cotton3dg.stages import cluster, segment
@@ -89,6 +90,16 @@ def test_no_bolls_is_an_answer(workspace, method):
     assert outcome.flags == ("no_bolls",) and outcome.warnings
     assert json.loads(workspace.bolls_json.read_text())["bolls"] == []
     assert not np.load(workspace.labels_npy).any()
+
+
+def test_masks_of_other_images_are_noticed(workspace):
+    """Names match, contents do not: as masks of another plant."""
+    drawn = [read_ids(workspace.mask_png(f"{i:06d}.jpg")) for i in range(N_VIEWS)]
+    rng = np.random.default_rng(0)
+    write_masks(workspace, [np.roll(ids, rng.integers(0, 200, 2), (0, 1)) for ids in drawn])
+    outcome = segment.run(workspace, SegmentOptions())
+    assert outcome.flags == ("masks_misfit",)
+    assert "named like its images" in outcome.warnings[0]
 
 
 def test_selections_of_another_model_are_refused(workspace):

@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.errors import BadInput, MissingInput
@@ -90,6 +92,107 @@ def test_a_folder_of_masks(tmp_path: Path) -> None:
     ids[3:6, 3:6] = 300
     write_ids(tmp_path / "000001.png", ids)
     np.testing.assert_array_equal(read_masks(tmp_path).ids["000001"], ids)
+
+
+def disks() -> np.ndarray:
+    """(60, 100) ids of two bolls apart and one of two that touch."""
+    y, x = np.mgrid[:60, :100]
+    ids = np.zeros((60, 100), np.uint16)
+    for number, (at_x, at_y) in enumerate([(15, 15), (50, 40), (85, 20)], 1):
+        ids[(x - at_x) ** 2 + (y - at_y) ** 2 < 81] = number
+    return ids
+
+
+def write_png(path: Path, pixels: np.ndarray) -> None:
+    path.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+
+
+def test_white_on_black_is_told_apart_by_pieces(tmp_path: Path) -> None:
+    """All bolls of an image were one, and no word was said."""
+    white = (disks() > 0).astype(np.uint8)
+    smoothed = cv2.GaussianBlur(255 * white, (0, 0), 0.8)
+    for pixels in (255 * white, white, 65535 * white.astype(np.uint16), smoothed, cv2.merge([255 * white] * 3)):
+        write_png(tmp_path / "a.png", pixels)
+        write_png(tmp_path / "b.png", 0 * pixels)
+        found = read_masks(tmp_path)
+        assert np.array_equal(np.unique(found.ids["a"]), [0, 1, 2, 3])
+        assert abs(np.count_nonzero(found.ids["a"]) - white.sum()) < 20
+        assert not found.ids["b"].any()
+        assert "each connected piece counts as a boll" in found.notes[0]
+
+
+def test_ids_are_taken_as_they_are(tmp_path: Path) -> None:
+    ids = disks()
+    ids[0, 0] = 3  # a boll in two pieces
+    write_ids(tmp_path / "a.png", ids)
+    write_ids(tmp_path / "b.png", np.where(ids == 1, ids, np.uint16(0)))
+    found = read_masks(tmp_path)
+    assert np.array_equal(found.ids["a"], ids)
+    assert found.notes == ()
+
+
+def test_a_colour_an_object(tmp_path: Path) -> None:
+    ids = disks()
+    colours = np.array([[0, 0, 0], [0, 0, 128], [0, 128, 0], [60, 20, 220]], np.uint8)[ids]
+    write_png(tmp_path / "a.png", colours)
+    palette = Image.fromarray(ids.astype(np.uint8), "P")
+    palette.putpalette([0, 0, 0, 128, 0, 0, 0, 128, 0, 220, 20, 60])
+    palette.save(tmp_path / "b.png")
+    for name in ("a", "b"):
+        found = read_masks(tmp_path).ids[name]
+        assert [len(np.unique(found[ids == number])) for number in range(4)] == [1, 1, 1, 1]
+        assert len(np.unique(found)) == 4 and not found[ids == 0].any()
+
+
+def test_what_is_transparent_is_no_object(tmp_path: Path) -> None:
+    """Colours go on below what an editor erased."""
+    ids = disks()
+    colours = np.array([[7, 7, 7], [0, 0, 128], [0, 128, 0], [60, 20, 220]], np.uint8)[ids]
+    write_png(tmp_path / "a.png", np.dstack([colours, np.where((ids == 1) | (ids == 2), 255, 0).astype(np.uint8)]))
+    found = read_masks(tmp_path).ids["a"]
+    assert len(np.unique(found)) == 3 and not found[(ids == 0) | (ids == 3)].any()
+
+
+def test_photos_and_smoothed_ids_are_no_masks(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    smoothed = cv2.GaussianBlur((40 * disks()).astype(np.uint8), (0, 0), 1.5)
+    for pixels in (
+        rng.integers(0, 255, (90, 120, 3), np.uint8),
+        rng.integers(0, 60000, (90, 120), np.uint16),
+        smoothed,
+    ):
+        write_png(tmp_path / "a.png", pixels)
+        with pytest.raises(BadInput, match=r"a\.png .*smooth"):
+            read_masks(tmp_path)
+
+
+def test_instances_without_an_outline_are_counted(tmp_path: Path) -> None:
+    """Boxes of COCO have an empty segmentation, or none."""
+    found = read_masks(coco(tmp_path / "a.json", [SQUARE, [], []]))
+    assert found.notes == ("2 of 3 instances of a.json have no outline and are left out; draw theirs too",)
+    assert np.unique(found.ids["000003"]).tolist() == [0, 1]
+    boxes = [{"id": 1, "image_id": 7, "category_id": 1, "bbox": [1, 1, 5, 5]}]
+    with pytest.raises(BadInput, match=r"a\.json: none of 1 instances has an outline"):
+        read_masks(coco(tmp_path / "a.json", [], annotations=boxes))
+
+
+def test_files_that_systems_leave_beside_annotations_are_no_annotations(tmp_path: Path) -> None:
+    coco(tmp_path / "bolls.JSON", [SQUARE], file_name="a.jpg")
+    (tmp_path / "__MACOSX").mkdir()
+    for name in ("._bolls.JSON", "__MACOSX/._bolls.json", "__MACOSX/bolls.json"):
+        (tmp_path / name).write_bytes(b"\x00\x05\x16\x07")
+    assert set(read_masks(tmp_path).ids) == {"a"}
+    (tmp_path / "bolls.JSON").unlink()
+    write_ids(tmp_path / "b.png", disks())
+    (tmp_path / "._b.png").write_bytes(b"\x00\x05\x16\x07")
+    assert set(read_masks(tmp_path).ids) == {"b"}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_annotations_may_have_a_mark(tmp_path: Path, encoding: str) -> None:
+    path = coco(tmp_path / "a.json", [SQUARE])
+    path.write_text(path.read_text(), encoding=encoding)
+    assert set(read_masks(path).ids) == {"000003"}
 
 
 def test_a_folder_with_one_coco_file(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 import re
 import zlib
+from pathlib import Path
 
 import cv2
+import matplotlib
 import numpy as np
 import pytest
 from scenes.card_scene import DOTS, PAPER_CM, card_sheet
@@ -13,6 +15,7 @@ from scenes.table_scene import POSE, orbit
 from cotton3dg.commands.cards import print_cards
 from cotton3dg.core.card import MARKERS_CM, marker_corner_cm
 from cotton3dg.errors import BadInput, BadUsage
+from cotton3dg.identity import fonts
 from cotton3dg.identity.codes import read_codes
 from cotton3dg.identity.names import card_id
 from cotton3dg.options import CardsOptions
@@ -28,6 +31,34 @@ def pages_of(pdf: bytes) -> list[np.ndarray]:
         width, height = int(image[1]), int(image[2])
         found.append(np.frombuffer(zlib.decompress(image[3]), np.uint8).reshape(height, width))
     return found
+
+
+@pytest.fixture
+def fonts_of_matplotlib(monkeypatch):
+    """A machine without fonts of its own."""
+    folder = Path(matplotlib.get_data_path()) / "fonts/ttf"
+    monkeypatch.setattr(fonts, "_fonts", lambda: [folder / "DejaVuSans.ttf", folder / "STIXGeneral.ttf"])
+    fonts._font_file.cache_clear()
+    yield folder
+    fonts._font_file.cache_clear()
+
+
+def test_a_font_that_has_the_letters_is_found(fonts_of_matplotlib):
+    assert Path(fonts.font("Größe Ж", 20).path).name == "DejaVuSans.ttf"
+    assert Path(fonts.font("\u1d81 1", 20).path).name == "STIXGeneral.ttf"
+    assert fonts.unprintable(["A1", "\u1d81", "棉1", "क1"]) == ["棉1", "क1"]
+
+
+def test_ids_that_no_font_of_the_machine_has_are_named(tmp_path, fonts_of_matplotlib):
+    """Boxes were printed, and not a word said."""
+    (tmp_path / "book.csv").write_text("plant_id,genotype\n棉1,x\nA2,y\n", encoding="utf-8")
+    told = print_cards(tmp_path / "book.csv", tmp_path / "cards.pdf", CardsOptions())
+    assert "no font of this machine has the letters of 棉1, so boxes stand" in told
+    assert "fonts-noto-cjk" in told
+    pages = pages_of((tmp_path / "cards.pdf").read_bytes())
+    assert [[card_id(text) for text in read_codes(page)] for page in pages] == [["棉1"], ["A2"]]
+    (tmp_path / "book.csv").write_text("plant_id,genotype\nA1,x\n", encoding="utf-8")
+    assert "warning" not in print_cards(tmp_path / "book.csv", tmp_path / "cards.pdf", CardsOptions())
 
 
 @pytest.mark.parametrize("paper", ["a4", "letter"])

@@ -14,7 +14,7 @@ from cotton3dg.files.coco import coco_document
 from cotton3dg.files.images import write_image
 from cotton3dg.files.instances import fill_polygons, trace_outlines
 from cotton3dg.files.prompt_table import read_prompts
-from cotton3dg.files.yolo_labels import write_yolo_labels
+from cotton3dg.files.yolo_labels import read_class_names, write_yolo_labels
 
 H, W = 60, 100
 
@@ -120,11 +120,69 @@ def test_lines_that_are_no_outline_are_refused(tmp_path: Path, line: str, words:
 
 
 def test_labels_of_an_unknown_image_and_labels_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "a.txt").write_text("0 0.1 0.1 0.2 0.1 0.2 0.2\n")
     with pytest.raises(BadInput, match="no known image"):
         read_masks(tmp_path)
-    with pytest.raises(BadInput, match="no text"):
+    (tmp_path / "a.txt").write_bytes(b"\xff\x00")
+    with pytest.raises(BadInput, match=r"a\.txt, line 1, is not in UTF-8"):
         read_masks(tmp_path, sizes={"a": (H, W)})
+
+
+LINES = "0 0.1 0.1 0.2 0.1 0.2 0.2\n1 0.5 0.5 0.9 0.5 0.9 0.9\n"
+
+
+@pytest.mark.parametrize("folder", ["labels", "train/labels", "labels/train"])
+def test_an_export_with_all_that_programs_put_beside_the_labels_is_read(tmp_path: Path, folder: str) -> None:
+    (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / folder / "a.txt").write_text(LINES)
+    (tmp_path / "README.dataset.txt").write_text("# bolls > 2026\nhttps://example.org\n")
+    (tmp_path / "train.txt").write_text("images/a.jpg\n")
+    (tmp_path / "data.yaml").write_text("train: ../train/images\nnc: 2\nnames:\n- 'open boll'\n- leaf\nsource: x\n")
+    for litter in (f"{folder}/._a.txt", "__MACOSX/a.txt", f"{folder}/.DS_Store"):
+        (tmp_path / litter).parent.mkdir(exist_ok=True)
+        (tmp_path / litter).write_bytes(b"\x00\x05\x16\x07\xff")
+    assert len(read_masks(tmp_path, {"a": (H, W)}, ["open boll"]).scores["a"]) == 1
+    with pytest.raises(BadInput, match=r"2 classes \(leaf, open boll\)"):
+        read_masks(tmp_path, {"a": (H, W)})
+
+
+def test_labels_beside_notes_and_lists_are_read(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("0 0.1 0.1 0.2 0.1 0.2 0.2\n")
+    (tmp_path / "notes.txt").write_bytes("第一次标注".encode("gbk"))
+    (tmp_path / "train.txt").write_text("a.jpg\n")
+    assert set(read_masks(tmp_path, {"a": (H, W)}).ids) == {"a"}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_names_of_classes_are_read_in_any_certain_encoding(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "a.txt").write_text(LINES)
+    (tmp_path / "classes.txt").write_bytes("cápsula\r\nhoja\r\n".encode(encoding))
+    assert len(read_masks(tmp_path, {"a": (H, W)}, ["cápsula"]).scores["a"]) == 1
+
+
+def test_names_of_classes_in_another_encoding_are_numbers_until_they_are_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("0 0.1 0.1 0.2 0.1 0.2 0.2\n")
+    (tmp_path / "classes.txt").write_bytes("棉铃\n叶子\n".encode("gbk"))
+    assert len(read_masks(tmp_path, {"a": (H, W)}).scores["a"]) == 1
+    assert len(read_masks(tmp_path, {"a": (H, W)}, ["0"]).scores["a"]) == 1
+    with pytest.raises(BadInput, match=r"classes\.txt, line 1, is not in UTF-8"):
+        read_masks(tmp_path, {"a": (H, W)}, ["棉铃"])
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("names: ['boll', \"leaf, dry\"]\nnc: 2\n", {0: "boll", 1: "leaf, dry"}),
+        ("names: {0: boll, 2: leaf}\n", {0: "boll", 2: "leaf"}),
+        ('names:\n  0: open, dry boll  # ripe\n  1: "\\u68C9"\n\nval: x\n', {0: "open, dry boll", 1: "棉"}),
+        ("nc: 1\nnames:\n- 'it''s'\nval: 7\n", {0: "it's"}),
+        ("names: [\n  boll,\n  leaf,\n]\n", {0: "boll", 1: "leaf"}),
+        ("nc: 1\n", {}),
+    ],
+)
+def test_names_of_classes_in_yaml(tmp_path: Path, text: str, names: dict[int, str]) -> None:
+    (tmp_path / "data.yaml").write_text(text)
+    assert read_class_names(tmp_path) == names
 
 
 def test_of_several_classes_the_user_names_the_bolls(tmp_path: Path) -> None:

@@ -121,3 +121,19 @@ def test_tables_that_others_made_are_read_or_refused(tmp_path):
         read_rows(tmp_path / "none.csv")
     assert parse_number("1.5") == 1.5
     assert all(math.isnan(parse_number(cell)) for cell in ("", None, "high"))
+
+
+def test_a_table_that_a_spreadsheet_saved_again_is_read(tmp_path):
+    """Opened and saved in German: all measurements were NaN, or a column was missing."""
+    path = tmp_path / "traits.csv"
+    for encoding in ("cp1252", "utf-8-sig", "utf-16"):
+        text = "plant_id;boll_count;plant_height_cm;qc_flags\r\nGröße 1;12;73,80;few;\r\n".replace("few;", '"few;dark"')
+        path.write_bytes(text.encode(encoding))
+        assert read_rows(path) == [
+            {"plant_id": "Größe 1", "boll_count": "12", "plant_height_cm": "73.80", "qc_flags": "few;dark"}
+        ]
+
+
+def test_a_cell_that_somebody_changed_is_named():
+    with pytest.raises(BadInput, match="column size: 'large' is no number"):
+        value_of("large", COLUMNS[1])

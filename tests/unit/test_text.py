@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cotton3dg.documents.corrections import Correction, Corrections, Place
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.field.study import read_study
 from cotton3dg.options import read_toml
@@ -74,3 +75,13 @@ def test_toml_files_may_have_a_mark(tmp_path: Path) -> None:
     (tmp_path / "cotton3dg.toml").write_bytes('[traits]\nplant_id = "鲁棉"\n'.encode("gbk"))
     with pytest.raises(BadUsage, match=r"cotton3dg\.toml, line 2, is not in UTF-8"):
         read_toml(tmp_path / "cotton3dg.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_corrections_that_an_editor_saved_are_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "corrections.json"
+    path.write_text('{\r\n "corrections": [{"kind": "delete", "bolls": [{"boll_id": 3}]}]\r\n}', encoding=encoding)
+    assert Corrections.load(path) == Corrections((Correction("delete", (Place(3),)),))
+    path.write_bytes('{"corrections": [], "note": "棉铃"}'.encode("gbk"))
+    with pytest.raises(BadInput, match=r"corrections\.json, line 1, is not in UTF-8"):
+        Corrections.load(path)

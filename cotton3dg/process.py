@@ -88,6 +88,6 @@ def _reopened(stream: TextIO, kind: type[_Stream]) -> TextIO:
         io.BufferedWriter(raw),
         encoding=stream.encoding,
         errors="backslashreplace",
-        line_buffering=stream.line_buffering,
+        line_buffering=bool(stream.line_buffering),
         write_through=kind is _Messages,
     )

@@ -57,7 +57,7 @@ WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
 """A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
 
 INTERRUPTING: Final = frozenset({INTERRUPTED, TERMINATED, HUNG_UP, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
-"""Exit codes of a run that was ended from outside and is not at fault; negative: before it could put things in order."""
+"""Exit codes of a run that was ended from outside, not by a fault; negative: before it could put things in order."""
 
 STATES: Final = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""

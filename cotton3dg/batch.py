@@ -23,7 +23,16 @@ from typing import Any, Final
 
 from .core.machine import usable_cores
 from .core.state import State
-from .errors import INTERRUPTED, BadUsage, Cotton3dgError, MissingInput, OutOfResources, StageFailed
+from .errors import (
+    HUNG_UP,
+    INTERRUPTED,
+    TERMINATED,
+    BadUsage,
+    Cotton3dgError,
+    MissingInput,
+    OutOfResources,
+    StageFailed,
+)
 from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
 from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, KNOWN, MEANS_TABLE, TABLE
@@ -47,6 +56,9 @@ MEMORY_OF_A_RUN_GIB: Final = 3.0
 
 WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
 """A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
+
+INTERRUPTING: Final = frozenset({INTERRUPTED, TERMINATED, HUNG_UP, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
+"""Exit codes of a run that was ended from outside, not by a fault; negative: before it could put things in order."""
 
 STATES: Final = (State.FAILED, State.WAITING, State.DONE)
 """In the order of the table: what needs attention comes first."""
@@ -140,7 +152,8 @@ class Batch:
     def run(self, plants: Sequence[Path]) -> list[Result]:
         """Run all plants; returns every result the batch knows, failures first.
 
-        The first Ctrl-C lets the running plants finish and starts no others, the second interrupts them.
+        The first Ctrl-C lets the running plants finish and starts no others, the second interrupts them. So does at
+        once a signal that ends the batch.
         """
         if self.jobs < 1:
             raise BadUsage(f"--jobs {self.jobs}: at least 1")
@@ -165,8 +178,12 @@ class Batch:
                 except KeyboardInterrupt:
                     self.tell(interruption)
                     if self._draining.is_set():
-                        self._interrupt()
+                        self._interrupt(signal.SIGINT)
                     self._draining.set()
+                except SystemExit:  # another signal: it does not ask twice
+                    self._draining.set()
+                    self._interrupt(signal.SIGTERM)
+                    raise
             else:
                 wait(futures)
         for future in futures:
@@ -232,9 +249,9 @@ class Batch:
         shared = self.folder / OPTIONS_FILE
         return [*self.arguments, *(["--defaults", str(shared.absolute())] if shared.is_file() else [])]
 
-    def _interrupt(self) -> None:
+    def _interrupt(self, number: int) -> None:
         for process in list(self._processes):
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
 
     def _outcome(self, result: Result) -> str:
         if result.state != State.DONE:
@@ -343,7 +360,7 @@ def result_of(name: str, code: int, said: str) -> Result:
     """
     if code == 0:
         return Result(name, State.DONE, 0)
-    if code in (-signal.SIGINT, INTERRUPTED):
+    if code in INTERRUPTING:
         return Result(name, State.WAITING, None, "interrupted")
     return Result(name, State.FAILED, code, _reason(Path(name).name, code, said))
 

@@ -37,6 +37,7 @@ from .options import (
     RenderOptions,
     SimulateOptions,
 )
+from .process import orderly
 
 if TYPE_CHECKING:
     from .planning.time_budget import Budget
@@ -52,7 +53,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point of the console script."""
-    app()
+    with orderly():
+        app()
 
 
 @app.callback(invoke_without_command=True)

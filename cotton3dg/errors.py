@@ -68,8 +68,11 @@ class StageFailed(Cotton3dgError):
 DOUBTFUL: Final = 9
 """Exit code of a check that would have a film, though usable, filmed again: no error, the check was done."""
 
+HUNG_UP: Final = 129
 INTERRUPTED: Final = 130
-"""Exit code after Ctrl-C, as shells have it."""
+UNREAD: Final = 141
+TERMINATED: Final = 143
+"""Exit codes as shells have them: after a terminal was closed, Ctrl-C, a pipe whose reader has ended, SIGTERM."""
 
 SOME_FAILED: Final = 8
 """Exit code where some of many are not done, though the others are: no error of its own."""
@@ -85,7 +88,10 @@ EXIT_CODES: Final = {
     OutOfResources.exit_code: "memory or disk is exhausted",
     SOME_FAILED: "some of many are not done: plants of a batch, videos of an import, corrections",
     DOUBTFUL: "check: the film is usable, but better filmed again",
+    HUNG_UP: "the terminal was closed; the same command continues",
     INTERRUPTED: "interrupted by Ctrl-C; the same command continues",
+    UNREAD: "whatever reads the output has ended, as `head` does; what was saved is whole",
+    TERMINATED: "ended by SIGTERM, as schedulers send it; the same command continues",
 }
 """What each exit code of the command line means; docs/troubleshooting.md and the manual page say the same."""
 

@@ -13,6 +13,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
+from ..core.libraries import import_pycolmap
 from ..files.arrays import read_arrays
 from .features import Features
 from .matching import PairMatches
@@ -47,7 +48,7 @@ class Keyframes:
     def read_model(self) -> Any | None:
         """A pycolmap.Reconstruction. It is always read from the disk, whoever placed the keyframes, because the order
         of its points there decides the last bits of what is built upon it."""
-        import pycolmap
+        pycolmap = import_pycolmap()
 
         return pycolmap.Reconstruction(self.folder / MODEL) if (self.folder / MODEL).is_dir() else None
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.libraries import import_pycolmap
 from ..core.machine import on_all_cores
 from ..files.images import read_image, write_image
 
@@ -37,7 +38,7 @@ def straighten(model: Any) -> tuple[Any, LensEvidence]:
     Focal length and distortion can stand in for each other on a closed orbit: a lens without distortion is given up to
     2 % of both. The error tells: adjusted without distortion it rises by less than 0.05 % where there is none.
     """
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     (lens,) = model.cameras.values()
     without = pycolmap.Reconstruction(model)
@@ -70,7 +71,7 @@ def undistort(image_folder: Path, model_folder: Path, target_folder: Path) -> No
     The pinhole shows no pixel that the lens did not see, so images may lose a little of their border. Those of a lens
     without distortion are copied, pixel for pixel.
     """
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     model = pycolmap.Reconstruction(model_folder)
     ((camera_id, lens),) = model.cameras.items()

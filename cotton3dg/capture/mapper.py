@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..core.libraries import import_pycolmap
 from ..files.images import read_image
 from .features import Features
 from .matching import MIN_MATCHES, PairMatches
@@ -32,7 +33,7 @@ def write_database(
     focal_length_px: float | None,
 ) -> None:
     """COLMAP's database of all images; of those without features it knows the name only."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
     # COLMAP's own import decodes each image to learn its size; all have that of the first.
@@ -63,7 +64,7 @@ def write_database(
 
 def _write_image(database: Any, name: str, camera: Any, rig: Any) -> int:
     """An image in a frame of its own, as COLMAP has it since there are rigs; its number."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     image = pycolmap.Image(name=name, camera_id=camera.camera_id)
     image.image_id = database.write_image(image)
@@ -83,7 +84,7 @@ def map_images(
     placed: Callable[[], None],
 ) -> list[Any]:
     """The models of some images, placed one after the other; the one with the most images first."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     pycolmap.set_random_seed(seed)
     options = _mapping_options(seed)
@@ -94,7 +95,7 @@ def map_images(
 
 def map_at_once(database: Path, image_folder: Path, work_folder: Path, seed: int) -> list[Any]:
     """The models that the global mapper finds, the one with the most images first; the focal length has to be known."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     pycolmap.set_random_seed(seed)
     options = pycolmap.GlobalPipelineOptions()
@@ -107,7 +108,7 @@ def map_at_once(database: Path, image_folder: Path, work_folder: Path, seed: int
 
 def place_others(model: Any, database: Path, seed: int, placed: Callable[[], None]) -> Any:
     """The model of the keyframes, joined by the other images, all adjusted together."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     options = _mapping_options(seed)
     of_cache = pycolmap.DatabaseCacheOptions()
@@ -134,7 +135,7 @@ def place_others(model: Any, database: Path, seed: int, placed: Callable[[], Non
 
 def settle(model: Any) -> None:
     """Adjust all cameras and points of a pycolmap.Reconstruction once more, without observations that are far off."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     if model.num_points3D() == 0:
         return
@@ -160,7 +161,7 @@ def _mapping_options(seed: int) -> Any:
     Neighbours are adjusted once for a new image instead of up to twice, all cameras each time the model has grown by
     80 % instead of 10 %, and adjustments stop when the cost falls by less than 1e-5 (1e-4 among neighbours).
     """
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     options = pycolmap.IncrementalPipelineOptions()
     # The order of sums in bundle adjustment depends on threads; one is hardly slower and gives the same bits each time.

@@ -20,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..core.libraries import import_pycolmap
 from ..core.progress import Progress
 from ..documents.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
@@ -148,7 +149,7 @@ def follow_into_lost(task: Task, best: Attempt) -> Attempt | None:
 def _copied(model: Any, task: Task) -> Any:
     """Of its placed images only, whose features the others then need not share; by way of the disk, as it drops the
     rest there and orders the points."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     with tempfile.TemporaryDirectory(dir=task.work_folder) as folder:
         model.write_binary(folder)

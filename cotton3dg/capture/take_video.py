@@ -15,6 +15,7 @@ from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo, VideoInfo
 from ..errors import BadInput, CaptureFailed
 from ..files import video
+from ..files.ffmpeg_text import VideoFacts
 from ..files.yuv import YuvFrame
 from ..options import FramesOptions
 from . import frame_quality
@@ -91,6 +92,9 @@ def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progres
     rows = rows[thin_out(found.ways[rows], found.scores[rows], options.count)]
     indices = found.frames[rows].tolist()
     flags, warnings = found.flags, found.warnings
+    if facts.rivals:
+        size = f"{facts.width} x {facts.height} px"
+        warnings += (f"{path.name} holds {facts.rivals + 1} films; stream {facts.stream} is taken ({size})",)
     if len(indices) < min(options.count, MIN_FRAMES):
         reason = f"{path.name}: {len(indices)} usable frames; film at least {MIN_VIDEO_S:g} s"
         raise CaptureFailed(STANDS_STILL if found.ways[-1] < NO_WAY else reason)
@@ -111,7 +115,7 @@ def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progres
 
 def _scanned(
     path: Path,
-    facts: video.VideoFacts,
+    facts: VideoFacts,
     max_side: int,
     held: HeldFrames,
     n_expected: int,
@@ -160,7 +164,7 @@ def _looked_at_every(fps: float, n_expected: int, wanted: int) -> int:
     return max(1, min(n_expected // (LOOKED_AT * wanted), round(fps / LEAST_FPS)))
 
 
-def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[FrameInfo]) -> FramesInfo:
+def _info(path: Path, facts: VideoFacts, found: _Scanned, entries: list[FrameInfo]) -> FramesInfo:
     scan = found.scan
     return FramesInfo(
         source="video",
@@ -182,7 +186,7 @@ def _info(path: Path, facts: video.VideoFacts, found: _Scanned, entries: list[Fr
 
 
 def _checked_scan(
-    path: Path, facts: video.VideoFacts, scan: video.Scan[_Measures]
+    path: Path, facts: VideoFacts, scan: video.Scan[_Measures]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a video that was decoded, or the reason why it cannot be used."""
     n, n_intact = len(scan.intact), int(scan.intact.sum())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
+import signal
 from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
 from ..errors import EnvironmentUnusable
 
@@ -30,6 +32,23 @@ def import_open3d() -> ModuleType:
         remedy = remedy_of(library) if library else "pip install --force-reinstall open3d"
         raise EnvironmentUnusable(f"Open3D cannot be used: {error}; {remedy}") from error
     return open3d
+
+
+def import_pycolmap() -> Any:
+    """pycolmap, without its answer to SIGTERM.
+
+    When it is imported its log takes the signals of a crash, and SIGTERM with them: it then prints a stack of C++ and
+    the process ends in the middle of whatever it saves. Python's own function for this works in the main thread only.
+    """
+    restore = ctypes.pythonapi.PyOS_setsig
+    read = ctypes.pythonapi.PyOS_getsig
+    read.restype = restore.restype = ctypes.c_void_p
+    restore.argtypes = (ctypes.c_int, ctypes.c_void_p)
+    before = read(signal.SIGTERM)
+    import pycolmap
+
+    restore(signal.SIGTERM, before)
+    return pycolmap
 
 
 def missing_library(said: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..files.video import VideoFacts
+from ..files.ffmpeg_text import VideoFacts
 from .document import Document
 
 

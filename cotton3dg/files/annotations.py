@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
+from ..core.libraries import import_pycolmap
 from ..core.scene import Camera
 from ..errors import BadInput, MissingInput
 from .coco import is_coco, parse_coco
@@ -155,7 +156,7 @@ def undistort_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir:
 
 def _find_filmed_camera(name: str, model_dir: Path) -> Any:
     """pycolmap's camera of an image as filmed; None when the model does not have it."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     try:
         model = pycolmap.Reconstruction(model_dir)

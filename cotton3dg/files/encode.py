@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Cotton3dgError, EnvironmentUnusable, OutOfResources, StageFailed
-from .video import ffmpeg_binary
+from .video import ffmpeg_binary, reading
 
 COLOURS: Final = {"colorspace": "smpte170m", "color_primaries": "bt709", "color_trc": "bt709"}
 """Tags that say how ffmpeg converts RGB unless told otherwise; without them players guess by the size."""
@@ -43,36 +42,34 @@ def video_encoder(
         f"file:{path.resolve()}", vcodec="libx264", crf=quality, pix_fmt="yuv420p", movflags="+faststart", **COLOURS
     )
     command = output.global_args("-hide_banner", "-nostats", "-loglevel", "error").overwrite_output()
-    # The log goes to a file: two pipes would need a thread to keep the unread one from filling up.
-    with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(
-            command.compile(cmd=ffmpeg_binary()), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log
-        )
-        assert process.stdin is not None
-        stdin = process.stdin
-        # Encoding goes on beside the making of the next frames and should not slow it down.
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
+    process = subprocess.Popen(
+        command.compile(cmd=ffmpeg_binary()),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdin is not None
+    assert process.stderr is not None
+    stdin = process.stdin
+    # Encoding goes on beside the making of the next frames and should not slow it down.
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
 
-        def failure() -> Cotton3dgError:
-            process.wait()
-            log.seek(0)
-            return _failure(log.read().decode("utf-8", "replace").strip())
+    def append(image: NDArray[np.uint8]) -> None:
+        if image.shape != (height, width, 3) or image.dtype != np.uint8:
+            raise ValueError(f"frames must be uint8 {(height, width, 3)}, got {image.dtype} {image.shape}")
+        try:
+            stdin.write(np.ascontiguousarray(image).data)
+        except BrokenPipeError:
+            raise _failure(log().strip()) from None
 
-        def append(image: NDArray[np.uint8]) -> None:
-            if image.shape != (height, width, 3) or image.dtype != np.uint8:
-                raise ValueError(f"frames must be uint8 {(height, width, 3)}, got {image.dtype} {image.shape}")
-            try:
-                stdin.write(np.ascontiguousarray(image).data)
-            except BrokenPipeError:
-                raise failure() from None
-
+    with reading(process.stderr) as log:
         try:
             yield append
             with suppress(BrokenPipeError):
                 stdin.close()
             if process.wait():
-                raise failure()
+                raise _failure(log().strip())
         finally:
             process.kill()
             process.wait()

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.libraries import import_pycolmap
 from ..errors import BadInput, MissingInput, OutOfResources
 from .listing import files_in
 
@@ -80,7 +81,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 def exif_focal_length_px(path: Path) -> float | None:
     """Focal length of a photo as its EXIF says, in pixels of the photo; None when it says nothing."""
-    import pycolmap
+    pycolmap = import_pycolmap()
 
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return None

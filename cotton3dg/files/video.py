@@ -11,10 +11,10 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Final, Generic, TypeVar
 
@@ -22,46 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput, EnvironmentUnusable, MissingInput
+from .ffmpeg_text import VideoFacts, parse_description, parse_log, seconds_of, sizes_of_frames
 from .images import MAX_PIXELS, fit_size
-from .tonemap import HLG, PQ, tone_map
+from .tonemap import tone_map
 from .yuv import Coding, YuvFrame
 
 DEMUXERS: Final = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
-DECODER_DELAY_FRAMES: Final = 32
-"""A threaded decoder reports a damaged frame up to this many frames before it comes out."""
 PIPE_BYTES: Final = 2**20
 """The most that Linux gives without asking: a frame then passes in a few steps."""
 FRAME_RATE_OUT: Final = 25
 """Any constant: see `_in_step`."""
+RIVAL: Final = 0.5
+"""A video stream at least so long, in shares of the longest, may be the film; a shorter one is a preview."""
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class VideoFacts:
-    """What a video's header says."""
-
-    codec: str
-    width: int
-    """Of the picture as shown: rotation and pixel aspect applied, px."""
-    height: int
-    rotation_deg: int
-    """Rotation tag, clockwise 0, 90, 180 or 270. ffmpeg applies it, so that frames come out upright."""
-    pixel_format: str
-    transfer: str
-    """Transfer function, empty when not tagged."""
-    matrix: str
-    """From brightness and colour differences to red, green, blue; empty when not tagged."""
-    full_range: bool
-    """Whether black is 0."""
-    fps: float
-    """Average frame rate, NaN when unknown; informative only."""
-    duration_s: float
-    """NaN when unknown."""
-
-    @property
-    def is_hdr(self) -> bool:
-        return self.transfer in (PQ, HLG)
 
 
 @dataclass(frozen=True)
@@ -100,61 +74,40 @@ def ffmpeg_binary() -> str:
 def probe(path: Path) -> VideoFacts:
     """Read a video's header, through ffmpeg's own description because not every installation has ffprobe.
 
+    Of several video streams the longest is the film; of those about as long the one that players show, or the largest.
+
     Raises:
         BadInput: no video that ffmpeg can read, or one too large.
         MissingInput: no such file.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is not there; copy the plant's video into its folder")
-    command = [ffmpeg_binary(), "-nostdin", "-hide_banner", *_input_arguments(), "-i", _url(path)]
-    told = subprocess.run(command, capture_output=True, check=False, stdin=subprocess.DEVNULL).stderr
-    facts = parse_description(told.decode("utf-8", "replace"))
-    if facts is None:
-        raise BadInput(f"{path.name} is no video that can be read; copy it again from the phone or export it as mp4")
+    found = parse_description(_ask_ffmpeg(path))
+    if not found:
+        why = "is empty (0 bytes)" if path.stat().st_size == 0 else "is no video that can be read"
+        raise BadInput(f"{path.name} {why}; copy it again from the phone or export it as mp4")
+    facts = found[0]
+    if len(found) > 1:
+        lengths_s = [_length_s(path, one.stream) for one in found]
+        films = [one for one, length_s in zip(found, lengths_s, strict=True) if length_s >= RIVAL * max(lengths_s)]
+        facts = replace(films[0], rivals=len(films) - 1)
     if facts.width * facts.height > MAX_PIXELS:
         raise BadInput(f"{path.name} claims frames of {facts.width} x {facts.height} px; export it smaller")
     return facts
 
 
-def parse_description(text: str) -> VideoFacts | None:
-    """Facts from what `ffmpeg -i` prints; None when it names no video stream with a size."""
-    streams = [
-        part for part in re.split(r"(?m)^  Stream #", text) if ": Video: " in part and "(attached pic)" not in part
-    ]
-    if not streams:
-        return None
-    line = streams[0].split("\n", 1)[0]
-    size = re.search(r", (\d+)x(\d+)", line)
-    codec = re.search(r": Video: (\w+)", line)
-    if size is None or codec is None or int(size[1]) * int(size[2]) == 0:
-        return None
-    width, height = int(size[1]), int(size[2])
-    aspect = re.search(r"SAR (\d+):(\d+)", line)
-    if aspect and int(aspect[1]) and int(aspect[2]):
-        width = max(1, round(width * int(aspect[1]) / int(aspect[2])))
-    turn = re.search(r"rotation of (-?[\d.]+) degrees", streams[0])
-    rotation = round(-float(turn[1]) / 90) * 90 % 360 if turn else 0
-    if rotation in (90, 270):
-        width, height = height, width
-    # E.g. `yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67, progressive)`: matrix, primaries and transfer function, which
-    # are one name where all are alike.
-    told = line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0]
-    colours = re.search(r"([\w-]+)/[\w-]+/([\w-]+)", told) or re.search(r"\b((bt709))\b", told)
-    pixel_format = re.search(r", (\w+)", line)
-    rate = re.search(r"([\d.]+)(k?) fps", line)
-    length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", text)
-    return VideoFacts(
-        codec=codec[1],
-        width=width,
-        height=height,
-        rotation_deg=rotation,
-        pixel_format=pixel_format[1] if pixel_format else "",
-        transfer=colours[2] if colours and colours[2] != "unknown" else "",
-        matrix=colours[1] if colours and colours[1] != "unknown" else "",
-        full_range="(pc" in told or (pixel_format is not None and pixel_format[1].startswith("yuvj")),
-        fps=float(rate[1]) * (1000 if rate[2] else 1) if rate else float("nan"),
-        duration_s=int(length[1]) * 3600 + int(length[2]) * 60 + float(length[3]) if length else float("nan"),
-    )
+def _ask_ffmpeg(path: Path, *arguments: str) -> str:
+    """What it prints of a file, and of what it makes of it."""
+    command = [ffmpeg_binary(), "-nostdin", "-hide_banner", *_input_arguments(), "-i", _url(path), *arguments]
+    done = subprocess.run(command, capture_output=True, check=False, stdin=subprocess.DEVNULL)
+    return done.stderr.decode("utf-8", "replace")
+
+
+def _length_s(path: Path, stream: int) -> float:
+    """Of one stream, read through without decoding it."""
+    said = _ask_ffmpeg(path, "-map", f"0:{stream}", "-c", "copy", "-f", "null", "-")
+    times = re.findall(r"\btime=(\d+):(\d+):([\d.]+)", said)
+    return seconds_of(*times[-1]) if times else 0.0
 
 
 def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[YuvFrame], T], every: int = 1) -> Scan[T]:
@@ -163,18 +116,24 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[YuvFra
     Args:
         max_side: longer side of the frames that are measured, px.
         measure: called with every `every`-th frame, from the first on; what it keeps of a frame it has to copy.
+    Raises:
+        BadInput: the size of the pictures changes.
     """
     coding = coding_of(facts, max_side)
     measures: list[T] = []
     frame = YuvFrame(coding, np.empty(coding.size, coding.kind))
-    stream = _stream(path).filter("showinfo", checksum=0)
+    stream = _stream(path, facts).filter("showinfo", checksum=0)
     if every > 1:
         stream = stream.filter("select", f"not(mod(n,{every}))")
     stream = stream.filter("scale", coding.width, coding.height, flags="area").filter("format", coding.pixel_format)
     with _decoding(_in_step(stream), coding.pixel_format, frame.numbers) as (frames, log):
         measures.extend(measure(frame) for _ in frames)
-        log.seek(0)
-        text = log.read().decode("utf-8", "replace")
+        text = log()
+    if len(sizes := sizes_of_frames(text)) > 1:
+        raise BadInput(
+            f"{path.name} changes its size from {sizes[0]} to {sizes[1]} px; cut out the part with the whole turn, or"
+            " film again without switching lenses or joining clips"
+        )
     timestamps_s, intact, n_damaged, errors = parse_log(text)
     n = min(len(timestamps_s), len(measures) * every)
     timestamps_s, intact = timestamps_s[:n], intact[:n]
@@ -203,7 +162,7 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
     width, height = fit_size(facts.width, facts.height, max_side)
     pixel_format, kind = ("rgb48le", "<u2") if facts.is_hdr else ("rgb24", "u1")
     stream = (
-        _stream(path)
+        _stream(path, facts)
         .filter("select", _balanced_sum([f"eq(n,{index})" for index in indices]))
         .filter("scale", width, height, flags="area+accurate_rnd+full_chroma_int+full_chroma_inp")
         .filter("format", pixel_format)
@@ -226,7 +185,7 @@ def sample_frames(path: Path, facts: VideoFacts, every_s: float, max_side: int) 
     """
     width, height = fit_size(facts.width, facts.height, max_side)
     stream = (
-        _stream(path)
+        _stream(path, facts)
         .filter("select", f"isnan(prev_selected_t)+gte(t-prev_selected_t,{every_s:.3f})")
         .filter("scale", width, height, flags="area")
         .filter("format", "gray")
@@ -237,44 +196,11 @@ def sample_frames(path: Path, facts: VideoFacts, every_s: float, max_side: int) 
             yield numbers.copy()
 
 
-def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int, tuple[str, ...]]:
-    """Time stamps, intact flags, number of surely damaged frames and errors, as in `Scan`, from the log of a decoding
-    run with `showinfo` at `level+info`.
-    """
-    timestamps: list[float] = []
-    key_frames: list[int] = []
-    damaged_at: list[int] = []
-    errors: list[str] = []
-    for line in text.splitlines():
-        shown = re.search(r"\bn: *\d+ pts: *\S+ +pts_time:(\S+)", line)
-        if shown:
-            if re.search(r"\b(?:iskey|key):1\b", line) or "type:I" in line:
-                key_frames.append(len(timestamps))
-            timestamps.append(_number(shown[1]))
-        elif "[error]" in line or "[fatal]" in line or "corrupt decoded frame" in line:
-            damaged_at.append(len(timestamps))
-            errors.append(line.strip())
-    intact = np.isfinite(np.array(timestamps, np.float64))
-    damaged = ~intact
-    for start in damaged_at:
-        for flags, value, delay in ((damaged, True, 0), (intact, False, DECODER_DELAY_FRAMES)):
-            clean = [key for key in key_frames if key >= start + delay]
-            flags[max(0, start - 1) : clean[0] if clean else None] = value
-    return np.nan_to_num(np.array(timestamps, np.float64), nan=-np.inf), intact, int(damaged.sum()), tuple(errors)
-
-
 def _balanced_sum(terms: list[str]) -> str:
     """Terms added up in pairs of pairs, because ffmpeg refuses expressions nested more than a hundred deep."""
     while len(terms) > 1:
         terms = [f"({'+'.join(terms[i : i + 2])})" for i in range(0, len(terms), 2)]
     return terms[0]
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
 
 
 def _url(path: Path) -> str:
@@ -287,11 +213,11 @@ def _input_arguments() -> list[str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", DEMUXERS]
 
 
-def _stream(path: Path):  # type: ignore[no-untyped-def]
-    """The video stream (capital V: not a cover picture) as an ffmpeg-python node."""
+def _stream(path: Path, facts: VideoFacts):  # type: ignore[no-untyped-def]
+    """The film as an ffmpeg-python node."""
     import ffmpeg
 
-    return ffmpeg.input(_url(path), protocol_whitelist="file", format_whitelist=DEMUXERS)["V"]
+    return ffmpeg.input(_url(path), protocol_whitelist="file", format_whitelist=DEMUXERS)[str(facts.stream)]
 
 
 def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-def]
@@ -307,33 +233,55 @@ def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-de
 @contextmanager
 def _decoding(
     stream_and_settings: tuple, pixel_format: str, numbers: NDArray
-) -> Iterator[tuple[Iterator[None], IO[bytes]]]:
-    """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and the log, complete once all are read."""
+) -> Iterator[tuple[Iterator[None], Callable[[], str]]]:
+    """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and a function for the log of all."""
     stream, settings = stream_and_settings
     output = stream.output("pipe:1", format="rawvideo", pix_fmt=pixel_format, **settings)
     command = output.global_args("-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info").compile(
         cmd=ffmpeg_binary()
     )
-    # The log goes to a file: two pipes would need a thread to keep the unread one from filling up.
-    with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(
-            command, bufsize=0, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, pipesize=PIPE_BYTES
-        )
-        assert process.stdout is not None
-        stdout = process.stdout
+    process = subprocess.Popen(
+        command,
+        bufsize=0,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        pipesize=PIPE_BYTES,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    stdout = process.stdout
 
-        def frames() -> Iterator[None]:
-            content = memoryview(numbers.data).cast("B")
-            while _fill(stdout, content):
-                yield
-            process.wait()
+    def frames() -> Iterator[None]:
+        content = memoryview(numbers.data).cast("B")
+        while _fill(stdout, content):
+            yield
+        process.wait()
 
+    with stdout, reading(process.stderr) as log:
         try:
             yield frames(), log
         finally:
-            stdout.close()
             process.kill()
             process.wait()
+
+
+@contextmanager
+def reading(pipe: IO[bytes]) -> Iterator[Callable[[], str]]:
+    """A function for all that comes through a pipe until it is closed, which a thread reads lest it fill up."""
+    parts: list[bytes] = []
+    reader = threading.Thread(target=lambda: parts.extend(iter(pipe.readline, b"")), daemon=True)
+    reader.start()
+
+    def text() -> str:
+        reader.join()
+        return b"".join(parts).decode("utf-8", "replace")
+
+    try:
+        yield text
+    finally:
+        reader.join()
+        pipe.close()
 
 
 def _fill(source: IO[bytes], content: memoryview) -> bool:

@@ -21,6 +21,7 @@ from cotton3dg.batch import (
     default_jobs,
     find_plants,
     require_named,
+    result_of,
     saved_results,
 )
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
@@ -310,6 +311,40 @@ def test_the_second_ctrl_c_interrupts(tmp_path, stand_in):
     pressed.join()
     assert (result.state, result.reason) == ("waiting", "interrupted")
     assert time.monotonic() - began < 40
+
+
+def test_a_signal_that_ends_the_batch_ends_its_runs(tmp_path, stand_in):
+    field = tmp_path / "field"
+    make_plant(field, "a", "sleep 60")
+    make_plant(field, "b")
+    work = Batch(field, jobs=1, tell=lambda line: None, command=stand_in)
+
+    def end(number, frame):
+        raise SystemExit(143)
+
+    def terminate() -> None:
+        until((field / "a" / "awake").exists)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, end)
+    sender = threading.Thread(target=terminate)
+    sender.start()
+    try:
+        with pytest.raises(SystemExit):
+            work.run(find_plants(field))
+    finally:
+        sender.join()
+        signal.signal(signal.SIGTERM, before)
+    assert {name: (result.state, result.reason) for name, result in work.results.items()} == {
+        "a": ("waiting", "interrupted"),
+        "b": ("waiting", ""),
+    }
+    assert not (field / "b" / "tries").exists()
+
+
+@pytest.mark.parametrize("code", [129, 130, 143, -1, -2, -15])
+def test_a_run_that_was_ended_from_outside_waits(code):
+    assert (result_of("a", code, "").state, result_of("a", code, "").reason) == ("waiting", "interrupted")
 
 
 def press() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput
-from cotton3dg.files import video
+from cotton3dg.files import ffmpeg_text, video
 
 WIDTH, HEIGHT, BITS = 160, 90, 8
 
@@ -192,7 +192,7 @@ def test_log_without_key_frame_after_damage_trusts_nothing_after_it():
     shown = "[Parsed_showinfo_2 @ 0x1] [info] n:{0:4d} pts: {0} pts_time:{1} pos: 1 fmt:gray iskey:{2} type:{3}"
     lines = [shown.format(n, n / 10, int(n == 0), "I" if n == 0 else "P") for n in range(20)]
     lines.insert(12, "[h264 @ 0x2] [error] error while decoding MB 1 2, bytestream -5")
-    timestamps_s, intact, n_damaged, errors = video.parse_log("\n".join(lines))
+    timestamps_s, intact, n_damaged, errors = ffmpeg_text.parse_log("\n".join(lines))
     assert n_damaged == 9
     assert intact.tolist() == [True] * 11 + [False] * 9
     assert len(errors) == 1 and timestamps_s[19] == 1.9
@@ -200,7 +200,7 @@ def test_log_without_key_frame_after_damage_trusts_nothing_after_it():
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"no video", b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n", b"ffconcat version 1.0\nfile '/etc/passwd'\n"],
+    [b"no video", b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n", b"ffconcat version 1.0\nfile '/etc/passwd'\n"],
 )
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "x.mp4").write_bytes(content)
@@ -235,13 +235,13 @@ def test_descriptions_of_phones():
       displaymatrix: rotation of -90.00 degrees
   Stream #0:1[0x2](und): Audio: aac (LC) (mp4a / 0x6134706D), 44100 Hz, stereo, fltp, 190 kb/s (default)
 """
-    facts = video.parse_description(iphone)
-    assert facts == video.VideoFacts(
+    (facts,) = ffmpeg_text.parse_description(iphone)
+    assert facts == ffmpeg_text.VideoFacts(
         "hevc", 1080, 1920, 90, "yuv420p10le", "arib-std-b67", "bt2020nc", False, 29.98, 62.5
     )
     cover = "  Stream #0:0: Video: mjpeg (Baseline), yuvj420p(pc), 600x600, 90k tbr (attached pic)\n"
-    assert video.parse_description(cover) is None
-    assert video.parse_description("") is None
+    assert ffmpeg_text.parse_description(cover) == []
+    assert ffmpeg_text.parse_description("") == []
 
 
 def test_ten_bit_standard_range_is_left_as_filmed(tmp_path):

@@ -95,7 +95,7 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
         raise unknown(f"--how {asked.how}", asked.how, HOW)
     videos = list(_videos(sources, asked.into))
     if not videos:
-        raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}")
+        raise MissingInput(f"no video ({', '.join(VIDEO_SUFFIXES)}) in {', '.join(map(str, sources))}; give others")
     book = _field_book(asked)
     named = _names(asked.names)
     rows = {path: Row(str(path), state=LEFT_OUT, reason=why) for path in videos if (why := _companion(path, videos))}

@@ -32,7 +32,7 @@ def test_the_table_gives_the_scale(workspace):
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.005)
     assert found.source == "table"
     assert outcome.flags == ("table_size_assumed",)
-    assert outcome.summary["table"] == "table taken as 120 x 60 cm"
+    assert outcome.summary["table"] == "taken as 120 x 60 cm"
     evidence = json.loads(workspace.scale_json.read_text())["evidence"]
     assert evidence["aspect"] == pytest.approx(2.0, rel=0.02)
     assert evidence["fill"] > 0.8

@@ -139,7 +139,10 @@ def test_without_locks_a_second_process_is_turned_away_and_a_dead_one_holds_noth
     left = f".lock.{holder.pid}.{platform.node()}"
     try:
         assert holding.wait(60)
-        with pytest.raises(EnvironmentUnusable, match=rf"process {holder.pid} on .*delete {left}"), Workspace(tmp_path).locked():
+        with (
+            pytest.raises(EnvironmentUnusable, match=rf"process {holder.pid} on .*delete {left}"),
+            Workspace(tmp_path).locked(),
+        ):
             pass
     finally:
         holder.kill()
@@ -156,7 +159,10 @@ def test_without_locks_another_host_keeps_its_hold_and_who_waits_gets_it(
     lack(monkeypatch, "flock", errno.ENOSYS)
     other = tmp_path / ".lock.1.elsewhere"
     other.touch()
-    with pytest.raises(EnvironmentUnusable, match=r"process 1 on elsewhere.*delete \.lock\.1\.elsewhere"), Workspace(tmp_path).locked():
+    with (
+        pytest.raises(EnvironmentUnusable, match=r"process 1 on elsewhere.*delete \.lock\.1\.elsewhere"),
+        Workspace(tmp_path).locked(),
+    ):
         pass
     slept: list[float] = []
 
@@ -178,4 +184,3 @@ def test_the_longest_names_have_room_for_a_temporary_one(tmp_path: Path, name: s
     with Workspace(tmp_path).writing(f"render/{name}") as folder:
         (folder / "x").touch()
     assert (tmp_path / "render" / name / "x").exists()
-

@@ -113,7 +113,13 @@ def test_json_has_no_nan():
 
 
 @pytest.mark.parametrize(
-    "number, error", [(errno.ENOSPC, OutOfResources), (errno.EROFS, EnvironmentUnusable), (errno.EIO, EnvironmentUnusable), (errno.ENOENT, OSError)]
+    "number, error",
+    [
+        (errno.ENOSPC, OutOfResources),
+        (errno.EROFS, EnvironmentUnusable),
+        (errno.EIO, EnvironmentUnusable),
+        (errno.ENOENT, OSError),
+    ],
 )
 def test_disk_errors_are_explained(workspace, number, error):
     with pytest.raises(error), explain_disk_errors(workspace.root):

@@ -28,7 +28,7 @@ from .cli_arguments import (
     report_errors,
 )
 from .core.state import State
-from .errors import SOME_FAILED, BadUsage, unknown
+from .errors import SOME_FAILED, BadUsage, MissingInput, unknown
 from .options import (
     STAGE_OPTIONS,
     CardsOptions,
@@ -89,6 +89,8 @@ def run(
         overrides, stages = parse_overrides(set_), pipeline.selected(from_, until)
         if repeat and stages != pipeline.STAGES:
             raise BadUsage("--repeat is for whole runs; leave out --from and --until")
+        if defaults and not defaults.is_file():
+            raise MissingInput(f"{defaults} is not there; give the cotton3dg.toml of many plants as --defaults")
         pipeline.stage_options(None, preset, overrides, defaults)  # refused before a film gets a folder
         workspace = plant_at(plant_dir, make=stages[0] == pipeline.STAGES[0] and not dry_run)
         budget = None

@@ -57,6 +57,8 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         BadUsage: the folder holds something that simulate did not write, or the size cannot be encoded.
     """
     _check(folder, options)
+    with explain_disk_errors(folder):  # whether it can be made is known before the work
+        folder.mkdir(parents=True, exist_ok=True)
     progress(0, options.frames, "growing")
     plant = grow_plant(options)
     path = orbit(options, plant.vertices)

@@ -319,7 +319,7 @@ def _advise_on_blur(found: MotionBlurFound | None) -> Finding | None:
     """By how much the walk blurred the images; whether that matters for the bolls is said of their sharpness."""
     if found is None or math.isnan(found.median_px):
         return None
-    remark = "; walking more slowly, or more light, makes it less" if found.found else ""
+    remark = "; walking more slowly, or more light, helps" if found.found else ""
     text = (
         f"motion blurs the middle image by {found.median_px:.1f} px and nine of ten by less than"
         f" {found.strong_px:.1f} px, where {found.visible_from_px:.0f} px can be seen{remark}"
@@ -334,7 +334,7 @@ def _advise_on_shutter(found: RollingShutterFound | None) -> Finding | None:
     if not found.found:
         text = f"none to be seen: {found.shift_px:.2f} px, where {found.visible_from_px:.1f} px can be seen"
         return Finding(GREEN, "Rolling shutter", text)
-    remark = "" if found.left_px < found.visible_from_px else "; walking more slowly and evenly makes it less"
+    remark = "" if found.left_px < found.visible_from_px else "; walking more slowly and evenly helps"
     text = f"it moves pixels by {found.shift_px:.1f} px; the cameras' positions take up all but {found.left_px:.2f} px"
     return Finding(GREEN, "Rolling shutter", text + remark)
 

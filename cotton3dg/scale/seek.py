@@ -277,7 +277,7 @@ def table_of(together: Reconciled, options: ScaleOptions) -> dict[str, Any]:
 def summary_of(info: ScaleInfo, evidence: dict[str, Any]) -> dict[str, Any]:
     """Figures of a scale for the record."""
     found = {"cm_per_su": info.cm_per_su, "error_pct": 100 * (info.relative_error or 0.0)}
-    return found | ({"table": info.table_words} if info.table_words else {}) | evidence
+    return found | ({"table": info.table_words.removeprefix("table ")} if info.table_words else {}) | evidence
 
 
 def facts_of(references: list[Reference]) -> tuple[dict[str, Any], ...]:

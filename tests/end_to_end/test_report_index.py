@@ -45,6 +45,31 @@ def test_the_index_lists_failures_outliers_and_links(reported):
     assert "default-src 'none'" in text
 
 
+def test_the_index_says_of_a_row_what_its_report_says(tmp_path):
+    flagged = batch_row("a", boll_count=3, qc_flags="table_size_assumed")
+    seen = Page(index_page("field", tmp_path, [batch_row("b", boll_count=3), flagged]))
+    assert "Yellow. 2 of 2 plants done, 1 of them yellow" in seen.text
+    assert seen.count("td", **{"class": "green"}) == seen.count("td", **{"class": "yellow"}) == 1
+    assert seen.count("td", title="Look before you use it: 1 quality flag") == 1
+    assert "Green. 1 of 1 plants done" in Page(index_page("field", tmp_path, [batch_row("b")])).text
+    failed = batch_row("c", "failed", reason="dark; film again")
+    assert "Red. 0 of 1 plants done, 1 failed" in Page(index_page("field", tmp_path, [failed])).text
+
+
+def test_genotypes_that_differ_by_rounding_alone_look_alike(tmp_path):
+    """The axis is no shorter than what one plant is sure to; what differs by more fills it."""
+
+    def widest(heights):
+        rows = [batch_row(f"p{k}", plant_height_cm=height) | {"genotype": f"G{k % 2}"} for k, height in heights]
+        trial = Trial(("genotype",), *compare_genotypes(rows, ("genotype",)))
+        seen = Page(index_page("field", tmp_path, rows, trial))
+        places = [float(found["cx"]) for tag, found in seen.tags if tag == "circle" and found.get("cy")]
+        return max(places) - min(places)
+
+    assert widest(enumerate([80.0, 80.004] * 3)) < 1
+    assert widest(enumerate([80.0, 90.0] * 3)) > 150
+
+
 def test_the_field_book_filters_lists_what_to_film_and_compares_genotypes(tmp_path):
     rows = [row | {"genotype": f"G{k % 3}", "block": str(k % 2), "plot": str(k)} for k, row in enumerate(batch_rows())]
     columns = ("genotype", "block", "plot")

@@ -6,7 +6,7 @@ import pytest
 from scenes.table_scene import POSE, orbit, photo
 from scenes.table_workspace import table_workspace
 
-from cotton3dg.documents.scale import read_scale
+from cotton3dg.documents.scale import ScaleInfo, read_scale
 from cotton3dg.errors import MissingInput, NoScale
 from cotton3dg.files.images import read_image
 from cotton3dg.options import ScaleOptions
@@ -31,7 +31,8 @@ def test_the_table_gives_the_scale(workspace):
     found = read_scale(workspace.scale_json)
     assert found.cm_per_su == pytest.approx(POSE.cm_per_su, rel=0.005)
     assert found.source == "table"
-    assert outcome.flags == ()
+    assert outcome.flags == ("table_size_assumed",)
+    assert outcome.summary["table"] == "taken as 120 x 60 cm"
     evidence = json.loads(workspace.scale_json.read_text())["evidence"]
     assert evidence["aspect"] == pytest.approx(2.0, rel=0.02)
     assert evidence["fill"] > 0.8
@@ -42,8 +43,11 @@ def test_the_table_gives_the_scale(workspace):
 
 
 def test_another_size_of_table_gives_another_scale(workspace):
-    scale.run(workspace, ScaleOptions(table_length_cm=240.0, table_width_cm=120.0))
-    assert read_scale(workspace.scale_json).cm_per_su == pytest.approx(2 * POSE.cm_per_su, rel=0.005)
+    for sides in ((240.0, 120.0), (120.0, 240.0)):  # in either order
+        outcome = scale.run(workspace, ScaleOptions(table_length_cm=sides[0], table_width_cm=sides[1]))
+        assert outcome.flags == ()
+        assert ScaleInfo.load(workspace.scale_json).table_words == "table of 240 x 120 cm"
+        assert read_scale(workspace.scale_json).cm_per_su == pytest.approx(2 * POSE.cm_per_su, rel=0.005)
 
 
 def test_a_table_of_another_shape_leaves_no_scale_but_a_warning(workspace):

@@ -89,7 +89,8 @@ def test_case_52_of_two_runs_of_one_plant_one_is_turned_away_or_waits(tmp_path: 
         away = subprocess.run(command, capture_output=True, text=True, check=False)
         waiting = subprocess.Popen([*command, "--wait"], stderr=subprocess.PIPE, text=True)
         assert away.returncode == 3
-        assert "another cotton3dg is working in this folder; wait for it or stop it" in away.stderr
+        holder = f"another cotton3dg (process {os.getpid()} on {os.uname().nodename}) is working in this folder; "
+        assert f"{holder}wait for it (`cotton3dg run --wait`), or stop it" in away.stderr
         assert waiting.poll() is None
     _, said = waiting.communicate(timeout=60)
     assert waiting.returncode == 4, said

@@ -201,7 +201,7 @@ def test_a_folder_with_one_coco_file(tmp_path: Path) -> None:
 
 
 def test_nothing_to_import_is_said_plainly(tmp_path: Path) -> None:
-    with pytest.raises(MissingInput, match="--source"):
+    with pytest.raises(MissingInput, match="is not there; give a folder of masks"):
         read_masks(tmp_path / "absent")
     with pytest.raises(MissingInput, match="holds no masks"):
         read_masks(tmp_path)

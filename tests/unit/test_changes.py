@@ -141,7 +141,7 @@ def test_what_cannot_be_compared(two_dates, tmp_path):
     other = save_film(tmp_path / "p2", grown(8, seed=77), np.full(8, 50.0))
     run = CliRunner().invoke
     result = run(app, ["compare", str(two_dates[0]), str(other), "--out", str(tmp_path / "no")])
-    assert result.exit_code == 4
+    assert result.exit_code == 2
     assert result.output.count("\n") == 1
     assert "cannot be laid on" in result.output
     assert "--turn-deg" in result.output

@@ -23,6 +23,7 @@ from cotton3dg.documents.check import GREEN, RED, YELLOW, CheckInfo, Finding
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import ScaleOptions
+from cotton3dg.report.verdicts import of_placed, of_sharpness, of_walk
 from cotton3dg.scale.seek import FoundScale, Plant, no_scale
 
 WIDTH, HEIGHT, FOCAL_PX, RADIUS = 640, 360, 525.0, 1.4
@@ -138,6 +139,48 @@ def test_a_film_without_faults_is_green(cameras: list[Camera]) -> None:
     assert "about 5 bolls" in info.line
     assert info.figures["bolls"] == 5
     assert info.seconds == 12.3
+
+
+def test_a_table_of_assumed_size_is_named_and_no_fault_of_the_film(cameras: list[Camera]) -> None:
+    look = look_of(cameras)
+    info = replace(look.scale.info, table_cm=(120.0, 60.0), table_assumed=True)
+    found = judge(replace(look, scale=replace(look.scale, info=info)), 960, 1.0)
+    assert found.verdict == GREEN
+    assert "scale to 0.2 %, table taken as 120 x 60 cm" in found.line
+
+
+def test_the_report_judges_as_the_check_does(cameras: list[Camera]) -> None:
+    """A fifth of the frames blurred and a gap of 45 degrees: usable, and called so on both pages."""
+    images = tuple(frame_info(camera.name, blur=0.6 if i % 5 == 0 else 0.2) for i, camera in enumerate(cameras))
+    look = look_of(cameras[:-2])
+    checked = judge(replace(look, frames=frames_info(list(images))), 960, 1.0)
+    reported = [
+        of_walk(look.orbit.coverage_deg, look.orbit.largest_gap_deg),
+        of_placed(len(look.cameras), len(look.names)),
+        of_sharpness(images, 0.0, [15.0]),
+    ]
+    assert {finding.verdict for finding in reported} == {GREEN}
+    assert {str(finding) for finding in reported} <= {str(finding) for finding in checked.findings}
+
+
+def test_photos_of_the_check_show_the_bolls_that_it_counts(cameras: list[Camera]) -> None:
+    """Every image also shows something white that no other shows."""
+    sights = []
+    for number, camera in enumerate(cameras):
+        sight = sight_of(camera)
+        odd = np.array([[20.0 + 9 * number, 12.0]])
+        sights.append(
+            replace(
+                sight,
+                middles_px=np.concatenate([odd, sight.middles_px]),
+                diameters_px=np.append(15.0, sight.diameters_px),
+            )
+        )
+    counted = find_sure(find_bolls_in_space(sights, fit_orbit(cameras)), len(cameras))
+    assert len(counted) == 5
+    assert all(own > 1 for boll in counted for _, own in boll.seen)
+    seen = [sorted(own for boll in counted for view, own in boll.seen if view == number) for number in range(24)]
+    assert seen == 24 * [[2, 3, 4, 5, 6]]
 
 
 @pytest.mark.parametrize(

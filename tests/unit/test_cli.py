@@ -67,11 +67,13 @@ def test_unknown_command_and_option(plant):
 
 
 def test_empty_folder(plant):
-    assert_one_line(cotton3dg("run", plant), 4, "plant_007: ", "no video")
+    assert_one_line(cotton3dg("run", plant), 2, "plant_007: ", "no video")
 
 
 def test_missing_folder(plant):
-    assert_one_line(cotton3dg("run", plant / "nowhere"), 4, "nowhere: ", "does not exist")
+    result = cotton3dg("run", plant / "nowhere")
+    assert_one_line(result, 2, "nowhere does not exist; look at its spelling")
+    assert result.stderr.count("nowhere") == 1
 
 
 def test_bad_options(plant):
@@ -80,7 +82,7 @@ def test_bad_options(plant):
     assert_one_line(cotton3dg("run", plant, "--preset", "magic"), 2, "magic")
     assert_one_line(cotton3dg("run", plant, "--until", "harvest"), 2, "harvest")
     (plant / "cotton3dg.toml").write_text("[trian]\n")
-    assert_one_line(cotton3dg("run", plant), 2, "cotton3dg.toml", "trian")
+    assert_one_line(cotton3dg("run", plant), 2, "cotton3dg.toml", "trian", "did you mean train?")
 
 
 def test_video_that_is_none(plant):

@@ -7,6 +7,7 @@ from importlib import metadata
 import pytest
 
 from cotton3dg.commands import doctor
+from cotton3dg.errors import MissingInput
 
 DOCTOR = (sys.executable, "-m", "cotton3dg.cli", "doctor")
 
@@ -72,6 +73,20 @@ def test_without_ffmpeg_the_machine_is_unusable(monkeypatch):
     (finding,) = doctor._examine_ffmpeg()
     assert finding.fatal
     assert finding.remedy == "sudo apt-get install ffmpeg"
+
+
+def test_it_ends_with_a_verdict_that_the_exit_code_follows():
+    fine, small = doctor.Finding("numpy", "2.0"), doctor.Finding("memory", "2 GiB", "use --preset draft")
+    lacking = doctor.Finding("ffmpeg", "missing", "sudo apt-get install ffmpeg", fatal=True)
+    assert (doctor.conclude([fine]), doctor.is_ready([fine])) == ("ready", True)
+    assert (doctor.conclude([fine, small]), doctor.is_ready([fine, small])) == ("ready, but look at memory", True)
+    assert doctor.conclude([small, lacking]).startswith("not ready: ffmpeg must be mended first")
+    assert not doctor.is_ready([small, lacking])
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(MissingInput, match="nosuch is not a folder"):
+        doctor.examine(tmp_path / "nosuch")
 
 
 def test_the_exit_code_tells_what_is_missing(tmp_path):

@@ -14,7 +14,7 @@ from openpyxl import load_workbook
 from cotton3dg.batch import find_plants
 from cotton3dg.commands.export import FORMATS, export
 from cotton3dg.core.columns import Column
-from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, compare_genotypes
 from cotton3dg.field.tables import BATCH_COLUMNS, TRAIT_COLUMNS, read_field
 from cotton3dg.files.tables import BOLLS, csv_text
@@ -235,6 +235,6 @@ def test_an_export_is_no_plant_and_what_is_wrong_is_told(field, tmp_path):
     with pytest.raises(MissingInput, match="cotton3dg batch"):
         export(tmp_path, "xlsx")
     (field / "study.toml").write_text("[Lab]\nx = 1\n")
-    with pytest.raises(BadInput, match=r"\[Lab\] is unknown"):
+    with pytest.raises(BadUsage, match=r"\[Lab\] is unknown"):
         export(field, "brapi")
     assert read_field(field).species({"species": "G. barbadense"}) == "hirsutum"  # no such column

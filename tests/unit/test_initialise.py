@@ -6,7 +6,7 @@ import pytest
 from scenes.training_scene import orbit_camera
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.errors import BadInput
+from cotton3dg.errors import CaptureFailed
 from cotton3dg.options import TrainOptions
 from cotton3dg.splat.flow_points import find_dense_points, find_neighbouring_pairs
 from cotton3dg.splat.initialise import (
@@ -78,7 +78,7 @@ def test_points_that_are_not_finite_are_left_out_and_too_few_are_refused() -> No
     points[0, 1], points[1, 2] = np.nan, np.inf
     assert len(place_gaussians(points, grey(6), 0, 100, 0)) == 4
     points[2, 0] = np.nan
-    with pytest.raises(BadInput, match="3 usable points"):
+    with pytest.raises(CaptureFailed, match="3 usable points"):
         place_gaussians(points, grey(6), 0, 100, 0)
 
 

@@ -326,8 +326,10 @@ def test_without_a_scale_only_counts_are_given():
 
 def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
     empty = summarise_plant([], None, SCALE)
-    assert (empty.boll_count, empty.boll_volume_cm3) == (0, 0.0)
-    assert np.isnan(empty.boll_volume_mean_cm3)
+    assert empty.boll_count == 0
+    of_volume = (empty.boll_volume_cm3, empty.boll_volume_error_cm3, empty.boll_volume_published_cm3)
+    assert np.isnan([*of_volume, empty.boll_volume_mean_cm3, empty.lint_area_cm2]).all()
+    assert empty.boll_volume_interval_cm3 is None
     broken = replace(measured[0], volume_cm3=np.nan)
     some = summarise_plant([broken, *measured[1:]], None, SCALE)
     assert some.boll_volume_cm3 == pytest.approx(sum(boll.volume_cm3 for boll in measured[1:]))

@@ -138,13 +138,13 @@ def test_what_has_no_effect_is_refused_with_the_remedy(stage, layer, asked, word
 @pytest.mark.parametrize(
     "table, named",
     [
-        ({"probability": {"stepz": 1}}, r"segment\.probability\.stepz is not an option"),
-        ({"probability": {"features": 1}}, r"segment\.probability\.features is not an option"),
+        ({"probability": {"stepz": 1}}, r"segment\.probability\.stepz is unknown"),
+        ({"probability": {"features": 1}}, r"segment\.probability\.features is unknown"),
         ({"probability": {"steps": 0}}, r"segment\.probability\.steps = 0 is too small"),
         ({"probability": {"steps": "many"}}, r"segment\.probability\.steps = 'many'"),
         ({"target": {}}, r"segment\.target = {} cannot be used; give a whole number"),
-        ({"probability": 3}, r"segment\.probability is not an option"),
-        ({"lift": {"steps": 3}}, r"segment\.lift is not an option"),
+        ({"probability": 3}, r"segment\.probability is unknown"),
+        ({"lift": {"steps": 3}}, r"segment\.lift is unknown"),
         ({"method": {"probability": 3}}, r"segment\.method = .* cannot be used; give text"),
     ],
 )
@@ -177,3 +177,15 @@ def test_the_papers_presets_are_what_is_published():
     dbscan = resolve("cluster", second["cluster"]).dbscan
     assert dbscan.min_samples == 10
     assert resolve("scale", second["scale"]).method == "sections"
+
+
+def test_a_table_counts_as_measured_when_both_sides_were_given():
+    assert (ScaleOptions().table_cm, ScaleOptions().table_is_assumed) == ((120.0, 60.0), True)
+    usual = resolve("scale", asked={"table_length_cm": "120", "table_width_cm": "60"})
+    assert (usual.table_cm, usual.table_is_assumed) == ((120.0, 60.0), False)
+    turned = resolve("scale", {"table_length_cm": 50, "table_width_cm": 100})
+    assert (turned.table_cm, turned.table_is_assumed) == ((100.0, 50.0), False)
+    one = resolve("scale", {"table_length_cm": 100})
+    assert (one.table_cm, one.table_is_assumed) == ((100.0, 60.0), True)
+    with pytest.raises(BadUsage, match="at least 10"):
+        resolve("scale", {"table_length_cm": 1.2})  # metres

@@ -158,6 +158,15 @@ def test_a_reference_of_wrong_size_is_left_out_and_named():
     assert together.differing == {"table": pytest.approx(0.1)}
 
 
+def test_what_was_measured_outvotes_what_was_assumed():
+    table = Reference("table", 44.0, 0.002, assumed=True)
+    together = reconcile([table, Reference("card", 40.0, 0.01)])
+    assert (together.agreeing, together.assumed) == (("card",), False)
+    assert together.differing == {"table": pytest.approx(0.1)}
+    assert reconcile([table]).assumed
+    assert not reconcile([table, Reference("card", 44.1, 0.002)]).assumed  # it confirms the size
+
+
 def test_a_rough_reference_does_not_disagree_with_a_sure_one():
     together = reconcile([Reference("table", 40.0, 0.002), Reference("sections", 41.0, 0.015)])
     assert together.differing == {}

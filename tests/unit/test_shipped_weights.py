@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.errors import EnvironmentUnusable
 from cotton3dg.masks.bolls import SHIPPED_FILE
 from cotton3dg.masks.lint_edges import EDGES_FILE
 from cotton3dg.masks.shipped import read_shipped
@@ -14,10 +14,10 @@ from cotton3dg.masks.shipped import read_shipped
 def test_shipped_weights_that_are_gone_or_damaged_name_the_remedy(tmp_path, file):
     whole, copy = file.read_bytes(), tmp_path / file.name
     shutil.copy(file.with_name(f"{file.name}.sha256"), tmp_path)
-    with pytest.raises(MissingInput, match="--backend lint"):
+    with pytest.raises(EnvironmentUnusable, match="--backend lint"):
         read_shipped(copy)
     copy.write_bytes(whole[:1000])
-    with pytest.raises(BadInput, match=r"damaged.*--backend lint"):
+    with pytest.raises(EnvironmentUnusable, match=r"damaged.*--backend lint"):
         read_shipped(copy)
     copy.write_bytes(whole)
     assert read_shipped(copy) == whole

@@ -45,11 +45,14 @@ def test_the_ratio_is_the_median_of_what_was_measured():
     assert typical_ratio([(0.0, 1.0), (1.0, 0.0)]) == 1.0
 
 
-@pytest.mark.parametrize(
-    "text, seconds", [("90", 90), ("90s", 90), ("5m", 300), ("1h30m", 5400), ("2.5m", 150), ("1m30s", 90)]
-)
+@pytest.mark.parametrize("text, seconds", [("90s", 90), ("5m", 300), ("1h30m", 5400), ("2.5m", 150), ("1m30s", 90)])
 def test_durations_are_read(text, seconds):
     assert parse_duration(text) == seconds
+
+
+def test_a_time_without_a_unit_is_no_number_of_seconds():
+    with pytest.raises(BadUsage, match="'10' has no unit; write 10s for seconds, 10m for minutes"):
+        parse_duration("10")
 
 
 @pytest.mark.parametrize("text", ["", "five", "5 m", "-5m", "0", "0s", "5d", "1m30", "m", "1e3s", "nan"])

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.report.facts import Facts
-from cotton3dg.report.page import find_unsure, give_verdict, trait_cards
+from cotton3dg.report.page import give_verdict, trait_cards
+from cotton3dg.report.verdicts import find_unsure, of_row
 
 SURE = {
     "boll_count": "14", "boll_count_low": "13", "boll_count_high": "15",
@@ -24,7 +26,7 @@ def verdict(**cells: str) -> dict[str, str]:
 
 
 def test_narrow_intervals_and_no_flag_pass() -> None:
-    assert verdict() == {"kind": "good", "text": "All checks passed"}
+    assert verdict() == {"verdict": "green", "text": "All checks passed"}
 
 
 @pytest.mark.parametrize(
@@ -37,7 +39,7 @@ def test_narrow_intervals_and_no_flag_pass() -> None:
     ],
 )
 def test_a_wide_interval_is_told(cells: dict[str, str], words: str) -> None:
-    assert verdict(**cells) == {"kind": "doubt", "text": f"Less sure than usual: {words}"}
+    assert verdict(**cells) == {"verdict": "yellow", "text": f"Less sure than usual: {words}"}
 
 
 def test_what_is_blank_or_sure_to_one_boll_is_not_unsure() -> None:
@@ -59,3 +61,24 @@ def test_what_does_not_hang_on_the_plant_is_in_no_card() -> None:
     bolls, volume = trait_cards(replace(facts(boll_volume_mean_cm3="52"), bolls=[boll, thing]))[:2]
     assert bolls["note"].startswith("none doubtful")
     assert volume["note"] == "52.0 cm³ a boll; 50 cm³ without hollows"
+
+
+def test_the_table_stands_on_the_cards_of_what_rests_on_it() -> None:
+    scale = ScaleInfo("table", table_cm=(120.0, 60.0), table_assumed=True)
+    _, *metric = trait_cards(replace(facts(), scale=scale))
+    assert all("table taken as 120 x 60 cm" in card["note"] for card in metric)
+    given = trait_cards(replace(facts(), scale=replace(scale, table_assumed=False)))
+    assert "table of 120 x 60 cm" in given[2]["note"]
+    assert "table" not in trait_cards(replace(facts(), scale=ScaleInfo("card")))[1]["note"]
+
+
+def test_a_plant_without_bolls_has_no_volume_on_its_card() -> None:
+    cards = trait_cards(facts(boll_count="0", boll_volume_cm3="", boll_volume_low_cm3="", boll_volume_high_cm3=""))
+    assert (cards[0]["value"], cards[1]["value"], cards[1]["note"]) == ("0", "–", "no boll to measure")
+
+
+def test_flags_and_doubtful_bolls_make_a_row_yellow() -> None:
+    assert of_row([], 0, SURE) == ("green", "All checks passed")
+    assert of_row(["orbit_gap"], 3, SURE) == ("yellow", "Look before you use it: 1 quality flag")
+    assert of_row([], 2, SURE) == ("yellow", "Good, but look at 2 doubtful bolls")
+    assert of_row(["no_bolls"], 0, SURE) == ("yellow", "No bolls were found")

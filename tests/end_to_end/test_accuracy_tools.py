@@ -15,7 +15,7 @@ from error_budget import put_true_cameras, share
 from map_surfaces import options_of, scores_of, truth_of
 from real_internodes import SKIPPED_CM, paired
 from scenes.branch_scene import branch_scene
-from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, ROOT
+from scenes.tiny_plant import FILM, OPTIONS, ROOT
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks, true_scale
 
 from cotton3dg.commands.simulate import simulate
@@ -102,8 +102,8 @@ def test_trials_and_truths_are_kept_and_not_repeated(plant, tmp_path):
 
 def test_the_study_set_runs_and_judges_its_plants(tmp_path):
     filmed = tmp_path / "plain-1"  # a film that is there is not made again
-    simulate(filmed, resolve("simulate", FINER_FILM))
-    (filmed / "cotton3dg.toml").write_text(FINER_OPTIONS)
+    simulate(filmed, resolve("simulate", FILM))
+    (filmed / "cotton3dg.toml").write_text(OPTIONS)
     command = [sys.executable, TOOLS / "study_set.py", tmp_path, "--only", "plain-1"]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     assert (tmp_path / "study_draft.md").read_text(encoding="utf-8").strip() == said.strip()

@@ -21,7 +21,7 @@ PAGES = {str(page.relative_to(ROOT)): page for page in doc_commands.PAGES}
 # Part of a command -> what is added to it here, to be done in seconds.
 SHORTER = {
     "study": "--time-budget 15s",  # the base setting alone took 9 s on a busy machine
-    "simulate": " ".join(f"--{name} {value}" for name, value in FILM.items()),
+    "simulate": " ".join(f"--{name.replace('_', '-')} {value}" for name, value in FILM.items()),
     "best.onnx": f"--image-size {SIDE} --tile 96",
     "best.pt": "--image-size 160",
     "masks-train model": "--image-size 160 --epochs 1 --batch 4",

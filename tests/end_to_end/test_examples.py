@@ -9,7 +9,7 @@ from pathlib import Path
 import nbformat
 import pytest
 from nbclient import NotebookClient
-from scenes.tiny_plant import ROOT, in_shell
+from scenes.tiny_plant import FILM, ROOT, in_shell
 
 from cotton3dg.files.images import read_image
 from cotton3dg.files.tables import TRAITS
@@ -43,8 +43,9 @@ def test_one_plant(first_run):
     plant, said = first_run
     (row,) = rows(plant.traits_csv)
     assert row["plant_id"] == "plant_017"
-    assert int(row["boll_count"]) >= 1  # of six: in a film of 320 px they are found or not by chance
-    assert 60 < float(row["plant_height_cm"]) < 90
+    truth = json.loads((plant.root / "truth.json").read_text())
+    assert int(row["boll_count"]) == truth["boll_count"] == FILM["bolls"]
+    assert float(row["plant_height_cm"]) == pytest.approx(truth["plant_height_cm"], rel=0.05)
     assert f"look at {plant.root}/report.html" in said
     assert plant.report_html.is_file()
 

@@ -43,12 +43,12 @@ def test_a_study_resumes_after_ctrl_c_and_leaves_the_plant_alone(tiny_plant, tmp
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("train: starts") == 1
     assert "sfm: starts" not in done.stderr
-    assert done.stderr.count("masks: starts") == 2  # which look at each model; of 300 steps there are masks
+    assert done.stderr.count("masks: starts") == 2  # which look at each model; of 400 steps there are masks
     with (plant / "study" / "study.csv").open(newline="") as file:
         rows = {(row["sweep"], row["setting"]): row for row in csv.DictReader(file)}
-    steps = [rows["steps", value] for value in ("50", "100", "300")]
+    steps = [rows["steps", value] for value in ("50", "100", "400")]
     assert set(rows) == {
-        ("base", "draft"), ("steps", "50"), ("steps", "100"), ("steps", "300"),
+        ("base", "draft"), ("steps", "50"), ("steps", "100"), ("steps", "400"),
     }  # fmt: skip
     assert {row["state"] for row in rows.values()} == {"done"}
     assert {row["reference"] for row in rows.values()} == {"truth"}
@@ -76,7 +76,7 @@ def test_a_run_within_a_time_obeys_the_plants_options_and_says_what_it_chose(tin
     done = run(tmp_path, "run", plant, "--time-budget", "10m", "--no-report", "--set", "train.sh_degree=1")
     assert done.returncode == 0, done.stderr
     assert "measuring this machine once" in done.stderr
-    assert "32 images of 320 px, 300 steps, 15,000 Gaussians" in done.stderr
+    assert "32 images of 384 px, 400 steps, 30,000 Gaussians" in done.stderr
     assert "starts" not in done.stderr  # all is as the plant's cotton3dg.toml wants it
     assert json.loads((plant / "records" / "time_budget.json").read_text())["budget_s"] == 600
     planned = run(tmp_path, "run", plant, "--time-budget", "10m", "--dry-run")

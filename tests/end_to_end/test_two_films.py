@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 from scenes.made_once import made_once
-from scenes.tiny_plant import FINER_FILM, FINER_OPTIONS, in_shell
+from scenes.tiny_plant import FILM, OPTIONS, in_shell
 
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.files.tables import read_rows
@@ -19,10 +19,10 @@ def films(tmp_path_factory):
 
     def make(folder):
         for name, how in (("first", {}), ("later", {"walk": 1, "turned_deg": TURNED_DEG, "picked": PICKED})):
-            simulate(folder / "filmed" / name, resolve("simulate", FINER_FILM | how))
+            simulate(folder / "filmed" / name, resolve("simulate", FILM | how))
             plant = folder / name / "plant_017"
             plant.mkdir(parents=True)
-            (plant / "cotton3dg.toml").write_text(FINER_OPTIONS)
+            (plant / "cotton3dg.toml").write_text(OPTIONS)
             shutil.copyfile(folder / "filmed" / name / "video.mp4", plant / "video.mp4")
             done = in_shell("cotton3dg", "run", plant, "--no-report", cwd=folder)
             assert done.returncode == 0, done.stderr
@@ -36,7 +36,7 @@ def test_compare_finds_the_turn_and_the_picked_bolls(films, tmp_path):
     assert done.returncode == 0, done.stderr
     rows = read_rows(tmp_path / "comparison" / "boll_changes.csv")
     states = [row["state"] for row in rows]
-    left = FINER_FILM["bolls"] - PICKED
+    left = FILM["bolls"] - PICKED
     assert abs(states.count("same") - left) <= 1
     assert abs(states.count("gone") - PICKED) <= 1
     assert states.count("new") <= 1
@@ -55,7 +55,7 @@ def test_repeat_finds_the_same_bolls(films, tmp_path):
     done = in_shell("cotton3dg", "repeat", *films, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     both = [row for row in read_rows(tmp_path / "repeat" / "repeat_bolls.csv") if row["n_films"] == "2"]
-    assert len(both) >= FINER_FILM["bolls"] - PICKED - 1
+    assert len(both) >= FILM["bolls"] - PICKED - 1
     assert all(float(row["place_sd_cm"]) < 1.5 for row in both)
     (volume,) = (row for row in read_rows(tmp_path / "repeat" / "repeat_traits.csv") if row["trait"] == "boll volume")
     assert float(volume["cv_pct"]) < 20

@@ -1,4 +1,4 @@
-"""Rays of the simulator: what they hit, and that both libraries say the same to the bit."""
+"""Rays of the simulator: what they hit, and that both libraries say the same."""
 
 import sys
 
@@ -52,7 +52,8 @@ def test_one_direction_for_many_rays_is_that_of_each(build):
     np.testing.assert_array_equal(blocked, scene.blocked(origins, np.tile(down, (len(origins), 1))))
 
 
-def test_both_libraries_give_the_same_bits():
+def test_both_libraries_give_the_same_hits():
+    """Nearly: their single precision rounds differently, and differently on each processor."""
     rng = np.random.default_rng(3)
     corners = rng.normal(size=(2000, 1, 3)) + 0.1 * rng.normal(size=(2000, 3, 3))
     meshes = SQUARE, (corners.reshape(-1, 3), np.arange(6000).reshape(-1, 3))
@@ -62,10 +63,25 @@ def test_both_libraries_give_the_same_bits():
     ours, theirs = first.cast(origins, directions), second.cast(origins, directions)
     hit = ours.meshes >= 0
     assert 2000 < hit.sum() < 20000
-    np.testing.assert_array_equal(ours.depths, theirs.depths)
     np.testing.assert_array_equal(ours.meshes, theirs.meshes)
     np.testing.assert_array_equal(ours.triangles, theirs.triangles)
-    np.testing.assert_array_equal(ours.weights[hit], theirs.weights[hit])
+    assert np.isinf(ours.depths[~hit]).all() and np.isinf(theirs.depths[~hit]).all()
+    triangles = [vertices.astype(np.float32).astype(float)[faces] for vertices, faces in meshes]
+    a, b, c = np.moveaxis(
+        np.array([triangles[m][t] for m, t in zip(ours.meshes[hit], ours.triangles[hit], strict=True)]), 1, 0
+    )
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    starts, ways = origins[hit].astype(float), directions[hit].astype(float)
+    towards = (normals * ways).sum(axis=1)
+    expected = (normals * (a - starts)).sum(axis=1) / towards
+    # Coordinates of a few units are rounded to some 2e-7, which grows with the slant of the ray.
+    slack = 2e-6 / np.abs(towards)
+    for found in (ours, theirs):
+        assert (np.abs(found.depths[hit] - expected) < slack).all()
+        u, v = found.weights[hit].astype(float).T[:, :, None]
+        gaps = np.linalg.norm((1 - u - v) * a + u * b + v * c - starts - expected[:, None] * ways, axis=1)
+        assert (gaps < slack * np.linalg.norm(ways, axis=1)).all()
     blocked = first.blocked(origins, directions, 1.5)
     assert 2000 < blocked.sum() < 20000
     np.testing.assert_array_equal(blocked, second.blocked(origins, directions, 1.5))

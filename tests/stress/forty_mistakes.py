@@ -37,7 +37,8 @@ def make_plants(folder: Path) -> None:
     (field / "cotton3dg.toml").write_text(OPTIONS)
     subprocess.run([sys.executable, "-m", "cotton3dg.cli", "batch", str(field)], check=True)
     shutil.copytree(field / "plant_1", folder / "plant_1")
-    (folder / "plant_1" / "cotton3dg.toml").write_text(OPTIONS)
+    with (folder / "plant_1" / "cotton3dg.toml").open("a") as own:
+        own.write(OPTIONS)
     (folder / "fresh").mkdir()
     for copy in (folder, folder / "fresh"):
         shutil.copyfile(field / "plant_2" / "video.mp4", copy / "film.mp4")

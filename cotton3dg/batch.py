@@ -47,7 +47,6 @@ from .workspace import Workspace
 
 RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")
 
-OPTIONS_FILE: Final = "cotton3dg.toml"
 INDEX: Final = "index.html"
 SAME_FILM: Final = "same_film"
 
@@ -229,7 +228,7 @@ class Batch:
     def _attempt(self, name: str, slot: list[int]) -> Result:
         # A session of its own keeps the terminal's Ctrl-C from it: whether it ends is decided here.
         process = subprocess.Popen(
-            [*self.command, str((self.folder / name).absolute()), "--wait", *self.run_arguments()],
+            [*self.command, str((self.folder / name).absolute()), "--wait", *self.arguments],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -243,11 +242,6 @@ class Batch:
         finally:
             self._processes.discard(process)
         return result_of(name, process.returncode, said)
-
-    def run_arguments(self) -> list[str]:
-        """Of `cotton3dg run`, with the options of the batch."""
-        shared = self.folder / OPTIONS_FILE
-        return [*self.arguments, *(["--defaults", str(shared.absolute())] if shared.is_file() else [])]
 
     def _interrupt(self, number: int) -> None:
         for process in list(self._processes):

@@ -20,6 +20,7 @@ from .cli_arguments import (
     NoReport,
     PlantDir,
     Preset,
+    Reset,
     Set,
     TimeBudget,
     add_flags,
@@ -40,6 +41,7 @@ from .options import (
 from .process import orderly
 
 if TYPE_CHECKING:
+    from .choices import Asked, Chosen
     from .planning.time_budget import Budget
     from .workspace import Workspace
 
@@ -71,11 +73,11 @@ def run(
     plant_dir: PlantDir,
     from_: Annotated[str, typer.Option("--from", metavar="STAGE", help="first stage")] = next(iter(STAGE_OPTIONS)),
     until: Annotated[str, typer.Option(metavar="STAGE", help="last stage")] = list(STAGE_OPTIONS)[-1],
-    preset: Preset = "standard",
+    preset: Preset = None,
+    reset: Reset = False,
     force: Force = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would run, and why")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="for another run of this plant, instead of failing")] = False,
-    defaults: Annotated[Path | None, typer.Option(help="cotton3dg.toml of many plants; a plant's own wins")] = None,
     time_budget: TimeBudget = None,
     no_report: NoReport = False,
     repeat: Annotated[int, typer.Option(min=0, help="more runs, of other frames, to see how far they agree")] = 0,
@@ -83,31 +85,28 @@ def run(
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
     from . import display, pipeline
-    from .plants import plant_at
+    from .choices import Asked
 
     with report_errors(plant_dir):
-        overrides, stages = parse_overrides(set_), pipeline.selected(from_, until)
+        asked, stages = Asked(preset, reset, parse_overrides(set_)), pipeline.selected(from_, until)
         if repeat and stages != pipeline.STAGES:
             raise BadUsage("--repeat is for whole runs; leave out --from and --until")
-        if defaults and not defaults.is_file():
-            raise MissingInput(f"{defaults} is not there; give the cotton3dg.toml of many plants as --defaults")
-        pipeline.stage_options(None, preset, overrides, defaults)  # refused before a film gets a folder
-        workspace = plant_at(plant_dir, make=stages[0] == pipeline.STAGES[0] and not dry_run)
-        budget = None
-        if time_budget:
-            if preset != "standard" or stages != pipeline.STAGES:
-                raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
-            budget = _budget(workspace, time_budget, overrides, defaults)
-        options = budget.choice.options if budget else pipeline.stage_options(workspace, preset, overrides, defaults)
+        if time_budget and (preset or stages != pipeline.STAGES):
+            raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
+        workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == pipeline.STAGES[0] and not dry_run)
+        budget = _budget(workspace, time_budget, asked) if time_budget else None
+        chosen = budget.chosen if budget else chosen
+        display.tell_options(chosen, stages)
         if dry_run:
-            pipeline.require_inputs(workspace, options, stages)
-            display.print_plan(pipeline.plan(workspace, options, stages, force=force))
+            pipeline.require_inputs(workspace, chosen.options, stages)
+            display.print_plan(pipeline.plan(workspace, chosen.options, stages, force=force))
             return
         with display.ProgressDisplay() as watcher:
+            how: dict[str, Any] = {"force": force, "wait": wait, "watcher": watcher, "report": not no_report}
             if budget:
-                budget.run(force=force, wait=wait, watcher=watcher, report=not no_report)
+                budget.run(**how)
             else:
-                pipeline.run(workspace, options, stages, force=force, wait=wait, watcher=watcher, report=not no_report)
+                pipeline.run(workspace, chosen.options, stages, choices=chosen.to_keep(stages), **how)
         if "traits" in stages:
             display.print_traits(workspace)
         if repeat:
@@ -115,24 +114,40 @@ def run(
             from .evaluation.repeats import repeats_text
 
             with display.ProgressDisplay() as watcher:
-                repeats = repeat_runs(workspace, options, repeat, partial(typer.echo, err=True), watcher)
+                repeats = repeat_runs(workspace, chosen.options, repeat, partial(typer.echo, err=True), watcher)
             typer.echo(f"{repeats_text(repeats)}\nsaved in {workspace.repeats}")
 
 
-def _budget(workspace: Workspace, time: str, overrides: dict[str, dict[str, Any]], defaults: Path | None) -> Budget:
+def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tuple[Workspace, Chosen]:
+    """The plant at a folder or film, and its options; these are refused before a film gets a folder."""
+    from .choices import choose
+    from .plants import plant_at
+
+    try:
+        workspace = plant_at(given)
+    except MissingInput:
+        if not (make and given.is_file()):
+            raise
+        choose(None, asked, given.with_suffix(""))
+        workspace = plant_at(given, make=True)
+    return workspace, choose(workspace, asked)
+
+
+def _budget(workspace: Workspace, time: str, asked: Asked) -> Budget:
     from .planning.calibrate import read_or_calibrate
     from .planning.time_budget import Budget
     from .planning.tradeoff import parse_duration
 
     tell = partial(typer.echo, err=True)
-    return Budget(workspace, parse_duration(time), read_or_calibrate(tell), overrides, defaults, tell)
+    return Budget(workspace, parse_duration(time), read_or_calibrate(tell), asked, tell)
 
 
 @app.command(rich_help_panel="Everything")
 def batch(
     folder: Annotated[Path, typer.Argument(help="folder with a folder for each plant")],
     jobs: Annotated[int, typer.Option(help="plants side by side; 0 = as many as cores and memory allow")] = 0,
-    preset: Preset = "standard",
+    preset: Preset = None,
+    reset: Reset = False,
     retry: Annotated[int, typer.Option(help="more tries for plants that a fault of the machine stopped")] = 0,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="those that batch.csv calls failed")] = False,
     engine: Annotated[str, typer.Option(help="local: processes here | slurm: jobs of a cluster")] = "local",
@@ -144,15 +159,15 @@ def batch(
     set_: Set = None,
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
-    from . import display, pipeline, slurm
-    from .batch import OPTIONS_FILE, TABLE, Batch, default_jobs, find_plants, require_named, saved_results
+    from . import display, slurm
+    from .batch import TABLE, Batch, default_jobs, find_plants, require_named, saved_results
+    from .choices import Asked, choose
 
     with report_errors(folder):
-        plants = find_plants(folder)
-        # Told once, not per plant.
-        require_named(plants, pipeline.stage_options(None, preset, parse_overrides(set_), folder / OPTIONS_FILE))
-        arguments = ["--preset", preset, *(word for assignment in set_ or [] for word in ("--set", assignment))]
-        arguments += ["--no-report"] if no_report else []
+        plants, asked = find_plants(folder), Asked(preset, reset, parse_overrides(set_))
+        require_named(plants, choose(None, asked, folder).options)  # told once, not per plant
+        arguments = [word for assignment in set_ or [] for word in ("--set", assignment)]
+        arguments += [*(["--preset", preset] if preset else []), *["--reset"] * reset, *["--no-report"] * no_report]
         tell = partial(typer.echo, err=True)
         work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
         if engine not in ("local", "slurm"):
@@ -162,7 +177,7 @@ def batch(
             failed = {result.folder for result in work.results.values() if result.state == State.FAILED}
             plants = [plant for plant in plants if plant.relative_to(folder).as_posix() in failed]
         if status:
-            results = slurm.status(work, plants)
+            results = slurm.status(work, plants, asked)
         elif engine == "slurm":
             executor = slurm.slurm_executor(folder, slurm_ or [])
             submitted = slurm.submit(work, plants, executor, slurm.max_array_size())
@@ -178,46 +193,47 @@ def batch(
 @app.command(rich_help_panel="Everything")
 def status(
     plant_dir: PlantDir,
-    preset: Preset = "standard",
+    preset: Preset = None,
+    reset: Reset = False,
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
     set_: Set = None,
 ) -> None:
     """What is done, what is stale and why, with seconds and memory of each stage."""
     from . import display, pipeline
-    from .plants import plant_at
+    from .choices import Asked
 
     with report_errors(plant_dir):
-        workspace = plant_at(plant_dir)
-        states = pipeline.status(workspace, pipeline.stage_options(workspace, preset, parse_overrides(set_)))
+        workspace, chosen = _plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
+        states = pipeline.status(workspace, chosen.options)
+        display.tell_options(chosen)
         if as_json:
-            typer.echo(json.dumps(display.status_entries(states), indent=1))
+            typer.echo(json.dumps(display.status_entries(states, chosen), indent=1))
         else:
-            display.print_status(states)
+            display.print_status(states, chosen)
 
 
 @app.command(rich_help_panel="Everything")
 def check(
     film: Annotated[Path, typer.Argument(help="video, or folder of one plant")],
-    preset: Preset = "standard",
+    preset: Preset = None,
+    reset: Reset = False,
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
     set_: Set = None,
 ) -> None:
     """Will this film do? Green, yellow (exit code 9) or red (4), in half a minute; run goes on from it."""
     from dataclasses import asdict
 
-    from . import display, pipeline
+    from . import display
+    from .choices import Asked
     from .commands.check import check as look
     from .documents.check import GREEN, RED
     from .errors import DOUBTFUL, CaptureFailed
-    from .plants import plant_at
 
     with report_errors(film):
-        overrides = parse_overrides(set_)
-        pipeline.stage_options(None, preset, overrides)  # refused before a film gets a folder
-        workspace = plant_at(film, make=True)
-        options = pipeline.stage_options(workspace, preset, overrides)
+        workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
+        display.tell_options(chosen, ("frames", "sfm"))
         with display.ProgressDisplay() as watcher:
-            info = look(workspace, options, watcher)
+            info = look(workspace, chosen.options, watcher, chosen.to_keep(("frames",)))
         if as_json:
             typer.echo(json.dumps(asdict(info), indent=1))
         else:
@@ -253,20 +269,26 @@ def report(plant_dir: PlantDir) -> None:
 def _stage_command(stage: str) -> Callable[..., None]:
     """A command that runs one stage."""
 
-    def command(plant_dir: Path, preset: str, force: bool, **flags: Any) -> None:
+    def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, **flags: Any) -> None:
         from . import display, pipeline
-        from .plants import plant_at
+        from .choices import Asked
 
         with report_errors(plant_dir):
-            given = {stage: keep_given(flags)}
-            pipeline.stage_options(None, preset, given)  # refused before a film gets a folder
-            workspace = plant_at(plant_dir, make=stage == pipeline.STAGES[0])
-            options = pipeline.stage_options(workspace, preset, given)
+            asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
+            workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == pipeline.STAGES[0])
+            display.tell_options(chosen, stages)
             with display.ProgressDisplay() as watcher:
-                pipeline.run(workspace, options, (stage,), force=force, watcher=watcher)
+                pipeline.run(
+                    workspace, chosen.options, stages, force=force, watcher=watcher, choices=chosen.to_keep(stages)
+                )
 
     return add_flags(
-        command, STAGE_OPTIONS[stage], plant_dir=PlantDir, preset=(Preset, "standard"), force=(Force, False)
+        command,
+        STAGE_OPTIONS[stage],
+        plant_dir=PlantDir,
+        preset=(Preset, None),
+        reset=(Reset, False),
+        force=(Force, False),
     )
 
 

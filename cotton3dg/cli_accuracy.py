@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .cli_arguments import PlantDir, Preset, Set, TimeBudget, parse_overrides, report_errors
+from .cli_arguments import OwnPreset, PlantDir, Set, TimeBudget, parse_overrides, report_errors
 from .errors import BadUsage, MissingInput, unknown
 
 
@@ -82,7 +82,7 @@ def study(
     sweep: Annotated[
         list[str] | None, typer.Option(metavar="NAME[=VALUE,...]", help="what to vary, or all; repeatable")
     ] = None,
-    preset: Preset = "draft",
+    preset: OwnPreset = "draft",
     time_budget: TimeBudget = None,
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's")] = None,
     standard: Annotated[bool, typer.Option("--standard", help="on a simulated plant, made in the folder")] = False,

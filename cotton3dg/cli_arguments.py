@@ -6,14 +6,14 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Final, NoReturn
 
 import typer
 
 from .errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
 from .files.saving import explained
 from .option_rules import flags
-from .options import PRESETS, STAGE_OPTIONS
+from .options import PRESETS, STAGE_OPTIONS, STANDARD
 
 PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, with its video or an images folder; or a video")]
 ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
@@ -22,7 +22,11 @@ CardFiles = Annotated[
 ]
 NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
 NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
-Preset = Annotated[str, typer.Option(help=" | ".join(PRESETS) + ": what accuracy may cost in time")]
+_PRESETS: Final = " | ".join(PRESETS) + ": what accuracy may cost in time"
+OwnPreset = Annotated[str, typer.Option("--preset", help=_PRESETS)]
+"""Of a command that works by a preset of its own, whatever a plant was run with."""
+Preset = Annotated[str | None, typer.Option(help=_PRESETS, show_default=f"as the last run, else {STANDARD}")]
+Reset = Annotated[bool, typer.Option("--reset", help="leave the last run's options for the defaults")]
 Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
 Set = Annotated[

@@ -9,15 +9,16 @@ from typing import Annotated
 
 import typer
 
-from .cli_arguments import PlantDir, Preset, report_errors
+from .cli_arguments import OwnPreset, PlantDir, report_errors
 
 
 def demo(
     folder: Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")] = Path("demo"),
-    preset: Preset = "draft",
+    preset: OwnPreset = "draft",
 ) -> None:
     """A simulated plant from its film to its row, and that beside the truth: simulate, run, evaluate."""
     from . import display, pipeline
+    from .choices import Asked, choose
     from .commands.simulate import film_once
     from .options import SimulateOptions
     from .workspace import Workspace
@@ -26,7 +27,10 @@ def demo(
         with display.ProgressDisplay() as watcher:
             film_once(folder, SimulateOptions(), watcher.watched("simulate"))
             workspace = Workspace(folder)
-            pipeline.run(workspace, pipeline.stage_options(workspace, preset), watcher=watcher, report=True)
+            chosen = choose(workspace, Asked(preset))
+            display.tell_options(chosen)
+            choices = chosen.to_keep(pipeline.STAGES)
+            pipeline.run(workspace, chosen.options, watcher=watcher, report=True, choices=choices)
         display.print_traits(workspace)
         display.print_comparison(workspace, workspace.truth_json)
 

@@ -92,6 +92,36 @@ class SimulateOptions:
 
 
 @dataclass(frozen=True)
+class MasksTrainOptions:
+    """Train a network on annotated images, or on simulated ones; writes its weights and training.json."""
+
+    network: str = option(
+        "bolls", "what to train: the network of the bolls back end, or YOLO", paper="yolo", choices=("bolls", "yolo")
+    )
+    annotations: str = option("", "folder of images with COCO, Labelme or YOLO labels; several by comma")
+    classes: str = option("", "classes that are bolls, by comma; default: the only one")
+    weights: str = option(
+        "",
+        "what to start from; bolls: .onnx, or none = from scratch, default: the network that comes with cotton3dg; "
+        "yolo: pretrained .pt, or an architecture, e.g. yolo11n-seg.yaml, from scratch",
+    )
+    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    scenes: int = option(0, "bolls: simulated scenes to learn from, 20 pictures each", at_least=0, at_most=100_000)
+    steps: int = option(300, "bolls: optimisation steps", at_least=1)
+    image_size: int = option(
+        1280, "yolo: longer side of the images", unit="px", paper="1280", at_least=32, at_most=8192
+    )
+    batch: int = option(0, "images a step; 0 = 12 of bolls, 16 of yolo", paper="16", at_least=0)
+    epochs: int = option(500, "yolo: times each image is seen", paper="500", at_least=1)
+    validation: float = option(0.2, "share of the images that judges and never trains", at_least=0.01, at_most=0.9)
+    brightness: float = option(0.4, "yolo: brightness changes by up to this share", at_least=0.0, at_most=1.0)
+    blur: float = option(0.5, "yolo: share of the images that are also shown blurred", at_least=0.0, at_most=1.0)
+    rotation: float = option(15.0, "yolo: largest turn", unit="°", at_least=0.0, at_most=180.0)
+    rescaling: float = option(0.5, "yolo: size changes by up to this share", at_least=0.0, at_most=0.9)
+    seed: int = option(0, "seed of the split, the order and the first weights", at_least=0)
+
+
+@dataclass(frozen=True)
 class MarkersOptions:
     """A sheet of markers to print; measure its ruler of 10 cm before use."""
 

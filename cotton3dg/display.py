@@ -20,10 +20,14 @@ from .documents.corrections import RULER
 from .documents.record import Record
 from .documents.scale import ScaleInfo
 from .files.tables import read_rows
-from .pipeline import Step, Watcher
+from .options import STANDARD
+from .pipeline import STAGES, Step, Watcher
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from .batch import Result
+    from .choices import Chosen
     from .commands.correct import Length, Outcome
     from .commands.doctor import Finding
     from .commands.import_videos import Row as ImportRow
@@ -125,13 +129,23 @@ def print_plan(steps: list[Step]) -> None:
         print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
 
 
-def status_entries(states: list[StageState]) -> list[dict[str, Any]]:
-    """One entry a stage: its state, why, seconds, peak memory, flags, warnings and summary."""
+def tell_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
+    """What is not usual about a plant's options, and how they differ from what its results were made with."""
+    for word, told in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
+        if told:
+            print(f"{word}: {told}", file=sys.stderr)
+
+
+def status_entries(states: list[StageState], chosen: Chosen) -> list[dict[str, Any]]:
+    """One entry a stage: state, why, preset, other options than the defaults, seconds, memory, flags, and so on."""
+    values = chosen.by_stage()
     return [
         {
             "stage": item.stage,
             "state": item.state,
             "reason": item.reason,
+            "preset": chosen.base.preset,
+            "options": values[item.stage],
             "seconds": item.record and item.record.seconds,
             "peak_memory_mib": item.record and item.record.peak_memory_mib,
             "flags": item.record.flags if item.record else (),
@@ -142,15 +156,17 @@ def status_entries(states: list[StageState]) -> list[dict[str, Any]]:
     ]
 
 
-def print_status(states: list[StageState]) -> None:
+def print_status(states: list[StageState], chosen: Chosen) -> None:
     """A table of all stages."""
     table = Table(box=None, pad_edge=False)
     for heading in ("stage", "state", "seconds", "MiB", "remarks"):
         table.add_column(heading, justify="right" if heading in ("seconds", "MiB") else "left")
-    for entry in status_entries(states):
+    with_preset = "" if chosen.base.preset == STANDARD else f" with {chosen.base.preset}"
+    for entry in status_entries(states, chosen):
         remarks = "; ".join([entry["reason"], *entry["flags"]]).strip("; ")
         figures = ["" if entry[key] is None else f"{entry[key]:.1f}" for key in ("seconds", "peak_memory_mib")]
-        table.add_row(entry["stage"], entry["state"], *figures, remarks)
+        state = f"{entry['state']}{with_preset if entry['state'] == State.DONE else ''}"
+        table.add_row(entry["stage"], state, *figures, remarks)
     Console().print(table, markup=False)
 
 

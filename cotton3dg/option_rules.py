@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, Final, get_type_hints
 
 from .errors import BadUsage, unknown
@@ -83,43 +84,85 @@ class Place:
         return getattr(getattr(options, self.table) if self.table else options, self.name)
 
 
-def places(options: Any) -> Iterator[Place]:
+def places(options: Any) -> tuple[Place, ...]:
     """Every option of a stage or command, of its class or of an instance; the one that chooses the method is first."""
-    kinds = get_type_hints(options if isinstance(options, type) else type(options))
-    for item in fields(options):
-        kind, methods = kinds[item.name], item.metadata.get("methods", ())
-        if not is_dataclass(kind):
-            yield Place(item, kind)
-            continue
-        inner = get_type_hints(kind)
-        yield from (Place(each, inner[each.name], item.name, methods) for each in fields(kind))
+    return _places_of(options if isinstance(options, type) else type(options))
+
+
+@cache
+def _places_of(kind: type) -> tuple[Place, ...]:
+    found: list[Place] = []
+    kinds = get_type_hints(kind)
+    for item in fields(kind):
+        own, methods = kinds[item.name], item.metadata.get("methods", ())
+        if is_dataclass(own):
+            inner = get_type_hints(own)
+            found += [Place(each, inner[each.name], item.name, methods) for each in fields(own)]
+        else:
+            found.append(Place(item, own))
+    return tuple(found)
+
+
+def counting(options: Any) -> list[Place]:
+    """The options that have an effect with the chosen method."""
+    known = places(options)
+    return [place for place in known if place.counts_with(known[0].value_in(options))]
 
 
 def as_dict(options: Any) -> dict[str, Any]:
     """Plain values for a record, by the names of their flags: those that have an effect with the chosen method."""
-    known = list(places(options))
-    method = known[0].value_in(options)
-    return {place.name: place.value_in(options) for place in known if place.counts_with(method)}
+    return {place.name: place.value_in(options) for place in counting(options)}
+
+
+def differences(options: Any, base: Any) -> dict[str, Any]:
+    """Values of `options`, as TOML writes them behind the stage, that are not those of `base`."""
+    return {
+        place.path: place.value_in(options)
+        for place in places(options)
+        if place.value_in(options) != place.value_in(base)
+    }
 
 
 def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """Those of `values`, by the names of their flags, that have an effect with the method that they name."""
-    known = list(places(options))
+    known = places(options)
     method = values.get(known[0].name, known[0].value_in(options))
     return {place.name: values[place.name] for place in known if place.counts_with(method) and place.name in values}
 
 
+@dataclass(frozen=True)
+class Given:
+    """The value of an option that some layer gives."""
+
+    place: Place
+    value: Any
+    layer: int
+    """The last one that gives it."""
+
+
 def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]) -> Any:
     """`options` with `layers` of values and at last what was `asked` applied, as `options.resolve` explains."""
+    values: dict[str, dict[str, Any]] = {}
+    for given in given_values(stage, options, layers, asked):
+        values.setdefault(given.place.table, {})[given.place.name] = given.value
+    own = values.pop("", {})
+    tables = {table: replace(getattr(options, table), **chosen) for table, chosen in values.items()}
+    return checked(stage, replace(options, **own, **tables))
+
+
+def given_values(
+    stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]
+) -> list[Given]:
+    """What the layers, of which `asked` is the last, say of a stage's options; of each option the last word."""
     every_layer = (*layers, asked)
-    known = list(places(options))
+    known = places(options)
     chooser = known[0]
     method = next(
         (layer[chooser.name] for layer in reversed(every_layer) if chooser.name in layer), chooser.item.default
     )
     _check_value(f"{stage}.{chooser.name}", _converted(f"{stage}.{chooser.name}", method, chooser.kind), chooser)
-    values: dict[str, dict[str, Any]] = {}
-    for layer in every_layer:
+    said: dict[str, Given] = {}
+    for number, layer in enumerate(every_layer):
         for name, value in _paths(layer, {place.methods[0] for place in known if place.table}):
             found = [place for place in known if name in (place.name, place.path)]
             if not found:
@@ -129,10 +172,8 @@ def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], aske
             if not active and (layer is asked or name != found[0].path):
                 raise _no_effect(stage, name, chooser.name, method, found)
             for place in active or found:
-                values.setdefault(place.table, {})[place.name] = _converted(f"{stage}.{name}", value, place.kind)
-    own = values.pop("", {})
-    tables = {table: replace(getattr(options, table), **chosen) for table, chosen in values.items()}
-    return checked(stage, replace(options, **own, **tables))
+                said[place.path] = Given(place, _converted(f"{stage}.{name}", value, place.kind), number)
+    return list(said.values())
 
 
 def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, Any]]:

@@ -1,27 +1,33 @@
 """Options: one frozen dataclass a stage, and one for each of its methods; read from the command line and from TOML.
 
 What is known of an option is written once here; the command line, `cotton3dg.toml` and the records all derive from it.
-Order of precedence: command line > plant's TOML > batch's TOML > preset > default.
+What is given where, and what wins: `choices.py`.
 """
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
-from .command_options import MARKER_DICTIONARIES, CardsOptions, MarkersOptions, RenderOptions, SimulateOptions
-from .errors import BadUsage, unknown
-from .option_rules import effective, option, options_of, resolved
-from .text import read_text
+from .command_options import (
+    MARKER_DICTIONARIES,
+    CardsOptions,
+    MarkersOptions,
+    MasksTrainOptions,
+    RenderOptions,
+    SimulateOptions,
+)
+from .errors import unknown
+from .option_rules import effective, given_values, option, options_of, resolved
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
 USUAL_TABLE_CM: Final = (120.0, 60.0)
 """What a table is taken for that nobody measured: the published one."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
+STANDARD: Final = "standard"
+"""All defaults."""
 
 
 @dataclass(frozen=True)
@@ -156,36 +162,6 @@ class MasksOptions:
     yolo: YoloOptions = options_of(YoloOptions, "yolo")
     sam: SamOptions = options_of(SamOptions, "sam")
     grounded_sam: GroundedSamOptions = options_of(GroundedSamOptions, "grounded-sam")
-
-
-@dataclass(frozen=True)
-class MasksTrainOptions:
-    """Train a network on annotated images, or on simulated ones; writes its weights and training.json."""
-
-    network: str = option(
-        "bolls", "what to train: the network of the bolls back end, or YOLO", paper="yolo", choices=("bolls", "yolo")
-    )
-    annotations: str = option("", "folder of images with COCO, Labelme or YOLO labels; several by comma")
-    classes: str = option("", "classes that are bolls, by comma; default: the only one")
-    weights: str = option(
-        "",
-        "what to start from; bolls: .onnx, or none = from scratch, default: the network that comes with cotton3dg; "
-        "yolo: pretrained .pt, or an architecture, e.g. yolo11n-seg.yaml, from scratch",
-    )
-    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
-    scenes: int = option(0, "bolls: simulated scenes to learn from, 20 pictures each", at_least=0, at_most=100_000)
-    steps: int = option(300, "bolls: optimisation steps", at_least=1)
-    image_size: int = option(
-        1280, "yolo: longer side of the images", unit="px", paper="1280", at_least=32, at_most=8192
-    )
-    batch: int = option(0, "images a step; 0 = 12 of bolls, 16 of yolo", paper="16", at_least=0)
-    epochs: int = option(500, "yolo: times each image is seen", paper="500", at_least=1)
-    validation: float = option(0.2, "share of the images that judges and never trains", at_least=0.01, at_most=0.9)
-    brightness: float = option(0.4, "yolo: brightness changes by up to this share", at_least=0.0, at_most=1.0)
-    blur: float = option(0.5, "yolo: share of the images that are also shown blurred", at_least=0.0, at_most=1.0)
-    rotation: float = option(15.0, "yolo: largest turn", unit="°", at_least=0.0, at_most=180.0)
-    rescaling: float = option(0.5, "yolo: size changes by up to this share", at_least=0.0, at_most=0.9)
-    seed: int = option(0, "seed of the split, the order and the first weights", at_least=0)
 
 
 @dataclass(frozen=True)
@@ -378,24 +354,10 @@ PRESET_VALUES: Final[dict[str, dict[str, dict[str, Any]]]] = {
 paper on binary segmentation, on a model that is there, and of Cotton3DGaussians; docs/papers.md."""
 
 
-def read_toml(path: Path) -> dict[str, dict[str, Any]]:
-    """Read `cotton3dg.toml`: one table a stage. A missing file is an empty one.
-
-    Raises:
-        BadUsage: the file cannot be parsed or is not made of tables.
-    """
-    if not path.exists():
-        return {}
-    try:
-        tables = tomllib.loads(read_text(path, BadUsage))
-    except (tomllib.TOMLDecodeError, OSError) as error:
-        raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
-    for name, table in tables.items():
-        if name not in STAGE_OPTIONS:
-            raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
-        if not isinstance(table, dict):
-            raise BadUsage(f"{path.name}: {name} is no table; write its options below [{name}]")
-    return tables
+def check_preset(name: Any) -> None:
+    """Raises BadUsage unless there is a preset of this name."""
+    if name not in PRESETS:
+        raise unknown(f"preset {name!r}", str(name), PRESETS)
 
 
 def resolve(stage: str, *layers: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> Any:
@@ -411,6 +373,11 @@ def resolve(stage: str, *layers: Mapping[str, Any], asked: Mapping[str, Any] | N
             or one that stands outside of its method's table.
     """
     return resolved(stage, COMMAND_OPTIONS[stage](), layers, asked or {})
+
+
+def origins(stage: str, *layers: Mapping[str, Any]) -> dict[str, int]:
+    """Option, as TOML writes it behind the stage -> number of the layer whose value `resolve` takes."""
+    return {given.place.path: given.layer for given in given_values(stage, COMMAND_OPTIONS[stage](), layers, {})}
 
 
 def recorded(stage: str, values: Mapping[str, Any]) -> Any:

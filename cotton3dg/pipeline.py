@@ -15,9 +15,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from .choices import Asked, choices_of, choose
 from .core.progress import Progress, silent
+from .documents.choices import Choices
 from .documents.record import Record
 from .errors import (
+    BadInput,
     BadUsage,
     Cotton3dgError,
     EnvironmentUnusable,
@@ -25,7 +28,7 @@ from .errors import (
     StageFailed,
     unknown,
 )
-from .options import PRESET_VALUES, PRESETS, read_toml, recorded, resolve
+from .options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .stages.stage import STAGES, stage_of
 from .stages.staleness import StageState, stale_reason, state_of
@@ -71,24 +74,18 @@ class Watcher:
 
 def stage_options(
     workspace: Workspace | None,
-    preset: str = "standard",
+    preset: str | None = None,
     overrides: dict[str, dict[str, Any]] | None = None,
-    defaults: Path | None = None,
     chosen: dict[str, dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """Options of every stage.
+    """Options of every stage, as the command `run` takes them (`choices.py`).
 
-    Default < preset < `chosen` by a program < TOML `defaults` < the plant's TOML < `overrides` (command line). The
-    plant's name is the folder's by default, so that a renamed folder makes the tables stale.
+    Args:
+        preset: to begin with; by default what the plant's last run was made with.
+        overrides: what the command line would say with --set.
+        chosen: by a program that begins anew; the plant's files win over it.
     """
-    if preset not in PRESETS:
-        raise unknown(f"preset {preset!r}", preset, PRESETS)
-    files = [file for file in (defaults, workspace and workspace.options_file) if file]
-    named = {"traits": {"plant_id": workspace.plant_id}} if workspace else {}
-    layers, asked = [named, PRESET_VALUES[preset], chosen or {}, *(read_toml(file) for file in files)], overrides or {}
-    return {
-        stage: resolve(stage, *(layer.get(stage, {}) for layer in layers), asked=asked.get(stage)) for stage in STAGES
-    }
+    return choose(workspace, Asked(preset, values=overrides or {}, budgeted=chosen or {})).options
 
 
 def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
@@ -166,10 +163,12 @@ def run(
     wait: bool = False,
     watcher: Watcher | None = None,
     report: bool = False,
+    choices: Choices | None = None,
 ) -> None:
     """Run those of `stages` that are stale, in order, holding the plant's lock (after a wait for it, if `wait`).
 
     Args:
+        choices: what the next run is to begin with; by default these options.
         report: make the plant's page at the end, also after a failure, unless nothing changed.
     Raises:
         Cotton3dgError: the first failure; results of earlier stages stay. Where what is needed is not there, nothing
@@ -179,17 +178,26 @@ def run(
     require_inputs(workspace, options, () if wait else stages)
     with workspace.locked(wait=wait):
         require_inputs(workspace, options, stages)
-        _run(workspace, options, stages, force, watcher, report)
+        choices = choices or choices_of(workspace, options, stages)
+        _run(workspace, options, stages, choices, force, watcher, report)
 
 
 def _run(
-    workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], force: bool, watcher: Watcher, report: bool
+    workspace: Workspace,
+    options: dict[str, Any],
+    stages: tuple[str, ...],
+    choices: Choices,
+    force: bool,
+    watcher: Watcher,
+    report: bool,
 ) -> None:
     failure = ""
-    before, log_bytes = _records(workspace), _size(workspace.log_file)
+    before, log_bytes, chosen_before = _records(workspace), _size(workspace.log_file), _last_choices(workspace)
     try:
         with _logged(workspace):
             workspace.drop_unfinished(STAGES)
+            # Before a stage starts, so that an interrupted run goes on as it was asked for.
+            _keep(workspace, choices)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
                 step = Step(stage, options[stage], reason)
@@ -206,6 +214,7 @@ def _run(
             report = False
             if isinstance(error, NOT_OF_THE_PLANT):
                 _cut(workspace.log_file, log_bytes)
+                _keep(workspace, chosen_before)
         raise
     finally:
         # Not after Ctrl-C: whoever interrupts wants it to end.
@@ -229,6 +238,21 @@ def _cut(file: Path, size: int | None) -> None:
             file.unlink(missing_ok=True)
         else:
             os.truncate(file, size)
+
+
+def _last_choices(workspace: Workspace) -> Choices | None:
+    try:
+        return Choices.load(workspace.choices_json)
+    except BadInput:
+        return None
+
+
+def _keep(workspace: Workspace, choices: Choices | None) -> None:
+    """What the next run is to begin with; None where nothing says so but the records of the stages."""
+    if choices is None:
+        workspace.choices_json.unlink(missing_ok=True)
+    elif choices != _last_choices(workspace):
+        workspace.keep(choices, workspace.choices_json.stem)
 
 
 def begin(workspace: Workspace, stage: str, options: Any, watcher: Watcher) -> None:

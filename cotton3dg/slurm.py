@@ -17,10 +17,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from .batch import RUN, Batch, Result, result_of, saved_results
+from .choices import Asked, choose
 from .core.state import State
 from .documents.batch import Jobs, PlantOutcome
-from .errors import BadInput, BadUsage, EnvironmentUnusable
+from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable
 from .files.saving import explain_disk_errors
+from .pipeline import status as plant_status
+from .workspace import Workspace
 
 JOBS_FOLDER: Final = ".slurm"
 """Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
@@ -139,7 +142,7 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
     waiting = _queued(jobs.values()) if jobs else {}
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
     names = [name for name in names if jobs.get(name) not in waiting]
-    work = PlantJob(batch.folder.resolve(), batch.run_arguments(), batch.retries, batch.command)
+    work = PlantJob(batch.folder.resolve(), batch.arguments, batch.retries, batch.command)
     submitted: dict[str, str] = {}
     for start in range(0, len(names), array_size):
         part = names[start : start + array_size]
@@ -149,18 +152,39 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
     return submitted
 
 
-def status(batch: Batch, plants: Sequence[Path]) -> list[Result]:
-    """What became of the plants until now; the tables are saved again. Without jobs, what the saved table says."""
+def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> list[Result]:
+    """What became of the plants until now, with their options and files as they stand.
+
+    The tables are saved again where there are jobs; else they are as the batch left them.
+    """
     jobs = _jobs(batch.folder)
-    if not jobs:
-        batch.results = saved_results(batch.folder)
-        return batch.ordered()
-    waiting = _queued(jobs.values())
-    for name in (plant.relative_to(batch.folder).as_posix() for plant in plants):
-        batch.results[name] = _result(batch.folder, name, jobs.get(name), waiting)
-    batch.look_over()
-    batch.save()
+    waiting = _queued(jobs.values()) if jobs else {}
+    names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
+    if jobs:
+        batch.results |= {name: _result(batch.folder, name, jobs.get(name), waiting) for name in names}
+        batch.look_over()
+        batch.save()
+    else:
+        batch.results = {name: Result(name) for name in names} | saved_results(batch.folder)
+    for name in names:
+        if jobs.get(name) not in waiting:
+            batch.results[name] = _as_it_stands(batch.folder, batch.results[name], asked)
     return batch.ordered()
+
+
+def _as_it_stands(folder: Path, result: Result, asked: Asked | None) -> Result:
+    """What `status` says of a plant: one that was done may be stale, one that was not may be done since."""
+    workspace = Workspace(folder / result.folder)
+    try:
+        states = plant_status(workspace, choose(workspace, asked).options)
+    except Cotton3dgError as error:
+        return Result(result.folder, State.FAILED, error.exit_code, str(error))
+    due = [item for item in states if not item.done]
+    if not due:
+        return Result(result.folder, State.DONE, 0)
+    if result.state == State.DONE:
+        return Result(result.folder, State.WAITING, None, f"{due[0].stage}: {due[0].reason}")
+    return result
 
 
 def _result(folder: Path, name: str, job: str | None, waiting: dict[str, str]) -> Result:

@@ -130,6 +130,8 @@ class Workspace:
     """A training that was interrupted."""
     train_rejected = _Below("records/train.rejected.npz")
     """The first training step that had no finite loss: its Gaussians, view and optimiser, for diagnosis."""
+    choices_json = _Below("records/options.json")
+    """What was chosen of the options when it last ran."""
     dropped_json = _Below("records/dropped.json")
     """Names of the files that `clean` dropped."""
     log_file = _Below("run.log")

@@ -1,12 +1,15 @@
 """Whether a film will do, while the plant still stands: placed frames, views, sharpness, light, table, a first count.
 
-It runs the stages that come before the training, or the first half of them, and `run` goes on from there.
+It runs the stages that come before the training, or the first half of them, and `run` goes on from there. Where a run
+has made results, it works in a folder that goes again, and leaves them as they are.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,19 +21,25 @@ from ..checking.judge import judge, refuse
 from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
 from ..documents.check import CheckInfo, film_of
+from ..documents.choices import Choices
 from ..documents.frames import FramesInfo
 from ..errors import CaptureFailed
 from ..files.colmap import read_cameras
+from ..files.saving import explain_disk_errors
 from ..pipeline import Watcher, begin, run
+from ..stages.stage import STAGES
 from ..stages.staleness import stale_reason
 from ..workspace import Workspace
 
 
-def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> CheckInfo:
+def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choices: Choices | None = None) -> CheckInfo:
     """Look at a plant's film; saves check/check.json and check/check.html.
+
+    What a run has made is looked at where it is made with the same options, and left alone in any case.
 
     Args:
         options: of every stage, as `run` would take them.
+        choices: what `run` is to begin with when it goes on from the check.
     Returns:
         The verdict; a film that a stage refuses is red.
     Raises:
@@ -38,21 +47,48 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher) -> Ch
     """
     start = time.perf_counter()
     look, frames = None, None
-    try:
-        run(workspace, options, ("frames",), watcher=watcher)
-        frames = FramesInfo.load(workspace.frames_json)
-        with tempfile.TemporaryDirectory(dir=workspace.root, prefix=".check.") as scratch:
-            names, undistorted = _place(workspace, options, watcher, Path(scratch))
-            side_px = options["train"].max_side
-            look = look_at(workspace, names, undistorted, options["scale"], side_px, watcher.watched("check"))
-            info = judge(look, side_px, time.perf_counter() - start)
-            return _save(workspace, info, look, frames)
-    except CaptureFailed as error:
-        return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames)
+    with _where_to_work(workspace, options) as place:
+        try:
+            run(place, options, ("frames",), watcher=watcher, choices=choices)
+            frames = FramesInfo.load(place.frames_json)
+            with _passing_folder(place) as scratch:
+                names, undistorted = _place(place, options, watcher, scratch, choices)
+                side_px = options["train"].max_side
+                look = look_at(place, names, undistorted, options["scale"], side_px, watcher.watched("check"))
+                info = judge(look, side_px, time.perf_counter() - start)
+                return _save(workspace, info, look, frames, place)
+        except CaptureFailed as error:
+            return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames, place)
+
+
+@contextmanager
+def _where_to_work(workspace: Workspace, options: dict[str, Any]) -> Iterator[Workspace]:
+    """The plant's folder, from which `run` goes on; a passing one, with what can be used, where that has results."""
+    records = map(workspace.read_record, STAGES[1:])
+    if not any(record and record.is_ok for record in records):
+        yield workspace
+        return
+    with workspace.locked(), _passing_folder(workspace) as folder:
+        passing = Workspace(folder)
+        workspace.share_inputs(passing)
+        for stage in ("frames", "sfm"):
+            if stale_reason(workspace, stage, options[stage]):
+                break
+            workspace.share_result(stage, passing)
+        yield passing
+
+
+@contextmanager
+def _passing_folder(workspace: Workspace) -> Iterator[Path]:
+    """It goes again at the end; `clean` drops that of a killed check."""
+    with explain_disk_errors(workspace.root):
+        folder = tempfile.TemporaryDirectory(dir=workspace.root, prefix=".check.", suffix=".partial")
+    with folder as name:
+        yield Path(name)
 
 
 def _place(
-    workspace: Workspace, options: dict[str, Any], watcher: Watcher, scratch: Path
+    workspace: Workspace, options: dict[str, Any], watcher: Watcher, scratch: Path, choices: Choices | None
 ) -> tuple[tuple[str, ...], Path]:
     """Names of the images that were to be placed, and the folder of those that were, without lens distortion.
 
@@ -67,7 +103,7 @@ def _place(
             if will_do(model, len(keyframes.images)):
                 chosen = tuple(names[i] for i in keyframes.images)
                 return chosen, _undistort(workspace, model, chosen, options["sfm"].distortion, scratch)
-        run(workspace, options, ("sfm",), watcher=watcher)
+        run(workspace, options, ("sfm",), watcher=watcher, choices=choices)
     return names, workspace.undistorted
 
 
@@ -85,10 +121,16 @@ def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distort
     return scratch / "undistorted"
 
 
-def _save(workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None) -> CheckInfo:
-    """Write what was found, with the film that it is of; returns that."""
-    info = replace(info, film=film_of(workspace.read_record("frames")))
-    strip = strip_of(frames, workspace.folder("frames")) if frames and look is None else []
+def _save(
+    workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None, place: Workspace
+) -> CheckInfo:
+    """Write what was found, with the film that it is of; returns that.
+
+    Args:
+        place: where the frames are.
+    """
+    info = replace(info, film=film_of(place.read_record("frames")))
+    strip = strip_of(frames, place.folder("frames")) if frames and look is None else []
     with workspace.writing("check") as folder:
         info.save(folder / workspace.check_json.name)
         page = check_page(workspace.plant_id, info, look, frames, strip)

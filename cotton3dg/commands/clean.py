@@ -73,7 +73,9 @@ def _find_partial_folders(workspace: Workspace) -> list[Path]:
     stages, films = _find_partials(workspace.root), _find_partials(workspace.render)
     ours = {*STAGES, "annotations", "check"}
     return [
-        path for path, name in (*stages, *films) if path.is_dir() and (name in ours or path.parent != workspace.root)
+        path
+        for path, name in (*stages, *films)
+        if path.is_dir() and (name.partition(".")[0] in ours or path.parent != workspace.root)
     ]
 
 

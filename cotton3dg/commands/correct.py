@@ -11,9 +11,11 @@ from typing import Any, Final
 import numpy as np
 
 from .. import pipeline
+from ..choices import choose
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64
 from ..documents.bolls import read_bolls
+from ..documents.choices import Choices
 from ..documents.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
 from ..documents.scale import ScaleInfo
 from ..documents.train import TrainMetrics
@@ -107,9 +109,10 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
         else:
             workspace.corrections_json.unlink(missing_ok=True)
     options = {stage: recorded(stage, record.options) for stage, record in records.items() if record}
+    choices = choose(workspace).to_keep(STAGES)
     if table_moves:
-        _scale_again(workspace, options, watcher)
-    pipeline.run(workspace, options, ("traits",), watcher=watcher, report=True)
+        _scale_again(workspace, options, choices, watcher)
+    pipeline.run(workspace, options, ("traits",), watcher=watcher, report=True, choices=choices)
     done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
     refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
     known = _Known(workspace)
@@ -117,10 +120,12 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     return Outcome(kept, refused, lengths, before, _count(workspace))
 
 
-def _scale_again(workspace: Workspace, options: dict[str, Any], watcher: pipeline.Watcher | None) -> None:
+def _scale_again(
+    workspace: Workspace, options: dict[str, Any], choices: Choices, watcher: pipeline.Watcher | None
+) -> None:
     """The scale with the corners that are kept; the plant's row goes on to tell the seconds of the plant's run."""
     before = workspace.read_record("scale")
-    pipeline.run(workspace, options, ("scale",), watcher=watcher)
+    pipeline.run(workspace, options, ("scale",), watcher=watcher, choices=choices)
     after = workspace.read_record("scale")
     if before and after:
         workspace.write_record(replace(after, seconds=before.seconds))

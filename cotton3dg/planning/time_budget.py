@@ -7,11 +7,11 @@ is left, so that a scene that was slower or quicker than expected costs steps in
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from .. import pipeline
+from .. import choices, pipeline
+from ..choices import Asked, Chosen
 from ..documents.document import Document
 from ..errors import BadUsage
 from ..options import PRESET_VALUES
@@ -157,25 +157,36 @@ class Budget:
         workspace: Workspace,
         budget_s: float,
         machine: Machine,
-        overrides: dict[str, dict[str, Any]] | None = None,
-        defaults: Path | None = None,
+        asked: Asked | None = None,
         tell: Callable[[str], None] = print,
     ):
         self.workspace, self.budget_s, self.machine, self.tell = workspace, budget_s, machine, tell
-        self.overrides, self.defaults = overrides, defaults
+        self.asked = asked or Asked()
         self.source = examine_footage(workspace)
         self.choice = choose(budget_s, self._resolve, self.source, machine)
         tell(explain(self.choice, budget_s))
 
     def _resolve(self, values: dict[str, dict[str, Any]]) -> dict[str, Any]:
-        return pipeline.stage_options(self.workspace, overrides=self.overrides, defaults=self.defaults, chosen=values)
+        return self._choose(values).options
+
+    def _choose(self, values: dict[str, dict[str, Any]]) -> Chosen:
+        return choices.choose(self.workspace, replace(self.asked, budgeted=values))
+
+    @property
+    def chosen(self) -> Chosen:
+        """The options of the choice."""
+        return self._choose(self.choice.rung.values(self.choice.options["train"].steps))
+
+    def _run(self, stages: tuple[str, ...], **how: Any) -> None:
+        chosen = self.chosen
+        pipeline.run(self.workspace, chosen.options, stages, choices=chosen.to_keep(stages), **how)
 
     def run(
         self, *, force: bool = False, wait: bool = False, watcher: Watcher | None = None, report: bool = False
     ) -> None:
         """All stages, as `pipeline.run`; steps are chosen again once the cameras are known."""
         early, late = pipeline.selected(STAGES[0], "sfm"), pipeline.selected("train", STAGES[-1])
-        pipeline.run(self.workspace, self.choice.options, early, force=force, wait=wait, watcher=watcher)
+        self._run(early, force=force, wait=wait, watcher=watcher)
         records = [record for record in map(self.workspace.read_record, early) if record]
         spent_s = {record.stage: record.seconds for record in records}
         self.choice = choose(
@@ -184,4 +195,4 @@ class Budget:
         words = explain(self.choice, self.budget_s)
         self.tell(f"cameras took {format_duration(sum(spent_s.values()))}; {words}")
         self.workspace.keep(BudgetInfo(self.budget_s, self.choice.expected_s, words), RECORD)
-        pipeline.run(self.workspace, self.choice.options, late, force=force, wait=wait, watcher=watcher, report=report)
+        self._run(late, force=force, wait=wait, watcher=watcher, report=report)

@@ -54,16 +54,20 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
         return "its last run failed"
     if record.stage_version != known.version:
         return f"version {record.stage_version} -> {known.version}"
-    chosen = as_dict(options)
-    method = next(iter(chosen))
-    usual = as_dict(resolve(stage, {method: chosen[method]}))
-    for key, value in chosen.items():
-        before = record.options.get(key, usual[key])
-        if before != value:
-            return f"option {key} {before} -> {value}"
+    for name, (before, now) in changed_options(record, options).items():
+        return f"option {name} {before} -> {now}"
     return _change("input", record.inputs, known.input_hashes(workspace, options)) or _change(
         "output", record.outputs, workspace.hashes(workspace.folder(stage))
     )
+
+
+def changed_options(record: Record, options: Any) -> dict[str, tuple[Any, Any]]:
+    """Those that count and are not what a stage ran with: name -> value then and now."""
+    chosen = as_dict(options)
+    method = next(iter(chosen))
+    usual = as_dict(resolve(record.stage, {method: chosen[method]}))
+    before = {name: record.options.get(name, usual[name]) for name in chosen}
+    return {name: (before[name], now) for name, now in chosen.items() if before[name] != now}
 
 
 def recorded_states(workspace: Workspace) -> tuple[StageState, ...]:

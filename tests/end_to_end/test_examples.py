@@ -11,9 +11,10 @@ import pytest
 from nbclient import NotebookClient
 from scenes.tiny_plant import FILM, ROOT, in_shell
 
+from cotton3dg.choices import read_toml
 from cotton3dg.files.images import read_image
 from cotton3dg.files.tables import TRAITS
-from cotton3dg.options import SimulateOptions, read_toml, resolve
+from cotton3dg.options import SimulateOptions, resolve
 
 EXAMPLES = ROOT / "examples"
 

@@ -26,12 +26,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from cotton3dg.choices import read_toml
 from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.documents import bolls
 from cotton3dg.errors import Cotton3dgError
 from cotton3dg.files import annotations, arrays, checkpoint, colmap, images, ply, prompt_table, yolo_labels
-from cotton3dg.options import read_toml, resolve
+from cotton3dg.options import resolve
 from cotton3dg.splat.trainer import Training
 
 LIMIT_S, LIMIT_BYTES = 2.0, 256 * 2**20
@@ -102,7 +103,7 @@ def model_with(name: str, read: Callable[[Path], object]) -> Read:
 
 
 def toml_options(path: Path) -> object:
-    return [resolve(stage, table) for stage, table in read_toml(path).items()]
+    return [resolve(stage, table) for stage, table in read_toml(path).items() if stage != "preset"]
 
 
 def coco() -> bytes:

@@ -109,7 +109,7 @@ def check(words: list[str], *, whole: bool = True) -> None:
         resolve(name, asked={key: value for key, value in given.items() if key in names and value is not None})
     for stage, values in parse_overrides(given.get("set_")).items():
         resolve(stage, asked={key: value for key, value in values.items() if "$" not in value})
-    assert given.get("preset", PRESETS[0]) in PRESETS
+    assert (given.get("preset") or PRESETS[0]) in PRESETS
     if name == "run":
         selected(given["from_"], given["until"])
 

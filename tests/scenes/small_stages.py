@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
-from cotton3dg.stages.stage import STAGES, Stage, stage_of
+from cotton3dg.stages.stage import STAGES, Cost, Stage, stage_of
 from cotton3dg.workspace import Workspace
 
 MODULES = dict(zip(STAGES, (frames, sfm, train, masks, segment, cluster, scale, traits), strict=True))
@@ -17,6 +18,24 @@ def replace_stages(monkeypatch: pytest.MonkeyPatch, make: Callable[[str], Stage]
     for name, module in MODULES.items():
         assert stage_of(name) is module.STAGE
         monkeypatch.setattr(module, "STAGE", make(name))
+
+
+def copying_stage(name: str) -> Stage:
+    """One that copies the text of the stage before, adding its name; `scale` always writes the same."""
+    position = STAGES.index(name)
+
+    def source(workspace: Workspace) -> Path:
+        return workspace.capture() if not position else workspace.folder(STAGES[position - 1]) / "out.txt"
+
+    def run(workspace: Workspace, options: object, progress: object) -> StageOutcome:
+        with workspace.writing(name) as folder:
+            text = source(workspace).read_text()
+            (folder / "out.txt").write_text(f"{text} {name}" if name != "scale" else "constant")
+            if name == "traits":
+                (folder / workspace.traits_csv.name).write_text(f"plant_id\n{workspace.plant_id}\n")
+        return StageOutcome({"letters": len(text)}, ("a_flag",), ("be careful; do this",))
+
+    return Stage(name, 1, lambda workspace: [source(workspace)], run, lambda work: Cost(0.0))
 
 
 def filmed_plant(folder: Path) -> Workspace:

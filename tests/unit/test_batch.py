@@ -224,14 +224,6 @@ def test_only_faults_of_the_machine_are_tried_again(tmp_path, stand_in):
     }  # fmt: skip
 
 
-def test_options_of_the_batch_reach_every_plant(tmp_path, stand_in):
-    field = tmp_path / "field"
-    plant = make_plant(field, "a")
-    (field / "cotton3dg.toml").write_text("[frames]\ncount = 30\n")
-    Batch(field, tell=lambda line: None, command=stand_in).run([plant])
-    assert (plant / "arguments").read_text() == f"--wait --defaults {field / 'cotton3dg.toml'}"
-
-
 def test_plants_are_found_at_any_depth_and_forgotten_videos_are_not_left_out(tmp_path):
     make_plant(tmp_path, "east/plant_2")
     make_plant(tmp_path, "east/plant_10")

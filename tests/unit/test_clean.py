@@ -91,6 +91,7 @@ def test_an_unfinished_plant_only_loses_what_killed_runs_left(workspace):
     left = [
         workspace.root / ".train.partial" / "a.ply",
         workspace.root / ".sfm.old" / "deep" / "b.bin",
+        workspace.root / ".check.x1y2.partial" / "frames" / "c.jpg",
         workspace.root / "records" / ".train.checkpoint.npz.partial",
         workspace.root / ".report.html.partial",
     ]
@@ -98,7 +99,7 @@ def test_an_unfinished_plant_only_loses_what_killed_runs_left(workspace):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"half")
     dropped = clean(workspace)
-    assert (dropped.n_files, dropped.n_bytes, dropped.finished) == (4, 16, False)
+    assert (dropped.n_files, dropped.n_bytes, dropped.finished) == (5, 20, False)
     assert files(workspace) == before
     assert not (workspace.root / ".train.partial").exists()
 

@@ -11,6 +11,7 @@ from cotton3dg.planning import time_budget
 from cotton3dg.planning.cost import Machine, estimate_costs, sum_seconds
 from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, explain
 from cotton3dg.stages.stage import Cost, Footage
+from cotton3dg.workspace import Workspace
 
 VIDEO = Footage(120, 1280, 720)
 MACHINE = Machine(2)
@@ -104,10 +105,10 @@ def test_what_the_user_gave_wins():
 
 
 def test_a_toml_of_the_plant_wins(tmp_path):
-    (tmp_path / "own.toml").write_text("[frames]\ncount = 33\n")
+    (tmp_path / "cotton3dg.toml").write_text("[frames]\ncount = 33\n")
 
     def with_file(values):
-        return pipeline.stage_options(None, defaults=tmp_path / "own.toml", chosen=values)
+        return pipeline.stage_options(Workspace(tmp_path), chosen=values)
 
     assert choose(600, with_file, VIDEO, MACHINE).options["frames"].count == 33
 

@@ -10,6 +10,7 @@ from click.testing import Result
 from scenes.tiny_plant import ROOT
 from typer.testing import CliRunner
 
+from cotton3dg.choices import read_toml
 from cotton3dg.cli import app
 from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.errors import (
@@ -24,7 +25,7 @@ from cotton3dg.errors import (
     unknown,
 )
 from cotton3dg.files.saving import explained
-from cotton3dg.options import read_toml, resolve
+from cotton3dg.options import resolve
 from cotton3dg.pipeline import selected, stage_options
 from cotton3dg.workspace import Workspace
 

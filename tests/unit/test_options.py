@@ -2,6 +2,7 @@
 
 import pytest
 
+from cotton3dg.choices import read_toml
 from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.errors import BadUsage
 from cotton3dg.option_rules import as_dict, checked, flags, places
@@ -11,7 +12,6 @@ from cotton3dg.options import (
     ProbabilityOptions,
     ScaleOptions,
     TrainOptions,
-    read_toml,
     recorded,
     resolve,
 )

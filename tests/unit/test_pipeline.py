@@ -6,10 +6,9 @@ import sys
 from dataclasses import replace
 
 import pytest
-from scenes.small_stages import MODULES, filmed_plant, replace_stages
+from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.state import State
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import (
@@ -25,7 +24,7 @@ from cotton3dg.errors import (
 from cotton3dg.option_rules import places
 from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.stages import masks
-from cotton3dg.stages.stage import Cost, Stage, stage_of
+from cotton3dg.stages.stage import stage_of
 from cotton3dg.stages.staleness import recorded_states, stale_reason
 from cotton3dg.workspace import Workspace
 
@@ -45,23 +44,8 @@ class Recorder(pipeline.Watcher):
 
 @pytest.fixture
 def stages(monkeypatch):
-    """Stages that each copy the text of the one before, adding their name and count option."""
-
-    def make(stage):
-        position = pipeline.STAGES.index(stage)
-
-        def source(workspace):
-            return workspace.capture() if not position else workspace.folder(pipeline.STAGES[position - 1]) / "out.txt"
-
-        def run(workspace, options, progress):
-            with workspace.writing(stage) as folder:
-                text = source(workspace).read_text()
-                (folder / "out.txt").write_text(f"{text} {stage}" if stage != "scale" else "constant")
-            return StageOutcome({"letters": len(text)}, ("a_flag",), ("be careful; do this",))
-
-        return Stage(stage, 1, lambda workspace: [source(workspace)], run, lambda work: Cost(0.0))
-
-    replace_stages(monkeypatch, make)
+    """Stages that each copy the text of the one before; returns what changes one of them."""
+    replace_stages(monkeypatch, copying_stage)
 
     def change(stage, **parts):
         monkeypatch.setattr(MODULES[stage], "STAGE", replace(stage_of(stage), **parts))

@@ -15,8 +15,10 @@ import pytest
 from test_batch import STAND_IN, make_plant, table, until
 
 from cotton3dg import slurm
-from cotton3dg.batch import TABLE, Batch, find_plants
+from cotton3dg.batch import TABLE, Batch, Result, find_plants
+from cotton3dg.core.state import State
 from cotton3dg.errors import BadUsage, EnvironmentUnusable, MissingInput
+from cotton3dg.stages.staleness import StageState
 
 
 @pytest.fixture
@@ -32,6 +34,17 @@ def queue(monkeypatch):
     lines = []
     monkeypatch.setattr(slurm, "_said_by", lambda *command: "\n".join(lines))
     return lines
+
+
+@pytest.fixture(autouse=True)
+def finished(monkeypatch):
+    """A plant is done when the stand-in has written its table."""
+
+    def states(workspace, options):
+        there = workspace.traits_csv.is_file()
+        return [StageState("traits", State.DONE if there else State.STALE, "" if there else "no result", None)]
+
+    monkeypatch.setattr(slurm, "plant_status", states)
 
 
 def batch_of(field, stand_in=slurm.RUN, **options):
@@ -115,6 +128,8 @@ def test_status_without_jobs_is_that_of_the_saved_table(tmp_path, stand_in):
     done = batch_of(field, stand_in).run(find_plants(field))
     before = (field / TABLE).read_bytes()
     assert slurm.status(batch_of(field), find_plants(field)) == done
+    (field / "a" / "traits" / "traits.csv").unlink()
+    assert slurm.status(batch_of(field), find_plants(field)) == [Result("a", State.WAITING, None, "traits: no result")]
     assert (field / TABLE).read_bytes() == before
 
 

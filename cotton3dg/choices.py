@@ -1,0 +1,324 @@
+"""Where the options of a plant come from, and what is kept of how they were chosen.
+
+Order of precedence: command line > plant's `cotton3dg.toml` > those of the folders above, nearest first > what the
+plant's last run was made with > preset > default. `--preset`, `--reset` and `--time-budget` begin anew: the last run
+does not count then.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from .documents.choices import Choices
+from .errors import BadInput, BadUsage, unknown
+from .option_rules import Place, counting, differences
+from .options import PRESET_VALUES, STAGE_OPTIONS, STANDARD, check_preset, origins, recorded, resolve
+from .stages.stage import STAGES
+from .stages.staleness import changed_options
+from .text import read_text
+from .workspace import Workspace
+
+Values = Mapping[str, Mapping[str, Any]]
+"""Stage -> option -> value."""
+
+OPTIONS_FILE: Final = "cotton3dg.toml"
+COMMAND_LINE: Final = "command line"
+LAST_RUN: Final = "last run"
+BUDGET: Final = "--time-budget"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a command is given of the options."""
+
+    preset: str | None = None
+    reset: bool = False
+    values: Values = field(default_factory=dict)
+    budgeted: Values = field(default_factory=dict)
+    """What a time budget takes; files and `values` win."""
+
+    @property
+    def anew(self) -> str:
+        """What makes the last run not count; empty where it does."""
+        return f"--preset {self.preset}" if self.preset else BUDGET if self.budgeted else "--reset" * self.reset
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Values of one origin."""
+
+    name: str
+    values: Values
+    preset: str = ""
+    """That a file names."""
+
+    def of(self, stage: str) -> Mapping[str, Any]:
+        return self.values.get(stage, {})
+
+
+@dataclass(frozen=True)
+class Base:
+    """What the last run's choices stand on, and what wins over them: a preset, and the files."""
+
+    plant: Workspace | None
+    files: tuple[Layer, ...]
+    """The nearest last."""
+    preset: str
+    preset_from: str = LAST_RUN
+
+    @property
+    def usual(self) -> tuple[Layer, ...]:
+        """What holds where nothing else is given. A renamed folder makes the tables stale."""
+        named = {"traits": {"plant_id": self.plant.plant_id}} if self.plant else {}
+        return Layer("the folder's name", named), Layer("", PRESET_VALUES[self.preset])
+
+    @cached_property
+    def options(self) -> dict[str, Any]:
+        return _resolved((*self.usual, *self.files))
+
+    def choices(self, made: Mapping[str, Any]) -> Choices:
+        """What is to be kept so that `made`, options of stages, come out again."""
+        of_file = self.preset_from in (layer.name for layer in self.files)
+        values = {stage: differences(options, self.options[stage]) for stage, options in made.items()}
+        named = "" if of_file or self.preset == STANDARD else self.preset
+        return Choices(named, {stage: own for stage, own in values.items() if own})
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The options of a plant's stages, and where each comes from."""
+
+    base: Base
+    upper: tuple[Layer, ...]
+    """What wins over the preset; that of the command line is the last."""
+    options: dict[str, Any]
+    """Of every stage."""
+    anew: str = ""
+    """As `Asked.anew`."""
+
+    def to_keep(self, stages: Iterable[str]) -> Choices:
+        """What a run of `stages` leaves for the next one. The others stay as they were made, unless they never were."""
+        plant = self.base.plant
+        others = _made(plant, set(STAGES) - set(stages)) if plant and self.anew else {}
+        return self.base.choices(self.options | others)
+
+    def summary(self) -> str:
+        """The preset and each option that differs from it, with where they come from; empty where all is usual."""
+        found = [] if self.base.preset == STANDARD else [f"preset {self.base.preset} ({self.base.preset_from})"]
+        for stage, place, value in self._differing(self.base):
+            found.append(f"{stage}.{place.name} {_shown(value)} ({self._origin(stage, place)})")
+        return ", ".join(found)
+
+    def changes(self, stages: Iterable[str]) -> str:
+        """Each option that is not as the results of `stages` were made with, and what changes it; may be empty."""
+        found: dict[str, list[str]] = {}
+        for stage in stages:
+            record = self.base.plant and self.base.plant.read_record(stage)
+            changed = changed_options(record, self.options[stage]) if record else {}
+            for place in counting(self.options[stage]):
+                if place.name in changed:
+                    before, now = map(_shown, changed[place.name])
+                    cause = self._origin(stage, place) or self.anew or self._usual_origin()
+                    found.setdefault(cause, []).append(f"{stage}.{place.name} {before} -> {now}")
+        return ", ".join(f"{', '.join(changed)} ({cause})" for cause, changed in found.items())
+
+    def by_stage(self) -> dict[str, dict[str, Any]]:
+        """Stage -> option that is not its default -> value."""
+        found: dict[str, dict[str, Any]] = {stage: {} for stage in STAGES}
+        for stage, place, value in self._differing(replace(self.base, preset=STANDARD)):
+            found[stage][place.name] = value
+        return found
+
+    def _differing(self, base: Base) -> Iterator[tuple[str, Place, Any]]:
+        """Options that count and are not as without files and choices."""
+        usual = _resolved(base.usual)
+        for stage, options in self.options.items():
+            differs = differences(options, usual[stage])
+            yield from ((stage, place, differs[place.path]) for place in counting(options) if place.path in differs)
+
+    def _origin(self, stage: str, place: Place) -> str:
+        """Who gives a value; empty where it is the preset's or a default."""
+        layers = (*self.base.usual, *self.upper)
+        number = origins(stage, *(layer.of(stage) for layer in layers)).get(place.path)
+        return "" if number is None else layers[number].name
+
+    def _usual_origin(self) -> str:
+        return "default" if self.base.preset == STANDARD else f"preset {self.base.preset}, {self.base.preset_from}"
+
+
+def choose(plant: Workspace | None, asked: Asked | None = None, folder: Path | None = None) -> Chosen:
+    """Options of a plant; without one, of those in a folder, as far as these say nothing themselves.
+
+    Raises:
+        BadUsage: an option or a preset that there is not, or a value that it does not take.
+    """
+    asked = asked or Asked()
+    folder = plant.root if plant else folder
+    files = _read_files(folder) if folder else ()
+    last = last_choices(plant, files) if plant and not asked.anew else Choices()
+    named = [(asked.preset, COMMAND_LINE), *_presets(files), (last.preset, LAST_RUN)]
+    preset, preset_from = next(((preset, by) for preset, by in named if preset), (STANDARD, "default"))
+    check_preset(preset)
+    base = Base(plant, files, preset, preset_from)
+    lower, typed = (
+        (Layer(LAST_RUN, last.values), Layer(BUDGET, asked.budgeted), *files),
+        Layer(COMMAND_LINE, asked.values),
+    )
+    return Chosen(base, (*lower, typed), _resolved((*base.usual, *lower), typed), asked.anew)
+
+
+def last_choices(plant: Workspace, files: tuple[Layer, ...]) -> Choices:
+    """What the plant's last run was made with and files do not give."""
+    kept = _kept(plant)
+    if kept is None:  # by an earlier version
+        kept = _recognised(_made(plant, STAGES), plant, files)
+    return Choices(kept.preset, {stage: own for stage, own in kept.values.items() if _is_known(stage, own)})
+
+
+def choices_of(plant: Workspace, options: Mapping[str, Any], stages: Iterable[str]) -> Choices:
+    """What a program that runs `stages` with these options leaves for the next run."""
+    bare = choose(plant)
+    if all(options[stage] == bare.options[stage] for stage in stages):
+        return bare.to_keep(stages)
+    made = bare.options | dict(options) | _made(plant, set(STAGES) - set(stages))
+    return _recognised(made, plant, _read_files(plant.root))
+
+
+def option_files(folder: Path) -> list[Path]:
+    """Where options may stand for what is in a folder: in it and in those above, the farthest first.
+
+    The search ends at the user's home, and below folders like /tmp, in which anybody may leave a file.
+    """
+    own, home = _absolute(folder), Path(os.path.expanduser("~"))  # noqa: PTH111 - fails where there is no home
+    found: list[Path] = []
+    for place in (own, *own.parents):
+        if place != own and _is_everybodys(place):
+            break
+        found.insert(0, place / OPTIONS_FILE)
+        if place == home:
+            break
+    return found
+
+
+def _absolute(folder: Path) -> Path:
+    return Path(os.path.abspath(folder))  # noqa: PTH100 - a link to a plant lies where it is, as its user sees it
+
+
+def _is_everybodys(folder: Path) -> bool:
+    try:
+        return bool(folder.stat().st_mode & stat.S_ISVTX)
+    except OSError:
+        return False
+
+
+def _read_files(folder: Path) -> tuple[Layer, ...]:
+    own = _absolute(folder)
+    layers = []
+    for path in option_files(folder):
+        above = path.parent.name or path.parent.as_posix()
+        try:
+            found = read_toml(path)
+        except BadUsage as error:
+            raise (error if path.parent == own else BadUsage(f"{above}/{error}")) from error
+        name = OPTIONS_FILE if path.parent == own else f"{OPTIONS_FILE} of {above}"
+        layers.append(Layer(name, {stage: found.get(stage, {}) for stage in STAGES}, found.get("preset", "")))
+    return tuple(layer for layer in layers if layer.preset or any(layer.values.values()))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read `cotton3dg.toml`: one table a stage, and perhaps a `preset`. A missing file is an empty one.
+
+    Raises:
+        BadUsage: the file cannot be parsed or is not made of tables.
+    """
+    if not path.exists():
+        return {}
+    try:
+        tables = tomllib.loads(read_text(path, BadUsage))
+    except (tomllib.TOMLDecodeError, OSError) as error:
+        raise BadUsage(f"{path.name}: {error}; fix or remove the file") from error
+    check_preset(tables.get("preset", STANDARD))
+    for name, table in tables.items():
+        if name == "preset":
+            continue
+        if name not in STAGE_OPTIONS:
+            raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
+        if not isinstance(table, dict):
+            raise BadUsage(f"{path.name}: {name} is no table; write its options below [{name}]")
+    return tables
+
+
+def _presets(files: Iterable[Layer]) -> list[tuple[str, str]]:
+    """Those that files name, and where; the nearest first."""
+    return [(layer.preset, layer.name) for layer in files if layer.preset][::-1]
+
+
+def _resolved(layers: Iterable[Layer], asked: Layer | None = None) -> dict[str, Any]:
+    layers, last = tuple(layers), asked or Layer(COMMAND_LINE, {})
+    return {stage: resolve(stage, *(layer.of(stage) for layer in layers), asked=last.of(stage)) for stage in STAGES}
+
+
+def _kept(plant: Workspace) -> Choices | None:
+    """What the last run left; None where it left nothing that can be read."""
+    try:
+        kept = Choices.load(plant.choices_json)
+        check_preset(kept.preset or STANDARD)
+    except (BadInput, BadUsage):
+        return None
+    return kept
+
+
+def _made(plant: Workspace, stages: Iterable[str]) -> dict[str, Any]:
+    """Options that the stages last ran with, of those that ever did."""
+    kept = _kept(plant) or Choices()
+    # The name in the record may be that of the folder, which was renamed since.
+    named = {"plant_id": kept.values.get("traits", {}).get("plant_id", plant.plant_id)}
+    found: dict[str, Any] = {}
+    for stage in stages:
+        record = plant.read_record(stage)
+        try:
+            if record and record.options:
+                found[stage] = recorded(stage, record.options | (named if stage == "traits" else {}))
+        except BadUsage:
+            continue  # of another version
+    return found
+
+
+def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, ...]) -> Choices:
+    """`made`, options of stages, as a preset and what is not of it.
+
+    The preset is that of a file or else, of those whose values are all there, the one that says most.
+    """
+    if named := _presets(files):
+        return Base(plant, files, *named[0]).choices(made)
+    best, said_most = Base(plant, files, STANDARD), 0
+    usual = best.options
+    for preset, values in PRESET_VALUES.items():
+        base = Base(plant, files, preset)
+        said = {stage: differences(base.options[stage], usual[stage]).keys() for stage in values}
+        holds = values.keys() <= made.keys() and all(
+            own.isdisjoint(differences(made[stage], base.options[stage])) for stage, own in said.items()
+        )
+        if holds and sum(map(len, said.values())) > said_most:
+            best, said_most = base, sum(map(len, said.values()))
+    return best.choices(made)
+
+
+def _is_known(stage: str, values: Mapping[str, Any]) -> bool:
+    """Whether this version takes the values that another may have kept."""
+    try:
+        return stage in STAGES and bool(resolve(stage, values))
+    except BadUsage:
+        return False
+
+
+def _shown(value: Any) -> str:
+    """As it would be written: 120 for 120.0, true, and `none` for an empty text."""
+    return str(value).lower() if isinstance(value, bool) else str(value).removesuffix(".0") or "none"

@@ -251,6 +251,10 @@ def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
         (tmp_path / "bad.json").write_text(text)
         with pytest.raises((BadInput, BadUsage)):
             correct(reported_copy, Asked(file=tmp_path / "bad.json"))
+    Corrections((Correction("delete", (Place(1, None, (0.0, 0.0, 0.0)),), model="other"),)).save(tmp_path / "o.json")
+    with pytest.raises(BadUsage, match=r"o\.json is of another plant or model; give the file"):
+        correct(reported_copy, Asked(file=tmp_path / "o.json"))
+    assert not reported_copy.corrections_json.exists()
     (tmp_path / "empty").mkdir()
     with pytest.raises(MissingInput, match="no finished result"):
         correct(Workspace(tmp_path / "empty"), Asked(delete=[1]))

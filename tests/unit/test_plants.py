@@ -4,7 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from cotton3dg.commands.import_videos import Import, import_videos
+from cotton3dg.commands.render import render
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
+from cotton3dg.options import RenderOptions
 from cotton3dg.plants import plant_at
 from cotton3dg.workspace import OWN_FOLDERS, Workspace
 
@@ -36,6 +39,22 @@ def test_an_empty_folder_is_told_what_is_missing(tmp_path):
         with pytest.raises(MissingInput, match="no video"):
             plant_at(folder, make=True)
     assert below(tmp_path) == ["plant"]
+
+
+def test_commands_leave_no_lock_where_there_is_nothing_for_them(tmp_path):
+    (tmp_path / "walk.mp4").touch()
+    with pytest.raises(MissingInput, match="cotton3dg train"):
+        render(Workspace(tmp_path), RenderOptions())
+    assert below(tmp_path) == ["walk.mp4"]
+
+
+def test_an_import_into_a_plant_is_refused(tmp_path):
+    with Workspace(tmp_path).writing("frames"):
+        pass
+    before = below(tmp_path)
+    with pytest.raises(BadUsage, match="is a plant; give the folder of its field"):
+        import_videos([tmp_path / "a.mp4"], Import(tmp_path))
+    assert below(tmp_path) == before
 
 
 def test_results_make_a_plant_whose_film_is_gone(tmp_path):

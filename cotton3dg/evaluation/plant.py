@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core.measurements import is_counted
 from ..documents.truth import Truth
-from ..errors import MissingInput
+from ..errors import BadInput, MissingInput
 from ..files.cloud import read_cloud
 from ..files.tables import flags_of, parse_number, read_rows
 from ..mapping.summary import summarise_map
@@ -124,10 +124,12 @@ def evaluate_cloud(
     Bolls are compared where the cloud marks them (`read_cloud`).
 
     Raises:
-        MissingInput: no cloud, or the traits stage has not run. BadInput: the cloud cannot be read.
+        MissingInput: no cloud, or the traits stage has not run. BadInput: the cloud cannot be read, or shows no plant.
     """
     points_cm, labels = read_cloud(cloud, cm_per_unit)
     true = measure_cloud(points_cm, labels, tube_height_cm)
+    if not math.isfinite(true.silhouette.height_cm):
+        raise BadInput(f"{cloud.name} shows no plant; it needs all of one with z up, and its unit as --cloud-unit")
     row = _read_plant_row(workspace)
     size, volumes = true.silhouette, true.boll_volumes_cm3
     truth = {

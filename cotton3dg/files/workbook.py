@@ -71,13 +71,9 @@ def workbook_cells(content: bytes, name: str) -> list[list[str]]:
     Raises:
         BadInput: not an Excel file, or a cell without a value that can be trusted.
     """
-    import zipfile
-
-    from openpyxl.utils.exceptions import InvalidFileException
-
     try:
         values, formulas = (_sheet(content, data_only) for data_only in (True, False))
-    except (InvalidFileException, zipfile.BadZipFile, KeyError, IndexError, ValueError, SyntaxError) as error:
+    except Exception as error:  # whatever openpyxl and the parsers below it do not expect of a file
         raise BadInput(f"{name} is no Excel file that can be read ({error}); save it as CSV in UTF-8") from error
     cells = []
     for row, written in zip(values, formulas, strict=True):

@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -82,7 +83,9 @@ def _yaml_names(text: str) -> dict[int, str]:
 
 def _unquoted(text: str) -> str:
     if text.startswith('"'):
-        return str(ast.literal_eval(text))
+        with suppress(SyntaxError, ValueError):
+            return str(ast.literal_eval(text))
+        return text[1:-1]
     return text[1:-1].replace("''", "'") if text.startswith("'") else text.strip()
 
 

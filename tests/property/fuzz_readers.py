@@ -31,7 +31,20 @@ from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.documents import bolls
 from cotton3dg.errors import Cotton3dgError
-from cotton3dg.files import annotations, arrays, checkpoint, colmap, images, ply, prompt_table, yolo_labels
+from cotton3dg.files import (
+    annotations,
+    arrays,
+    checkpoint,
+    cloud,
+    colmap,
+    images,
+    mask_pngs,
+    ply,
+    prompt_table,
+    spreadsheet,
+    workbook,
+    yolo_labels,
+)
 from cotton3dg.options import resolve
 from cotton3dg.splat.trainer import Training
 
@@ -102,6 +115,21 @@ def model_with(name: str, read: Callable[[Path], object]) -> Read:
     return read_model
 
 
+def renamed(name: str, read: Callable[[Path], object]) -> Read:
+    """A reader of a folder with the file under a name."""
+
+    def read_folder(path: Path) -> object:
+        path.replace(path.with_name(name))
+        return read(path.parent)
+
+    return read_folder
+
+
+def all_numbers(path: Path) -> object:
+    table = spreadsheet.read_table(path)
+    return [table.numbers(column) for column in table.columns]
+
+
 def toml_options(path: Path) -> object:
     return [resolve(stage, table) for stage, table in read_toml(path).items() if stage != "preset"]
 
@@ -126,6 +154,7 @@ def targets() -> dict[str, tuple[Read, list[bytes]]]:
     rng = np.random.default_rng(0)
     ids = rng.integers(0, 4, (12, 10)).astype(np.uint16)
     photo = cv2.resize(rng.integers(0, 255, (4, 5, 3), np.uint8), (40, 32))
+    blocks = np.kron(rng.integers(0, 255, (3, 4, 2), np.uint8), np.ones((8, 8, 1), np.uint8))
     jpeg = cv2.imencode(".jpg", photo)[1].tobytes()
     training = Training.of(some_gaussians(3, 4))
     model = colmap_files()
@@ -148,8 +177,32 @@ def targets() -> dict[str, tuple[Read, list[bytes]]]:
         "coco": (annotations.read_masks, [coco()]),
         "labelme": (annotations.read_masks, [labelme()]),
         "yolo_labels": (
-            lambda path: yolo_labels.read_yolo_labels(path, 12, 10, ["boll"]),
+            lambda path: yolo_labels.read_yolo_labels(path, 12, 10, {0: "boll"}),
             [b"0 0.1 0.1 0.8 0.1 0.8 0.7\n1 0.2 0.2 0.9 0.2 0.9 0.9 0.5\n"],
+        ),
+        "class_names": (
+            renamed("data.yaml", yolo_labels.read_class_names),
+            [
+                b"nc: 2\nnames:\n- 'a ''b'\n- \"\\u68c9\" # c\nval: x\n",
+                b"names: {0: a, 1: 'b'}\n",
+                b"names: ['a', b]\n",
+            ],
+        ),
+        "drawn": (
+            lambda path: mask_pngs.read_mask_pngs([path]),
+            [png(ids), png((255 * (ids > 1)).astype(np.uint8)), png(np.dstack([blocks, blocks]))],
+        ),
+        "table": (
+            all_numbers,
+            [
+                b"a,b\n1,2.5\n2,\n",
+                "sep=;\na;b\n1.234,5;NA\n2;1 234,5\n".encode("utf-16"),
+                written(lambda path: workbook.write_workbook(path, {"s": (["a", "b"], [[1.0, "NA"], [2.5, "0,5"]])})),
+            ],
+        ),
+        "cloud": (
+            renamed("a.xyz", lambda folder: cloud.read_cloud(folder / "a.xyz", 1.0)),
+            [b"//X Y Z I\n1 2 3 4\n5 6 7 8\n2 2 2 2\n3 3 3 3\n", b"1,5;2;3\n2;3,5;4\n3;4;5\n0;0;1\n"],
         ),
         "prompts": (prompt_table.read_prompts, [b"image,x,y\na,1,2\n", b"image,x1,y1,x2,y2\na.jpg,1,2,3,4.5\n"]),
         "toml": (toml_options, [b"[train]\nsteps = 3000\ndssim = 0.2\n[masks]\nbackend = \"lint\"\n# a\n"]),

@@ -164,3 +164,9 @@ def test_a_plant_beside_its_scan(tmp_path):
     assert errors["boll_count"].error_pct == 0.0
     assert errors["boll_volume_cm3"].truth == pytest.approx(4 * BOLL_CM3, rel=0.05)
     assert np.isnan(errors["canopy_size_cm"].error_pct)
+    heap = points[labels == 1] / 100
+    np.savetxt(tmp_path / "heap.csv", heap, "%.5f", delimiter=";", header="X;Y;Z", comments="")
+    text = (tmp_path / "heap.csv").read_text().replace(".", ",")
+    (tmp_path / "heap.csv").write_text(text)
+    with pytest.raises(BadInput, match=r"heap\.csv shows no plant; it needs all of one with z up"):
+        evaluate_cloud(workspace, tmp_path / "heap.csv", 100.0)

@@ -19,7 +19,7 @@ LABELS: Final = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label",
 PLACE: Final = ("x", "y", "z")
 COMMENT: Final = re.compile(r"//|#")
 LARGEST_BOLL_CM: Final = 30.0
-"""Across; what numbers points that lie farther apart is no boll."""
+"""Across; points of one number that lie farther apart are not one."""
 MOST_BOLLS: Final = 1000
 """More than any plant bears."""
 LEAST_SEEN: Final = 0.5
@@ -35,7 +35,7 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
 
     Raises:
         MissingInput: there is no such file.
-        BadInput: the file cannot be read, has fewer than 4 points or most without a place, or numbers no bolls.
+        BadInput: the file cannot be read, has too few points with a place, or other values where boll ids belong.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a point cloud ({', '.join(SUFFIXES)})")
@@ -59,22 +59,22 @@ def _check_labels(labels: NDArray[np.float64], points_cm: NDArray[np.float64], n
     """The same as whole numbers.
 
     Raises:
-        BadInput: they number no bolls, but are intensities or the like.
+        BadInput: they are intensities or the like.
     """
-    remedy = "leave that column out, or number the points of each boll from 1 on, 0 being no boll"
+    remedy = "leave that column out, or number the points of each boll from 1 on, 0 being none"
     numbers = np.rint(labels)
     if not np.isfinite(labels).all() or (numbers != labels).any() or (labels < 0).any():
-        raise BadInput(f"{name}: the column beside x y z has fractions, so it numbers no bolls; {remedy}")
+        raise BadInput(f"{name}: the column beside x y z has fractions, so it is not a boll id; {remedy}")
     of_bolls = [points_cm[numbers == number] for number in np.unique(numbers[numbers > 0])[: MOST_BOLLS + 1]]
     across_cm = np.array([np.linalg.norm(np.ptp(own, axis=0)) for own in of_bolls if len(own) > 1])
     if len(of_bolls) > MOST_BOLLS:
         raise BadInput(
-            f"{name}: the column beside x y z has over {MOST_BOLLS} numbers, so it numbers no bolls; {remedy}"
+            f"{name}: the column beside x y z has over {MOST_BOLLS} numbers, so it is not a boll id; {remedy}"
         )
     if len(across_cm) and np.median(across_cm) > LARGEST_BOLL_CM:
         raise BadInput(
-            f"{name}: points that share a number beside x y z lie {np.median(across_cm):.0f} cm apart, so it numbers "
-            f"no bolls (or --cloud-unit is another); {remedy}"
+            f"{name}: points that share a number beside x y z lie {np.median(across_cm):.0f} cm apart, so it is "
+            f"not a boll id (or --cloud-unit is another); {remedy}"
         )
     return numbers.astype(np.int64)
 

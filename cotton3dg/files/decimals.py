@@ -42,7 +42,7 @@ def parse_decimal(cell: str, marks: set[str]) -> float:
         return readings[own]
     value = next(iter(readings.values()), math.nan)
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is no number; write a number alone, without its unit")
+        raise ValueError(f"{text!r} is not a number; write a number alone, without its unit")
     return value
 
 

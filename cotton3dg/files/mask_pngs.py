@@ -47,7 +47,7 @@ def read_mask_pngs(paths: Sequence[Path]) -> MaskSet:
 
 
 def read_drawn_ids(path: Path) -> NDArray[np.uint16]:
-    """(H, W) ids of a grey, coloured or palette PNG: a value or a colour an object; black and transparent are none.
+    """(H, W) ids of a grey, coloured or palette PNG: a value or colour an object, black or transparent = none.
 
     Raises:
         BadInput: it is damaged, a photo, or has smoothed edges.

@@ -128,7 +128,7 @@ def value_of(cell: str, column: Column) -> Any:
         return float(cell) if column.digits is not None else int(cell)
     except ValueError as error:
         raise BadInput(
-            f"column {column.name}: {cell!r} is no number; take back what was changed there, or run again"
+            f"column {column.name}: {cell!r} is not a number; take back what was changed there, or run again"
         ) from error
 
 

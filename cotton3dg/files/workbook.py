@@ -94,7 +94,7 @@ def _sheet(content: bytes, data_only: bool) -> list[tuple[Any, ...]]:
     from openpyxl import load_workbook
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of styles and extensions, which nobody reads here
+        warnings.simplefilter("ignore")  # of styles and extensions, which are not read here
         sheet = load_workbook(io.BytesIO(content), read_only=True, data_only=data_only).worksheets[0]
         sheet.reset_dimensions()  # which some programs write wrong
         return list(sheet.iter_rows())

@@ -48,9 +48,6 @@ def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> Sta
         if source.is_file():
             outcome = replace(outcome, warnings=(*outcome.warnings, *_unused_photos(workspace, source)))
         taken.info.save(folder / workspace.frames_json.name)
-    if source != workspace.images_input and workspace.images_input.is_dir() and list_images(workspace.images_input):
-        beside = f"{source.name} is used and the photos in {workspace.images_input.name} are not; keep one of both"
-        return replace(outcome, warnings=(*outcome.warnings, beside))
     return outcome
 
 

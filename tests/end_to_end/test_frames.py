@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cotton3dg import pipeline
-from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
+from cotton3dg.errors import CaptureFailed, MissingInput
 from cotton3dg.files import video
 from cotton3dg.files.images import read_image
 from cotton3dg.options import FramesOptions
@@ -117,7 +117,7 @@ def test_half_of_a_clip_is_refused_and_most_of_it_flagged(tmp_path):
     film(tmp_path / "video.mp4", pan(200), "-movflags", "+faststart")
     content = (tmp_path / "video.mp4").read_bytes()
     (tmp_path / "video.mp4").write_bytes(content[: len(content) // 2])
-    with pytest.raises(BadInput, match=r"video\.mp4 is damaged: .* intact frames"):
+    with pytest.raises(CaptureFailed, match=r"video\.mp4 is damaged: .* intact frames"):
         run_frames(tmp_path, count=20)
     (tmp_path / "video.mp4").write_bytes(content[: len(content) * 95 // 100])
     _, told, record = run_frames(tmp_path, count=20)
@@ -163,7 +163,7 @@ def test_photo_of_another_size_is_named(tmp_path):
     pictures = pan(12, step=20)
     pictures[7] = np.ascontiguousarray(np.rot90(pictures[7]))
     photos(tmp_path, pictures)
-    with pytest.raises(BadInput, match=r"IMG_8\.jpg is 108 x 192 px, those before are 192 x 108"):
+    with pytest.raises(CaptureFailed, match=r"IMG_8\.jpg is 108 x 192 px, those before are 192 x 108"):
         run_frames(tmp_path)
 
 
@@ -171,7 +171,7 @@ def test_truncated_photo_is_named(tmp_path):
     photos(tmp_path, pan(12, step=20))
     path = tmp_path / "images" / "IMG_5.jpg"
     path.write_bytes(path.read_bytes()[:-500])
-    with pytest.raises(BadInput, match=r"IMG_5\.jpg is cut off"):
+    with pytest.raises(CaptureFailed, match=r"IMG_5\.jpg is cut off"):
         run_frames(tmp_path)
 
 
@@ -215,7 +215,7 @@ def test_empty_folder_and_no_video(tmp_path):
     with pytest.raises(MissingInput, match="photos of it into a folder named images"):
         run_frames(tmp_path)
     (tmp_path / "clip.mov").write_bytes(b"not a video")
-    with pytest.raises(BadInput, match=r"clip\.mov is no video"):
+    with pytest.raises(CaptureFailed, match=r"clip\.mov is no video"):
         run_frames(tmp_path)
 
 
@@ -223,6 +223,6 @@ def test_failure_leaves_the_earlier_result(tmp_path):
     film(tmp_path / "video.mp4", pan(60))
     workspace, _, _ = run_frames(tmp_path, count=20)
     (tmp_path / "video.mp4").write_bytes(b"overwritten")
-    with pytest.raises(BadInput):
+    with pytest.raises(CaptureFailed):
         run_frames(tmp_path, count=20)
     assert len(workspace.frame_images()) == 20

@@ -115,12 +115,12 @@ def test_text_of_any_program_is_read(tmp_path, text, labels, encoding):
 @pytest.mark.parametrize(
     ("column", "words"),
     [
-        ([0.86, 0.94, 0.65, 0.37], "has fractions, so it numbers no bolls; leave that column out"),
-        ([198, 76, 76, 198], "lie 62 cm apart, so it numbers no bolls"),
-        ([-1, 0, 1, 2], "numbers no bolls"),
+        ([0.86, 0.94, 0.65, 0.37], "has fractions, so it is not a boll id; leave that column out"),
+        ([198, 76, 76, 198], "lie 62 cm apart, so it is not a boll id"),
+        ([-1, 0, 1, 2], "is not a boll id"),
     ],
 )
-def test_intensities_are_no_numbers_of_bolls(tmp_path, column, words):
+def test_intensities_are_not_boll_ids(tmp_path, column, words):
     """210 "true bolls" of 1.4 million cm3."""
     np.savetxt(tmp_path / "a.xyz", np.column_stack([POINTS, column]))
     cloud = o3d.t.geometry.PointCloud(POINTS)

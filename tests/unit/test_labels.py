@@ -273,7 +273,7 @@ def test_points_and_boxes_from_a_table(tmp_path: Path) -> None:
         ("", "holds no prompt"),
         ("image,x,y\n", "holds no prompt"),
         ("image,x,y\n000004,1\n", "row 2.*not a point"),
-        ("image,x,y\n000004,one,2\n", "row 2, column x: 'one' is no number"),
+        ("image,x,y\n000004,one,2\n", "row 2, column x: 'one' is not a number"),
         ("image,x,y\n000004,nan,2\n", "row 2.*not a point"),
         ("image,x1,y1,x2,y2\n000004,5,5,2,9\n", "row 2.*not a box"),
     ],

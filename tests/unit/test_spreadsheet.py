@@ -84,10 +84,10 @@ def test_another_column_shows_what_a_comma_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("id,x\nA,1\nB,73.8 cm\n", r"t\.csv, row 3, column x: '73.8 cm' is no number; write a number alone"),
-        ("id,x\n\nB,high\n", "row 3, column x: 'high' is no number"),
-        ("id,x\nA,inf\n", "'inf' is no number"),
-        ("id,x\nA,1_000\n", "'1_000' is no number"),
+        ("id,x\nA,1\nB,73.8 cm\n", r"t\.csv, row 3, column x: '73.8 cm' is not a number; write a number alone"),
+        ("id,x\n\nB,high\n", "row 3, column x: 'high' is not a number"),
+        ("id,x\nA,inf\n", "'inf' is not a number"),
+        ("id,x\nA,1_000\n", "'1_000' is not a number"),
         ('id,x\nA,"1,234"\n', "'1,234' may be 1234 or 1.234; write one of them"),
         ("id;x\nA;1.234\n", "'1.234' may be 1.234 or 1234"),
         ('id,x\nA,"1,234"\nB,2.5\n', "'1,234' may be 1234 or 1.234"),
@@ -152,10 +152,10 @@ def test_picks_and_prompts_are_tables_like_others(tmp_path: Path) -> None:
     (tmp_path / "picks.csv").write_text("point;image;x_px;y_px\nA;0.jpg;1,5;2\n", encoding="utf-16")
     assert read_picks(tmp_path / "picks.csv")["A"]["0.jpg"].tolist() == [2.0, 2.5]
     (tmp_path / "picks.csv").write_text("point,image,x_px,y_px\nA,0.jpg,1px,2\n", encoding="utf-8")
-    with pytest.raises(BadInput, match=r"picks\.csv, row 2, column x_px: '1px' is no number"):
+    with pytest.raises(BadInput, match=r"picks\.csv, row 2, column x_px: '1px' is not a number"):
         read_picks(tmp_path / "picks.csv")
     (tmp_path / "prompts.csv").write_text("sep=;\nimage;x;y\n0.jpg;1,5;2\n", encoding="utf-8-sig")
     assert read_prompts(tmp_path / "prompts.csv")["0"].tolist() == [[1.5, 2.0]]
     (tmp_path / "prompts.csv").write_text("image,x,y\n0.jpg,1,two\n", encoding="utf-8")
-    with pytest.raises(BadInput, match=r"prompts\.csv, row 2, column y: 'two' is no number"):
+    with pytest.raises(BadInput, match=r"prompts\.csv, row 2, column y: 'two' is not a number"):
         read_prompts(tmp_path / "prompts.csv")

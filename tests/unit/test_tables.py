@@ -135,5 +135,5 @@ def test_a_table_that_a_spreadsheet_saved_again_is_read(tmp_path):
 
 
 def test_a_cell_that_somebody_changed_is_named():
-    with pytest.raises(BadInput, match="column size: 'large' is no number"):
+    with pytest.raises(BadInput, match="column size: 'large' is not a number"):
         value_of("large", COLUMNS[1])

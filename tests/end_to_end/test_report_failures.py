@@ -126,8 +126,9 @@ def test_a_damaged_file_costs_its_parts_only(reported_copy, file):
 def test_a_failed_run_leaves_a_page_that_says_why(tmp_path):
     folder = tmp_path / "plant_018"
     folder.mkdir()
+    (folder / "video.mp4").write_text("no video")
     workspace = Workspace(folder)
     with pytest.raises(CaptureFailed):
         pipeline.run(workspace, pipeline.stage_options(workspace), report=True)
-    assert "copy the plant&#39;s video here" in workspace.report_html.read_text()
+    assert "copy it again from the phone" in workspace.report_html.read_text()
     assert is_stale(workspace, "no video")

@@ -29,7 +29,7 @@ def test_the_index_lists_failures_outliers_and_links(reported):
     text = index_page("field", folder, rows)
     seen = Page(text)
     assert len(text) < 1e6
-    assert "8 of 9 plants done, 1 failed" in seen.text
+    assert "Red. 8 of 9 plants done, 1 of them yellow, 1 failed" in seen.text
     assert seen.text.index("Plants without a result") < seen.text.index(
         "Histogram" if "Histogram" in seen.text else "Traits"
     )

@@ -37,8 +37,8 @@ def test_the_page_tells_traits_flags_bolls_walk_and_stages(reported):
         assert FLAGS[flag].action in seen.text
     assert [found["data-boll"] for name, found in seen.tags if "data-boll" in found] == ["1", "2", "3", "4"]
     assert seen.count("input", type="range") == 3
-    assert "16 of 17 frames could be placed" in seen.text
-    assert "330° around the plant" in seen.text
+    assert "16 of 17 frames placed" in seen.text
+    assert "330 degrees around the plant" in seen.text
     assert f"{UNPLACED} at 8.0 s" in text
     for stage in STAGE_OPTIONS:
         assert stage in seen.text
@@ -135,7 +135,7 @@ SHUTTER = RollingShutterFound(
         (
             "motion_blur",
             replace(BLUR, found=True, median_px=5.0),
-            "; walking more slowly, or more light, makes it less",
+            "; walking more slowly, or more light, helps",
         ),
         ("rolling_shutter", SHUTTER, "none to be seen: 0.04 px"),
         (

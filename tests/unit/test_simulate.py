@@ -14,7 +14,7 @@ from cotton3dg.commands.simulate import simulate
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.images import read_ids
-from cotton3dg.options import SimulateOptions
+from cotton3dg.options import SimulateOptions, read_toml, resolve
 from cotton3dg.simulate.atlas import pack
 from cotton3dg.simulate.camera import Orbit, orbit
 from cotton3dg.simulate.film import exposure_ev, film, film_ids
@@ -303,7 +303,9 @@ def test_simulate_writes_video_and_truth(tmp_path):
     folder = simulate(tmp_path / "plant", options)
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     masks = [f"instances/frame_{frame:04d}.png" for frame in (0, 4, 8)]
-    assert names == ["cameras.json", *masks, "instances/frames.json", "truth.json", "video.mp4"]
+    assert names == ["cameras.json", "cotton3dg.toml", *masks, "instances/frames.json", "truth.json", "video.mp4"]
+    size = resolve("scale", read_toml(folder / "cotton3dg.toml")["scale"])
+    assert (size.table_cm, size.table_is_assumed) == ((120.0, 60.0), False)
 
     video = cv2.VideoCapture(str(folder / "video.mp4"))
     images = []

@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -76,6 +76,9 @@ bare-test: ## install.md and the demo in a Debian with nothing in it (debootstra
 wheel: setup ## wheels for Linux on x86-64 and ARM, and the source archive, in dist/
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[wheels]'
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python tools/build_wheels.py dist $(MACHINES)
+
+test-processors: setup ## the quick tests as on processors of other kinds, one after the other; an hour; ONLY='core-baseline seed-6' chooses
+	$(BIN)/python tests/stress/other_processors.py results/processors --jobs $(JOBS) $(if $(ONLY),--only $(ONLY))
 
 arm-test: setup ## the core of the ARM wheel in dist/, in an emulator (Debian, as root)
 	@command -v qemu-aarch64-static >/dev/null || { apt-get update -q && apt-get install -y -q --no-install-recommends qemu-user-static; }

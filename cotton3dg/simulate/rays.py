@@ -1,4 +1,4 @@
-"""Rays through triangles by Embree: embreex's, or Open3D's where embreex has no wheel; equal to single precision."""
+"""Rays through triangles by Embree: embreex's, or Open3D's where embreex has no wheel: alike but for rounding."""
 
 from __future__ import annotations
 

@@ -44,8 +44,23 @@ bool write_values(const Scene<Real>& scene, const PackOf<Real>* basis, int lane,
     return usable;
 }
 
-constexpr double kSurelyInImage = -5.5;  // logits above it are of opacities above the alpha cut
-constexpr double kWidest = 3.33;         // standard deviations from which on the most opaque is below the alpha cut
+// Logits above it are of opacities above the alpha cut: logit a = ln a - ln(1 - a), and -ln(1 - a) < a / (1 - a).
+constexpr double kSurelyInImage = kLog2AlphaCut * kLn2 + kAlphaCut / (1 - kAlphaCut);
+constexpr double kWidest = 3.33;  // standard deviations from which on the most opaque is below the alpha cut
+
+constexpr bool nearly(double value, double wanted, double share) {
+    return value >= wanted * (1 - share) && value <= wanted * (1 + share);
+}
+
+constexpr double exp_of_positive(double x) {  // by its series: std::exp is no constexpr before C++26
+    double sum = 1, term = 1;
+    for (int k = 1; k < 100; ++k) sum += term *= x / k;
+    return sum;
+}
+
+static_assert(nearly(kAlphaCut * exp_of_positive(-kLog2AlphaCut * kLn2), 1, 1e-14), "kLog2AlphaCut is of another cut");
+static_assert(kScale2 * kWidest * kWidest > -kLog2AlphaCut && nearly(kScale2 * kWidest * kWidest, -kLog2AlphaCut, 1e-3),
+              "kWidest is of another cut");
 
 // Whether a pack shows nothing, told before the costly work: neighbours in space are neighbours in memory, so that most
 // packs are wholly in view or out of it. Counts their rows. Anything unusual goes the long way.

@@ -68,6 +68,11 @@ def bits(run: Workspace) -> dict[str, Any]:
     }
 
 
+def change_pct(value: float, reference: float) -> float:
+    """NaN without a reference: a plant without bolls has no volume."""
+    return 100 * (value / reference - 1) if reference else np.nan
+
+
 def compared(name: str, run: Workspace, with_: Workspace) -> dict[str, Any]:
     own, other = bits(run), bits(with_)
     changed = next((stage for stage in own if own[stage] != other[stage]), "")
@@ -77,7 +82,7 @@ def compared(name: str, run: Workspace, with_: Workspace) -> dict[str, Any]:
         value, reference = parse_number(mine[trait]), parse_number(theirs[trait])
         row[trait] = value
         if trait != "boll_count":
-            row[f"{trait.split('_')[-2]}, %"] = 100 * (value / reference - 1)
+            row[f"{trait.split('_')[-2]}, %"] = change_pct(value, reference)
     return row
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -209,8 +210,11 @@ def test_edges_are_learnt_from_a_run_and_its_true_masks(plant, filmed, tmp_path)
     shutil.copytree(plant.run.root, run)
     shutil.copytree(filmed / "instances", run / "instances", dirs_exist_ok=True)
     out, tool = tmp_path / "edges.onnx", ROOT / "tools" / "train_edges.py"
-    subprocess.run([sys.executable, tool, run, "--steps", "2", "--out", out], check=True, cwd=tmp_path)
-    EdgeNetwork(read_shipped(out), out.name)
+    subprocess.run([sys.executable, tool, run, "--steps", "20", "--out", out], check=True, cwd=tmp_path)
+    network = EdgeNetwork(read_shipped(out), out.name)
+    for seen in runpy.run_path(str(tool))["pictures_of"](Workspace(run)):
+        found, true = network.find_lint(seen.image, seen.share, seen.likely, 20), seen.true > 0
+        assert (found & true).sum() > 0.5 * (found | true).sum()
 
 
 def test_internodes_are_paired_in_order():

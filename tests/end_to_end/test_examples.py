@@ -14,6 +14,7 @@ from scenes.tiny_plant import FILM, ROOT, in_shell
 from cotton3dg.choices import read_toml
 from cotton3dg.files.images import read_image
 from cotton3dg.files.tables import TRAITS
+from cotton3dg.option_rules import as_dict
 from cotton3dg.options import SimulateOptions, resolve
 
 EXAMPLES = ROOT / "examples"
@@ -138,5 +139,9 @@ def test_filming_pictures():
 
 
 def test_options_file():
-    for stage, values in read_toml(EXAMPLES / "cotton3dg.toml").items():
-        resolve(stage, values)
+    values = read_toml(EXAMPLES / "cotton3dg.toml")
+    assert len(values) == 5
+    options = {stage: as_dict(resolve(stage, of_stage)) for stage, of_stage in values.items()}
+    assert options["frames"]["count"] == 100
+    assert options["segment"]["probability"]["threshold"] == 0.9
+    assert options["traits"]["plant_id"] == "GH-07-plot-3"

@@ -75,8 +75,8 @@ def test_both_libraries_give_the_same_hits():
     starts, ways = origins[hit].astype(float), directions[hit].astype(float)
     towards = (normals * ways).sum(axis=1)
     expected = (normals * (a - starts)).sum(axis=1) / towards
-    # Coordinates of a few units are rounded to some 2e-7, which grows with the slant of the ray.
-    slack = 2e-6 / np.abs(towards)
+    # Coordinates of a few units are rounded to some 2e-7, several times; it matters more the more the ray slants.
+    slack = 1e-5 / np.abs(towards)
     for found in (ours, theirs):
         assert (np.abs(found.depths[hit] - expected) < slack).all()
         u, v = found.weights[hit].astype(float).T[:, :, None]

@@ -74,7 +74,13 @@ def test_points_have_the_mean_colour_of_their_places(tmp_path: Path) -> None:
 
 
 def test_a_model_without_points_has_no_colours(tmp_path: Path) -> None:
-    colour_points(pycolmap.Reconstruction(), tmp_path)
+    what = pycolmap.SyntheticDatasetOptions()
+    what.num_rigs, what.num_frames_per_rig, what.num_points3D = 1, 3, 20
+    model = pycolmap.synthesize_dataset(what)
+    for point in list(model.point3D_ids()):
+        model.delete_point3D(point)
+    colour_points(model, tmp_path)  # whose images need not be there, then
+    assert model.num_points3D() == 0 and model.num_reg_images() == 3
 
 
 @pytest.mark.parametrize("focal_length_px", [None, 300.0])

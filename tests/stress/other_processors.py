@@ -1,0 +1,141 @@
+"""The quick tests as on processors of other kinds: `make test-processors`.
+
+    python tests/stress/other_processors.py FOLDER [--only NAME ...] [--jobs 2] [--list] [--pytest ARGUMENTS ...]
+
+Libraries choose their instructions when they are loaded and can be made to do without the newer ones; so a processor is
+a set of environment variables. One thing at a time differs from the base, which is this machine as it is. Prints a
+table of what failed and ends with 1 if anything did; says what this machine cannot try. What pytest said of each is in
+FOLDER. ARGUMENTS for pytest take the place of "-m 'not slow'": a few files are enough while something is mended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import re
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cotton3dg.core.machine import usable_cores
+
+ROOT = Path(__file__).parents[2]
+CHOOSERS = (
+    "COTTON3DG_ISA",
+    "OPENBLAS_CORETYPE",
+    "OPENCV_CPU_DISABLE",
+    "NPY_DISABLE_CPU_FEATURES",
+    "ATEN_CPU_CAPABILITY",
+    "MKL_CBWR",
+    "GLIBC_TUNABLES",
+)
+"""Variables that choose instructions: whoever starts this may have set some."""
+QUICK = ("-m", "not slow")
+TINY_PLANT = ("tests/end_to_end/test_examples.py::test_one_plant",)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A processor that the tests see."""
+
+    name: str
+    environment: dict[str, str] = field(default_factory=dict)
+    needs: frozenset[str] = frozenset()
+    """Flags in /proc/cpuinfo."""
+    tests: tuple[str, ...] = ()
+    """What is tested, in place of all quick tests."""
+    cores: int = 0
+    """0 = all there are."""
+
+
+AVX2, AVX512 = frozenset({"avx2", "fma"}), frozenset({"avx512f", "avx512dq", "avx512bw", "avx512vl"})
+VARIANTS = (
+    Variant("base"),
+    Variant("core-baseline", {"COTTON3DG_ISA": "baseline"}),
+    Variant("core-avx2", {"COTTON3DG_ISA": "avx2"}, AVX2),
+    Variant("core-avx512", {"COTTON3DG_ISA": "avx512"}, AVX2 | AVX512),
+    Variant("openblas-haswell", {"OPENBLAS_CORETYPE": "Haswell"}, AVX2),
+    Variant("openblas-skylakex", {"OPENBLAS_CORETYPE": "SkylakeX"}, AVX2 | AVX512),
+    Variant("opencv-old", {"OPENCV_CPU_DISABLE": "AVX512_SKX,AVX2,FMA3,AVX,SSE4_2"}),
+    Variant("opencv-plain", {"PYTHONPATH": str(Path(__file__).with_name("plain_opencv"))}),
+    Variant("one-core", cores=1),
+    Variant("four-threads", {"OMP_NUM_THREADS": "4"}),
+    Variant("seed-6", {"COTTON3DG_TINY_SEED": "6"}, tests=TINY_PLANT),
+    Variant("seed-7", {"COTTON3DG_TINY_SEED": "7"}, tests=TINY_PLANT),
+)
+
+
+def flags_of(cpuinfo: str) -> set[str]:
+    """What the processor can, by /proc/cpuinfo; nothing known elsewhere than on x86-64 Linux."""
+    found = re.search(r"^flags\s*:\s*(.*)$", cpuinfo, re.MULTILINE)
+    return set(found[1].split()) if found else set()
+
+
+def environment_of(variant: Variant, surroundings: dict[str, str]) -> dict[str, str]:
+    """Variables of the tests' process."""
+    plain = {key: value for key, value in surroundings.items() if key not in CHOOSERS}
+    path = {key: os.pathsep.join([value, plain[key]]) for key, value in variant.environment.items() if plain.get(key)}
+    own = variant.environment | {key: path[key] for key in path if key == "PYTHONPATH"}
+    return plain | {"OMP_NUM_THREADS": "1"} | own
+
+
+def failures(said: str) -> list[str]:
+    """Names of the tests that pytest says failed."""
+    return re.findall(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
+
+
+def tested(variant: Variant, folder: Path, jobs: int, wanted: tuple[str, ...]) -> tuple[str, list[str]]:
+    """Run the tests in a process that sees another processor: how pytest summed up, and what failed."""
+    command = [sys.executable, "-m", "pytest", "-rfE", "-p", "no:cacheprovider", *(variant.tests or wanted)]
+    command += ["-n", str(1 if variant.tests or variant.cores else jobs), "--dist", "loadfile"]
+    command += ["--no-loadscope-reorder"]
+    cores = sorted(usable_cores())[: variant.cores or None]
+    log = folder / f"{variant.name}.log"
+    with log.open("w", encoding="utf-8") as file:
+        done = subprocess.run(
+            command,
+            check=False,
+            cwd=ROOT,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            env=environment_of(variant, dict(os.environ)),
+            preexec_fn=lambda: os.sched_setaffinity(0, cores),
+        )
+    said = log.read_text(encoding="utf-8")
+    failed = failures(said) or ([f"pytest ended with {done.returncode}"] if done.returncode else [])
+    return (said.strip().splitlines() or ["nothing"])[-1].strip("= "), failed
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", nargs="+", choices=[variant.name for variant in VARIANTS], metavar="NAME")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--list", action="store_true", help="say what would be tried")
+    parser.add_argument("--pytest", nargs=argparse.REMAINDER, default=QUICK, help="comes last")
+    wanted = parser.parse_args()
+    info = Path("/proc/cpuinfo")
+    flags = flags_of(info.read_text(encoding="utf-8")) if info.is_file() else set()
+    wanted.folder.mkdir(parents=True, exist_ok=True)
+    print(f"{platform.machine()}, {len(usable_cores())} cores\n\n| processor | tests | failed |")
+    print("|---|---|---|")
+    bad = 0
+    for variant in VARIANTS:
+        if wanted.only and variant.name not in wanted.only:
+            continue
+        if lacking := sorted(variant.needs - flags):
+            said, failed = f"cannot be tried here: this processor has no {', '.join(lacking)}", []
+        elif wanted.list:
+            changes = [f"{key}={value}" for key, value in variant.environment.items()]
+            said, failed = " ".join(changes + ["1 core"] * variant.cores) or "this machine as it is", []
+        else:
+            said, failed = tested(variant, wanted.folder, wanted.jobs, tuple(wanted.pytest))
+        bad += bool(failed)
+        print(f"| {variant.name} | {said} | {'<br>'.join(failed)} |", flush=True)
+    sys.exit(bad > 0)
+
+
+if __name__ == "__main__":
+    main()

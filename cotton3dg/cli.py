@@ -258,12 +258,13 @@ def clean(plant_dir: PlantDir) -> None:
 def report(plant_dir: PlantDir) -> None:
     """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
     from .plants import plant_at
-    from .report.page import make_report
+    from .report.page import is_stale, make_report
 
     with report_errors(plant_dir):
         workspace = plant_at(plant_dir)
         with workspace.locked():
-            typer.echo(f"saved as {make_report(workspace)}")
+            page = workspace.report_html
+            typer.echo(f"saved as {make_report(workspace)}" if is_stale(workspace) else f"{page} is up to date")
 
 
 def _stage_command(stage: str) -> Callable[..., None]:

@@ -11,7 +11,7 @@ import hashlib
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -39,6 +39,8 @@ VERSION: Final = 6
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
+OF_THE_PROGRAM: Final = ("report_version", "cotton3dg_version", "templates")
+"""What of a fingerprint another version of the program changes."""
 MARKED_BYTES: Final = 4096
 """How a page begins that this tool made."""
 log = logging.getLogger("cotton3dg")
@@ -62,13 +64,17 @@ class Fingerprint(Document):
 
 
 def is_stale(workspace: Workspace, failure: str = "") -> bool:
-    """Whether the page would be another one now."""
+    """Whether the page would be another one now, and no worse: photos that `clean` dropped are in the old one only."""
     if not workspace.report_html.is_file():
         return True
     try:
-        return Fingerprint.load(workspace.record_file(RECORD)) != _fingerprint(workspace, failure)
+        made = Fingerprint.load(workspace.record_file(RECORD))
     except BadInput:
         return True
+    now = _fingerprint(workspace, failure)
+    if workspace.dropped():
+        now = replace(now, **{name: getattr(made, name) for name in OF_THE_PROGRAM})
+    return made != now
 
 
 def make_report(workspace: Workspace, failure: str = "") -> Path:

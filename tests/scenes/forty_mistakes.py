@@ -15,8 +15,6 @@ NOT_THERE: Final = r"(not there|not exist|is missing|not a folder|no such).*; \w
 SILENT: Final = ""
 """Of what has no mistake to name: it works, or was ended by the system."""
 BATCH: Final = ("field/batch.csv", "field/batch_bolls.csv", "field/index.html")
-LOG: Final = ("plant_1/run.log",)
-"""Where a stage began, and what it was given turned out to be something else."""
 CHECKED: Final = ("plant_1/check", "plant_1/check/*")
 TIMED: Final = ("plant_1/records/*", "plant_1/run.log", "plant_1/report.html", "plant_1/traits/traits.csv")
 """What has the seconds of a run in it."""
@@ -41,9 +39,9 @@ TYPED: Final = (
     Mistake("repeats of a part", "cotton3dg run plant_1 --repeat 2 --until sfm", "leave out"),
     Mistake("fewer jobs than none", "cotton3dg batch field --jobs -1", "jobs.*(at least|range)"),
     Mistake("missing weights", "cotton3dg masks plant_1 --weights /no/such.onnx", rf"such\.onnx.*{NOT_THERE}"),
-    Mistake("a film for weights", "cotton3dg masks plant_1 --weights film.mp4", r"film\.mp4.*; \w", may_change=LOG),
-    Mistake("a back end without weights", "cotton3dg masks plant_1 --backend sam", "--weights", (2, 3), may_change=LOG),
-    Mistake("a film for a model", "cotton3dg train plant_1 --model film.mp4", r"film\.mp4.*; \w", may_change=LOG),
+    Mistake("a film for weights", "cotton3dg masks plant_1 --weights film.mp4", r"film\.mp4.*; \w"),
+    Mistake("a back end without weights", "cotton3dg masks plant_1 --backend sam", "--weights", (2, 3)),
+    Mistake("a film for a model", "cotton3dg train plant_1 --model film.mp4", r"film\.mp4.*; \w"),
     Mistake("a film of no images", "cotton3dg render plant_1 --frames 0", "frames.*at least 1"),
     Mistake("a sweep that does not exist", "cotton3dg study plant_1 --sweep nosuch", "use .*resolution"),
     Mistake("an export format misspelt", "cotton3dg export field --format xslx", "(use|mean).*xlsx"),
@@ -74,7 +72,7 @@ PLACES: Final = (
     ),
     Mistake("an export of a plant", "cotton3dg export plant_1", r"; \w"),
     Mistake("one film to compare", "cotton3dg compare plant_1", "two folders or more"),
-    Mistake("the status of a film", "cotton3dg status film.mp4", "give the folder"),
+    Mistake("the status of a film", "cotton3dg status film.mp4", "cotton3dg run film.mp4"),
     Mistake(
         "a letter for a film", "cotton3dg run letter.mp4", r"; \w", (2, 4), "echo 'Dear breeder' > letter.mp4",
         may_change=("letter", "letter/*"),
@@ -90,7 +88,10 @@ PLACES: Final = (
     Mistake("cards over the field book", "cotton3dg cards book.csv", r"\.pdf", (2,), "echo plant_id > book.csv"),
     Mistake("a bug report over a table", "cotton3dg bug-report plant_1 --out plant_1/traits/traits.csv", r"\.zip"),
     Mistake("traits before all else", "cotton3dg traits fresh", r"run `cotton3dg \w+"),
-    Mistake("a render before the training", "cotton3dg render fresh", "run `cotton3dg (train|run)"),
+    Mistake(
+        "a render before the training", "cotton3dg render fresh", "run `cotton3dg (train|run)",
+        may_change=("fresh/.lock",),
+    ),
     Mistake("a comparison with no result", "cotton3dg compare plant_1 fresh", r"fresh.*run `cotton3dg \w+"),
     Mistake(
         "a report of nothing", "cotton3dg report fresh", "cotton3dg run|saved as", (0, 2),
@@ -137,6 +138,7 @@ AGAIN: Final = (
     Mistake(
         "an import twice", "cotton3dg import film.mp4 --into field_2 --names names.csv", "there", (0,),
         "printf 'file,plant_id\nfilm.mp4,p7\n' > names.csv; cotton3dg import film.mp4 --into field_2 --names names.csv",
+        may_change=("field_2/import.csv",),
     ),
     Mistake("a boll that does not exist", "cotton3dg correct plant_1 --delete 99", "99.*(;|bolls)", (2, 8)),
     Mistake(

@@ -2,12 +2,15 @@
 
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from scenes.finished_scene import finished_workspace
+from typer.testing import CliRunner
 
 from cotton3dg import pipeline
+from cotton3dg.cli import app
 from cotton3dg.commands.clean import clean
 from cotton3dg.errors import EnvironmentUnusable
 from cotton3dg.workspace import Workspace
@@ -50,6 +53,19 @@ def test_only_images_go_and_every_stage_stays_up_to_date(workspace):
     assert reasons(workspace) == stale
     assert clean(workspace).n_files == 0
     assert reasons(workspace) == stale
+
+
+def test_a_report_keeps_its_photos(workspace, monkeypatch):
+    report = partial(CliRunner().invoke, app, ["report", str(workspace.root)])
+    assert "saved as" in report().output
+    page = workspace.report_html.read_bytes()
+    clean(workspace)
+    assert "is up to date" in report().output
+    monkeypatch.setattr("cotton3dg.report.page.__version__", "another version")
+    assert "is up to date" in report().output
+    assert workspace.report_html.read_bytes() == page
+    workspace.write_record(replace(workspace.read_record("traits"), flags=("no_map",)))
+    assert "saved as" in report().output
 
 
 def test_what_a_stage_reads_is_made_again_first(workspace):

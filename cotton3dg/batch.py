@@ -37,10 +37,10 @@ from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
 from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, KNOWN, MEANS_TABLE, TABLE
 from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
-from .files.saving import write_text_atomically
+from .files.saving import printable, write_text_atomically
 from .files.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
 from .identity.names import folder_name
-from .plants import is_empty, is_plant, plants_in, refuse_plant, same_films
+from .plants import is_empty, may_be_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
 from .stages.stage import STAGES, stage_of
 from .workspace import Workspace
@@ -89,7 +89,7 @@ def find_plants(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise MissingInput(f"{folder} is not a folder; give the folder that holds a folder a plant")
     plants = plants_in(folder)
-    if any(is_plant(Workspace(plant)) for plant in plants):
+    if any(map(may_be_plant, plants)):
         return plants
     refuse_plant(folder)
     if not plants:
@@ -379,7 +379,7 @@ def _reason(name: str, code: int, said: str) -> str:
         cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
         return f"ended by signal {-code}{cause}"
     lines = [line.strip() for line in said.splitlines() if line.strip()]
-    printed = " ".join(name.split())  # on one line, whatever the folder is called
+    printed = " ".join(printable(name).split())  # on one line, whatever the folder is called
     return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
 
 

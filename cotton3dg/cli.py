@@ -24,6 +24,7 @@ from .cli_arguments import (
     Set,
     TimeBudget,
     add_flags,
+    given,
     keep_given,
     parse_overrides,
     report_errors,
@@ -144,7 +145,7 @@ def _budget(workspace: Workspace, time: str, asked: Asked) -> Budget:
 
 @app.command(rich_help_panel="Everything")
 def batch(
-    folder: Annotated[Path, typer.Argument(help="folder with a folder for each plant")],
+    folder: Annotated[Path, given(help="folder with a folder for each plant")],
     jobs: Annotated[int, typer.Option(help="plants side by side; 0 = as many as cores and memory allow")] = 0,
     preset: Preset = None,
     reset: Reset = False,
@@ -214,7 +215,7 @@ def status(
 
 @app.command(rich_help_panel="Everything")
 def check(
-    film: Annotated[Path, typer.Argument(help="video, or folder of one plant")],
+    film: Annotated[Path, given(help="video, or folder of one plant")],
     preset: Preset = None,
     reset: Reset = False,
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from .cli_arguments import OwnPreset, PlantDir, Set, TimeBudget, parse_overrides, report_errors
+from .cli_arguments import OwnPreset, PlantDir, Set, TimeBudget, given, parse_overrides, report_errors
 from .errors import BadUsage, MissingInput, unknown
 
 
 def evaluate(
-    measured: Annotated[Path, typer.Argument(help="folder of a finished plant, or a table of plants or bolls (.csv)")],
+    measured: Annotated[Path, given(help="folder of a finished plant, or a table of plants or bolls (.csv)")],
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's; of a table, a table")] = None,
     masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
     cloud: Annotated[Path | None, typer.Option(help="point cloud as truth, z up (.ply, .pcd, .xyz)")] = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn
 
@@ -15,7 +16,10 @@ from .files.saving import explained
 from .option_rules import flags
 from .options import PRESETS, STAGE_OPTIONS, STANDARD
 
-PlantDir = Annotated[Path, typer.Argument(help="folder of one plant, with its video or an images folder; or a video")]
+given = partial(typer.Argument, readable=False)
+"""A file or folder; one that cannot be read is explained where it is read, and not with typer's page of help."""
+
+PlantDir = Annotated[Path, given(help="folder of one plant, with its video or an images folder; or a video")]
 ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
 CardFiles = Annotated[
     list[Path], typer.Argument(metavar="[FIELDBOOK] CARDS", help="field book (.csv, .xlsx), and the cards (.pdf)")

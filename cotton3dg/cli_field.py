@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_arguments import PlantDir, keep_given, report_errors
+from .cli_arguments import PlantDir, given, keep_given, report_errors
 from .errors import SOME_FAILED, BadUsage
 
 
@@ -23,7 +23,7 @@ def cards(files: list[Path], **flags: Any) -> None:
 
 
 def import_(
-    videos: Annotated[list[Path], typer.Argument(help="videos, or folders that hold them, as a phone's DCIM")],
+    videos: Annotated[list[Path], given(help="videos, or folders that hold them, as a phone's DCIM")],
     into: Annotated[Path, typer.Option(help="folder of the field; made if needed")],
     fieldbook: Annotated[Path | None, typer.Option(help="table with a row for each plant (.csv, .xlsx)")] = None,
     id_column: Annotated[str, typer.Option(help="its column with the ids; default: plant_id and the like")] = "",
@@ -78,7 +78,7 @@ def correct(
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="field that `batch` has run")],
+    folder: Annotated[Path, given(help="field that `batch` has run")],
     format_: Annotated[
         str, typer.Option("--format", help="brapi | miappe | frictionless | cottongen | fieldbook | xlsx")
     ] = "xlsx",
@@ -100,7 +100,7 @@ TurnDeg = Annotated[
 
 
 def compare(
-    films: Annotated[list[Path], typer.Argument(help="folders of one finished plant, filmed at several dates")],
+    films: Annotated[list[Path], given(help="folders of one finished plant, filmed at several dates")],
     out: FilmsOut = Path("comparison"),
     reach_cm: Reach = 3.0,
     turn_deg: TurnDeg = None,
@@ -124,7 +124,7 @@ def compare(
 
 
 def repeat(
-    films: Annotated[list[Path], typer.Argument(help="folders of a plant filmed several times, or of such fields")],
+    films: Annotated[list[Path], given(help="folders of a plant filmed several times, or of such fields")],
     out: FilmsOut = Path("repeat"),
     reach_cm: Reach = 3.0,
     turn_deg: TurnDeg = None,

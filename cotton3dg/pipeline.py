@@ -344,7 +344,7 @@ def _explained(error: Exception, stage: str, workspace: Workspace) -> Cotton3dgE
 def _logged(workspace: Workspace) -> Iterator[None]:
     """Append everything that is logged to the plant's run.log."""
     try:
-        handler: logging.Handler = logging.FileHandler(workspace.log_file, encoding="utf-8")
+        handler: logging.Handler = logging.FileHandler(workspace.log_file, encoding="utf-8", errors="backslashreplace")
     except OSError:
         handler = logging.NullHandler()  # the first stage will explain why nothing can be written
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))

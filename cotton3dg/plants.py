@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from .errors import BadInput, BadUsage, Cotton3dgError, MissingInput
-from .files.listing import folders_in, is_litter
+from .files.listing import folders_in, is_litter, is_there
 from .files.saving import explain_disk_errors, fingerprint, link
 from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
@@ -61,6 +62,14 @@ def has_results(workspace: Workspace) -> bool:
     )
 
 
+def may_be_plant(folder: Path) -> bool:
+    """As `is_plant`; also a folder that cannot be used, as its run will explain."""
+    try:
+        return is_plant(Workspace(folder))
+    except Cotton3dgError:
+        return True
+
+
 def refuse_plant(folder: Path) -> None:
     """Raise BadUsage where a field is asked for and the folder of one plant was given."""
     if is_plant(Workspace(folder)) and not any(_plants_below(folder, LEVELS_BELOW)):
@@ -69,18 +78,26 @@ def refuse_plant(folder: Path) -> None:
 
 def plants_in(folder: Path) -> list[Path]:
     """Folders of plants below `folder`, in order of name: those with a capture, and leaves that lack one."""
-    return [plant for child in _folders(folder) for plant in _plants_at(child)]
+    return _plants_in(folder, {folder.resolve()})
 
 
-def _plants_at(folder: Path) -> list[Path]:
-    return [folder] if is_plant(Workspace(folder)) else plants_in(folder) or [folder]
+def _plants_in(folder: Path, seen: set[Path]) -> list[Path]:
+    """Of folders that are not among those `seen`, which are free of links: links may lead in circles."""
+    found: list[Path] = []
+    for child in _folders(folder):
+        if (own := child.resolve()) not in seen:
+            seen.add(own)
+            found += [child] if may_be_plant(child) else _plants_in(child, seen) or [child]
+    return found
 
 
 def same_films(field: Path, names: Sequence[str]) -> dict[str, str]:
     """Plants of a field whose video another one of them has, too -> the first other one."""
     by_size: dict[int, list[tuple[str, Path]]] = {}
     for name in names:
-        videos = Workspace(field / name).videos()
+        videos: list[Path] = []
+        with suppress(Cotton3dgError):  # one that cannot be used; its run will explain
+            videos = Workspace(field / name).videos()
         if len(videos) == 1 and (size := videos[0].stat().st_size):
             by_size.setdefault(size, []).append((name, videos[0]))
     found: dict[str, str] = {}
@@ -101,7 +118,7 @@ def is_empty(folder: Path) -> bool:
 
 def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
     for child in _folders(folder):
-        if is_plant(Workspace(child)):
+        if may_be_plant(child):
             yield child
         elif levels > 1:
             yield from _plants_below(child, levels - 1)
@@ -112,7 +129,7 @@ def _folders(folder: Path) -> list[Path]:
     return [
         path
         for path in folders_in(folder)
-        if not (path / OWNER_MARK).exists()
+        if not is_there(path / OWNER_MARK)
         # A plot may be called `check`; what a plant's folder holds under such a name has no video.
         and (path.name not in OWN_FOLDERS or Workspace(path).videos())
     ]

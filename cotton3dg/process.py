@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import signal
 import sys
@@ -29,6 +30,7 @@ def orderly() -> Iterator[None]:
     for number in ENDING:
         if signal.getsignal(number) == signal.SIG_DFL:  # nohup has it ignored
             signal.signal(number, _end)
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
     sys.stderr = _reopened(sys.stderr, _Messages)
     sys.stdout = _reopened(sys.stdout, _Results)
     try:

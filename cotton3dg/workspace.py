@@ -18,7 +18,7 @@ from .documents.document import Document
 from .documents.dropped import DroppedFiles
 from .documents.record import Record
 from .errors import BadInput, MissingInput
-from .files.listing import files_in
+from .files.listing import files_in, is_there, require_utf8
 from .files.lock import locked
 from .files.saving import (
     FULL_BELOW_BYTES,
@@ -138,7 +138,8 @@ class Workspace:
 
     def __init__(self, root: Path | str):
         self.root = Path(root)
-        if not self.root.exists():
+        require_utf8(self.root.resolve())
+        if not is_there(self.root):
             raise MissingInput(f"{self.root} does not exist; look at its spelling and at the folder that you are in")
         if not self.root.is_dir():
             raise MissingInput(f"{self.root} is not a folder; give the folder that holds the plant's video")
@@ -152,7 +153,8 @@ class Workspace:
 
         Raises:
             MissingInput: there is neither.
-            BadInput: there are several videos.
+            BadInput: there are several videos, or a name that is not UTF-8.
+            EnvironmentUnusable: the folder cannot be read.
         """
         videos = self.videos()
         if len(videos) > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import zipfile
 from collections.abc import Iterator
@@ -36,7 +37,7 @@ def pack(workspace: Workspace, out: Path, machine: str, *, images: bool = False)
     texts = list(_texts(workspace))
     if not texts:
         raise BadUsage("nothing was run here yet; run the command that fails, then report it")
-    home = str(Path.home())
+    home = os.path.expanduser("~")  # noqa: PTH111 - which stays `~` where a user has no home
     with (
         saving(out.parent, made_of("bug-report", workspace.root)) as folder,
         zipfile.ZipFile(folder / out.name, "w", zipfile.ZIP_DEFLATED) as archive,

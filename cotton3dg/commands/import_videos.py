@@ -24,8 +24,16 @@ from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..files import video
 from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from ..files.images import IMAGE_SUFFIXES, UNREAD_SUFFIXES, how_to_convert
-from ..files.listing import files_below
-from ..files.saving import copy, explain_disk_errors, fingerprint, partial_name, replacing, write_text_atomically
+from ..files.listing import files_below, require_utf8
+from ..files.saving import (
+    copy,
+    explain_disk_errors,
+    fingerprint,
+    partial_name,
+    printable,
+    replacing,
+    write_text_atomically,
+)
 from ..files.tables import csv_text, read_rows, refuse_other_table
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
@@ -107,6 +115,9 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
     book = _field_book(asked)
     named = _names(asked.names)
     rows = {path: Row(str(path), state=LEFT_OUT, reason=why) for path in videos if (why := _companion(path, videos))}
+    rows |= {
+        path: Row(printable(str(path)), reason=why) for path in videos if path not in rows and (why := _unusable(path))
+    }
     wanted = [path for path in videos if path not in rows]
     prints = {path: fingerprint(path) for path in wanted}
     read = _read(wanted, prints, {path for path in wanted if _given(path, named)}, asked, progress)
@@ -123,11 +134,16 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
 
 
 def _videos(sources: Sequence[Path], into: Path) -> Iterator[Path]:
-    """Files that are named, and videos at any depth below folders that are, each once and in order of name."""
+    """Files that are named, and videos at any depth below folders that are, each once and in order of name.
+
+    A folder that cannot be read is among them.
+    """
     seen = set()
     for source in sources:
         if source.is_dir():
-            found = files_below(source, (*VIDEO_SUFFIXES, *LEFTOVERS))
+            refused: list[OSError] = []
+            found = files_below(source, (*VIDEO_SUFFIXES, *LEFTOVERS), refused.append)
+            found = sorted([*found, *(Path(error.filename) for error in refused)])
         elif source.is_file():
             found = [source]
         else:
@@ -147,6 +163,17 @@ def _photos(sources: Sequence[Path]) -> str:
     remedy = f"{photos[0].name} is a photo: put each plant's photos into a folder PLANT/images"
     unread = next((photo for photo in photos if photo.suffix.lower() in UNREAD_SUFFIXES), None)
     return f"{remedy} and {how_to_convert(unread)}" if unread else remedy
+
+
+def _unusable(path: Path) -> str:
+    """Why a file or folder cannot be taken at all; empty if it can."""
+    try:
+        require_utf8(path).open("rb").close()
+    except Cotton3dgError as error:
+        return str(error)
+    except OSError as error:
+        return f"it cannot be read ({error.strerror}); change its permissions, or copy it again"
+    return ""
 
 
 def _companion(path: Path, videos: Sequence[Path]) -> str:

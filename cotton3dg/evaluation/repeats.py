@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import column
-from ..errors import BadInput, BadUsage
-from ..files.listing import folders_in
+from ..errors import BadInput, BadUsage, Cotton3dgError
+from ..files.listing import folders_in, is_there
 from ..workspace import Workspace
 from .changes import REACH_CM, compare_films
 from .filmed import Filmed, comparable_traits, read_filmed
@@ -150,8 +151,10 @@ def _plants_of(field: Path) -> dict[str, Path]:
     """Name of each finished plant of a field -> its folder."""
     found = {}
     for folder in folders_in(field):
-        if Workspace(folder).traits_csv.is_file():
-            found[Workspace(folder).plant_id] = folder
+        with suppress(Cotton3dgError):  # one that cannot be used has no results
+            plant = Workspace(folder)
+            if is_there(plant.traits_csv):
+                found[plant.plant_id] = folder
     return found
 
 

@@ -79,7 +79,8 @@ def full_disk(root: Path) -> OutOfResources:
 def write_text_atomically(path: Path, text: str) -> None:
     """Replace `path` so that a reader or a crash sees the old text or the new one, never a part."""
     with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        # The name of a file or folder that is not UTF-8 is spelled as it is printed.
+        partial.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 @contextmanager
@@ -100,6 +101,11 @@ def partial_name(name: str) -> str:
     """What a file or folder is called until it is whole; not longer than a name may be."""
     room = LONGEST_NAME_BYTES - len("..partial")
     return f".{os.fsencode(name)[:room].decode(errors='ignore')}.partial"
+
+
+def printable(name: str) -> str:
+    """A name with what is not UTF-8 in it spelled as `\\udcfc`."""
+    return name.encode("utf-8", "backslashreplace").decode()
 
 
 def json_text(value: Any) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +20,6 @@ from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
 from ..documents.document import Document
 from ..errors import BadInput
-from ..files.saving import explain_disk_errors
 from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
 from .cost import Machine
@@ -64,7 +64,7 @@ def read_calibration() -> Machine | None:
     """What was measured on this machine, if it still holds."""
     try:
         saved = Calibration.load(_saved_json())
-    except BadInput:
+    except (BadInput, RuntimeError):
         return None
     return saved.machine if saved.of == _identity() else None
 
@@ -84,7 +84,10 @@ def calibrate() -> Machine:
         splatting=round(splatting_s / SPLATTING_S, 3),
         imaging=round(imaging_s / IMAGING_S, 3),
     )
-    Calibration(_identity(), machine).save(_saved_json())
+    with suppress(OSError, RuntimeError):  # nowhere to keep it: it is measured again the next time
+        path = _saved_json()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Calibration(_identity(), machine).save(path)
     return machine
 
 
@@ -158,9 +161,11 @@ def _prepare_features() -> Callable[[], None]:
 
 
 def _saved_json() -> Path:
-    """Of this user, below $XDG_CACHE_HOME or ~/.cache; its folder is made if needed."""
+    """Of this user, below $XDG_CACHE_HOME or ~/.cache.
+
+    Raises:
+        RuntimeError: this user has no home.
+    """
     root = os.environ.get("XDG_CACHE_HOME", "")
-    folder = (Path(root) if Path(root).is_absolute() else Path.home() / ".cache") / "cotton3dg"
-    with explain_disk_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder / "calibration.json"
+    folder = Path(root) if Path(root).is_absolute() else Path.home() / ".cache"
+    return folder / "cotton3dg" / "calibration.json"

@@ -13,7 +13,7 @@ import pytest
 from killed_runs import FPS, N_FILMED, film_room
 
 from cotton3dg import pipeline
-from cotton3dg.errors import BadInput, CaptureFailed, Cotton3dgError
+from cotton3dg.errors import CaptureFailed, Cotton3dgError
 from cotton3dg.files.images import read_image
 from cotton3dg.files.video import ffmpeg_binary
 from cotton3dg.workspace import Workspace
@@ -209,5 +209,5 @@ def test_case_39_what_is_no_film_is_refused(whole: Path, tmp_path: Path, name: s
 def test_case_39_a_film_without_pictures_is_refused(tmp_path: Path) -> None:
     command = [ffmpeg_binary(), "-v", "error", "-f", "lavfi", "-i", "sine=d=3", str(tmp_path / "sound.mp4")]
     subprocess.run(command, check=True)
-    with pytest.raises(BadInput, match=r"sound\.mp4 is no video"):
+    with pytest.raises(CaptureFailed, match=r"sound\.mp4 is no video"):
         frames_of(tmp_path / "sound.mp4")

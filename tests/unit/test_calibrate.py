@@ -37,3 +37,19 @@ def test_another_number_of_cores_is_another_machine(cache, monkeypatch):
     assert isinstance(calibrate.read_calibration(), Machine)
     monkeypatch.setattr(calibrate, "usable_cores", lambda: list(range(99)))
     assert calibrate.read_calibration() is None
+
+
+@pytest.mark.parametrize("home", ["/proc/nowhere", "/dev/null", None])
+def test_without_a_home_to_keep_it_in_it_is_measured_each_time(monkeypatch, home):
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    if home is None:
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setattr(calibrate.Path, "home", homeless)
+    else:
+        monkeypatch.setenv("XDG_CACHE_HOME", home)
+    said = []
+    for number in (1, 2):
+        assert isinstance(calibrate.read_or_calibrate(said.append), Machine)
+        assert len(said) == number

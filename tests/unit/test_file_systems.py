@@ -16,12 +16,12 @@ import pytest
 from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.commands.check import plant_of
 from cotton3dg.commands.import_videos import _take
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.errors import EnvironmentUnusable, OutOfResources
 from cotton3dg.files import lock
 from cotton3dg.files.saving import copy, explain_disk_errors, fsync, link, replacing, write_text_atomically
+from cotton3dg.plants import plant_at
 from cotton3dg.stages.stage import Cost, Stage
 from cotton3dg.workspace import Workspace
 
@@ -86,7 +86,7 @@ def test_videos_are_taken_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     for how in ("copy", "move"):
         _take(film, tmp_path / f"{how}.mp4", how)
         assert (tmp_path / f"{how}.mp4").read_bytes() == b"film"
-    assert (plant_of(film).root / "walk.mp4").read_bytes() == b"film"
+    assert (plant_at(film, make=True).root / "walk.mp4").read_bytes() == b"film"
 
 
 @every_lack

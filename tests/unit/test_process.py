@@ -110,6 +110,12 @@ def test_letters_that_a_terminal_does_not_have_are_spelled_out() -> None:
     assert (found.returncode, found.stdout) == (0, "5 ± 1 Pfl\\udcfcnze\n")
 
 
+def test_a_home_that_cannot_be_written_needs_no_word(tmp_path: Path) -> None:
+    environment = os.environ | {"HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
+    found = done(WITHIN + "import matplotlib.font_manager", env=environment)
+    assert (found.returncode, found.stderr) == (0, "")
+
+
 def test_a_stream_that_is_closed_is_none() -> None:
     program = WITHIN + "print('result')\n    sys.exit(8)"
     found = subprocess.run(["sh", "-c", f'"{sys.executable}" -c "$0" >&- 2>&-', program], check=False)

@@ -285,7 +285,8 @@ def _made(plant: Workspace, stages: Iterable[str]) -> dict[str, Any]:
         record = plant.read_record(stage)
         try:
             if record and record.options:
-                found[stage] = recorded(stage, record.options | (named if stage == "traits" else {}))
+                values = record.options | (named if stage == "traits" else {})
+                found[stage] = recorded(stage, values, record.stage_version)
         except BadUsage:
             continue  # of another version
     return found

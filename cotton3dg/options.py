@@ -25,6 +25,8 @@ FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
 USUAL_TABLE_CM: Final = (120.0, 60.0)
 """What a table is taken for that nobody measured: the published one."""
+FORMER_DEFAULTS: Final = {"scale": (11, {"table_length_cm": USUAL_TABLE_CM[0], "table_width_cm": USUAL_TABLE_CM[1]})}
+"""Stage -> its version since which these are no defaults any more."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 STANDARD: Final = "standard"
 """All defaults."""
@@ -380,6 +382,13 @@ def origins(stage: str, *layers: Mapping[str, Any]) -> dict[str, int]:
     return {given.place.path: given.layer for given in given_values(stage, COMMAND_OPTIONS[stage](), layers, {})}
 
 
-def recorded(stage: str, values: Mapping[str, Any]) -> Any:
-    """Options as a record has them. An old one also has those of methods that were not chosen; they had no effect."""
+def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) -> Any:
+    """Options as a record has them. An old one also has those of methods that were not chosen; they had no effect.
+
+    Args:
+        version: of the stage that wrote the record; what was the default of an older one was no choice.
+    """
+    since, former = FORMER_DEFAULTS.get(stage, (0, {}))
+    if version is not None and version < since:
+        values = {name: value for name, value in values.items() if former.get(name) != value}
     return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))

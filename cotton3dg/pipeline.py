@@ -120,7 +120,7 @@ def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
     for maker in (name for name in STAGES if name in makers):
         record = workspace.read_record(maker)
         steps += _remade_for(workspace, maker)
-        options = recorded(maker, record.options if record else {})
+        options = recorded(maker, record.options, record.stage_version) if record else recorded(maker, {})
         steps.append(Step(maker, options, f"{stage} reads what clean dropped"))
     return steps
 

@@ -108,7 +108,9 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
             kept.save(workspace.corrections_json)
         else:
             workspace.corrections_json.unlink(missing_ok=True)
-    options = {stage: recorded(stage, record.options) for stage, record in records.items() if record}
+    options = {
+        stage: recorded(stage, record.options, record.stage_version) for stage, record in records.items() if record
+    }
     choices = choose(workspace).to_keep(STAGES)
     if table_moves:
         _scale_again(workspace, options, choices, watcher)

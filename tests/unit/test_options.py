@@ -185,6 +185,9 @@ def test_a_table_counts_as_measured_when_both_sides_were_given():
     assert (usual.table_cm, usual.table_is_assumed) == ((120.0, 60.0), False)
     turned = resolve("scale", {"table_length_cm": 50, "table_width_cm": 100})
     assert (turned.table_cm, turned.table_is_assumed) == ((100.0, 50.0), False)
+    usual_then = {"method": "table", "table_length_cm": 120.0, "table_width_cm": 60.0}
+    assert recorded("scale", usual_then, 10).table_is_assumed  # it was the default
+    assert not recorded("scale", usual_then, 11).table_is_assumed
     one = resolve("scale", {"table_length_cm": 100})
     assert (one.table_cm, one.table_is_assumed) == ((100.0, 60.0), True)
     with pytest.raises(BadUsage, match="at least 10"):

@@ -10,11 +10,12 @@ import open3d as o3d
 import pytest
 from scipy.spatial import ConvexHull
 
+from cotton3dg.choices import read_toml
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadUsage
 from cotton3dg.files.images import read_ids
-from cotton3dg.options import SimulateOptions, read_toml, resolve
+from cotton3dg.options import SimulateOptions, resolve
 from cotton3dg.simulate.atlas import pack
 from cotton3dg.simulate.camera import Orbit, orbit
 from cotton3dg.simulate.film import exposure_ev, film, film_ids

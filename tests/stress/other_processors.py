@@ -21,16 +21,13 @@ from pathlib import Path
 
 from cotton3dg.core.machine import usable_cores
 
+sys.path.append(str(Path(__file__).parents[1] / "accuracy"))
+
+from processors import LIBRARIES
+
 ROOT = Path(__file__).parents[2]
-CHOOSERS = (
-    "COTTON3DG_ISA",
-    "OPENBLAS_CORETYPE",
-    "OPENCV_CPU_DISABLE",
-    "NPY_DISABLE_CPU_FEATURES",
-    "ATEN_CPU_CAPABILITY",
-    "MKL_CBWR",
-    "GLIBC_TUNABLES",
-)
+OLD = {key: value for variables in LIBRARIES.values() for key, value in variables.items()}
+CHOOSERS = frozenset(OLD)
 """Variables that choose instructions: whoever starts this may have set some."""
 QUICK = ("-m", "not slow")
 TINY_PLANT = ("tests/end_to_end/test_examples.py::test_one_plant",)
@@ -53,12 +50,12 @@ class Variant:
 AVX2, AVX512 = frozenset({"avx2", "fma"}), frozenset({"avx512f", "avx512dq", "avx512bw", "avx512vl"})
 VARIANTS = (
     Variant("base"),
-    Variant("core-baseline", {"COTTON3DG_ISA": "baseline"}),
+    *(Variant(f"{name.lower()}-of-2008", variables) for name, variables in LIBRARIES.items()),
+    Variant("all-of-2008", OLD),
     Variant("core-avx2", {"COTTON3DG_ISA": "avx2"}, AVX2),
     Variant("core-avx512", {"COTTON3DG_ISA": "avx512"}, AVX2 | AVX512),
     Variant("openblas-haswell", {"OPENBLAS_CORETYPE": "Haswell"}, AVX2),
     Variant("openblas-skylakex", {"OPENBLAS_CORETYPE": "SkylakeX"}, AVX2 | AVX512),
-    Variant("opencv-old", {"OPENCV_CPU_DISABLE": "AVX512_SKX,AVX2,FMA3,AVX,SSE4_2"}),
     Variant("opencv-plain", {"PYTHONPATH": str(Path(__file__).with_name("plain_opencv"))}),
     Variant("one-core", cores=1),
     Variant("four-threads", {"OMP_NUM_THREADS": "4"}),

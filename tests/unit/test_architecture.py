@@ -36,7 +36,8 @@ def grown(options: SimulateOptions) -> PlantMeshes:
 def test_simple_plants_stay_as_they_were_before_natural_ones_came(options, vertices, sums):
     plant = grown(options)
     assert len(plant.vertices) == vertices
-    np.testing.assert_allclose(plant.vertices.sum(axis=0), sums, atol=1e-8)
+    # Sines differ in their last bit from processor to processor; a nanometre is more than all of it.
+    np.testing.assert_allclose(plant.vertices.mean(axis=0), np.divide(sums, vertices), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("options", [SIMPLE, HARD])

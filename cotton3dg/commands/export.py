@@ -54,10 +54,10 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
     else:
         books[f"{field.name}.xlsx"] = workbook_sheets(field)
     with saving(target, made_of(f"export --format {kind}", folder)) as partial:
-        if out is None:
-            (target.parent / OWNER_MARK).touch()  # so that `batch` takes it for no plant
         for name, text in texts.items():
             write_text_atomically(partial / name, text)
         for name, sheets in books.items():
             write_workbook(partial / name, sheets)
+    if out is None:
+        (target.parent / OWNER_MARK).touch()  # so that `batch` takes it for no plant
     return f"{len(field.plants)} plants saved in {target}: {', '.join([*texts, *books])}{remark}"

@@ -226,6 +226,14 @@ def test_libreoffice_opens_the_workbook(field, tmp_path):
     assert sum(int(found[1]) if found else 1 for found in repeats) == 2 + len(TRAIT_COLUMNS)
 
 
+def test_an_export_over_a_file_of_the_users_changes_nothing(field):
+    (field / "export" / "xlsx").mkdir(parents=True)
+    (field / "export" / "xlsx" / f"{field.name}.xlsx").write_text("mine")
+    with pytest.raises(BadUsage, match="was not made by this command"):
+        export(field, "xlsx")
+    assert [path.name for path in (field / "export").rglob("*")] == ["xlsx", f"{field.name}.xlsx"]
+
+
 def test_an_export_is_no_plant_and_what_is_wrong_is_told(field, tmp_path):
     for kind in FORMATS:
         export(field, kind)

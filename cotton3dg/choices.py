@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from .documents.choices import Choices
+from .documents.record import Record
 from .errors import BadInput, BadUsage, unknown
 from .option_rules import Place, counting, differences
-from .options import PRESET_VALUES, STAGE_OPTIONS, STANDARD, check_preset, origins, recorded, resolve
-from .stages.stage import STAGES
+from .options import FORMER_DEFAULTS, PRESET_VALUES, STAGE_OPTIONS, STANDARD, check_preset, origins, recorded, resolve
+from .stages.stage import STAGES, stage_of
 from .stages.staleness import changed_options
 from .text import read_text
 from .workspace import Workspace
@@ -120,10 +121,10 @@ class Chosen:
         """Each option that is not as the results of `stages` were made with, and what changes it; may be empty."""
         found: dict[str, list[str]] = {}
         for stage in stages:
-            record = self.base.plant and self.base.plant.read_record(stage)
+            record = self.base.plant.read_record(stage) if self.base.plant else None
             changed = changed_options(record, self.options[stage]) if record else {}
             for place in counting(self.options[stage]):
-                if place.name in changed:
+                if place.name in changed and not (_is_former(record, place.name) and not changed[place.name][1]):
                     before, now = map(_shown, changed[place.name])
                     cause = self._origin(stage, place) or self.anew or self._usual_origin()
                     found.setdefault(cause, []).append(f"{stage}.{place.name} {before} -> {now}")
@@ -285,7 +286,8 @@ def _made(plant: Workspace, stages: Iterable[str]) -> dict[str, Any]:
         record = plant.read_record(stage)
         try:
             if record and record.options:
-                found[stage] = recorded(stage, record.options | (named if stage == "traits" else {}))
+                given = {name: value for name, value in record.options.items() if not _is_former(record, name)}
+                found[stage] = recorded(stage, given | (named if stage == "traits" else {}))
         except BadUsage:
             continue  # of another version
     return found
@@ -309,6 +311,14 @@ def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, .
         if holds and sum(map(len, said.values())) > said_most:
             best, said_most = base, sum(map(len, said.values()))
     return best.choices(made)
+
+
+def _is_former(record: Record | None, name: str) -> bool:
+    """Whether an option stands in a record as the default of an earlier version."""
+    if record is None or record.stage_version == stage_of(record.stage).version:
+        return False
+    former = FORMER_DEFAULTS.get(record.stage, {})
+    return name in former and record.options.get(name) == former[name]
 
 
 def _is_known(stage: str, values: Mapping[str, Any]) -> bool:

@@ -28,6 +28,10 @@ USUAL_TABLE_CM: Final = (120.0, 60.0)
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 STANDARD: Final = "standard"
 """All defaults."""
+FORMER_DEFAULTS: Final = {
+    "scale": {"table_length_cm": USUAL_TABLE_CM[0], "table_width_cm": USUAL_TABLE_CM[1]},
+}
+"""In records of an earlier version these are what nobody gave."""
 
 
 @dataclass(frozen=True)

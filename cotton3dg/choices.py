@@ -19,7 +19,16 @@ from typing import Any, Final
 from .documents.choices import Choices
 from .errors import BadInput, BadUsage, unknown
 from .option_rules import Place, counting, differences
-from .options import PRESET_VALUES, STAGE_OPTIONS, STANDARD, check_preset, origins, recorded, resolve
+from .options import (
+    PRESET_VALUES,
+    STAGE_OPTIONS,
+    STANDARD,
+    check_preset,
+    is_former_default,
+    origins,
+    recorded,
+    resolve,
+)
 from .stages.stage import STAGES
 from .stages.staleness import changed_options
 from .text import read_text
@@ -120,11 +129,15 @@ class Chosen:
         """Each option that is not as the results of `stages` were made with, and what changes it; may be empty."""
         found: dict[str, list[str]] = {}
         for stage in stages:
-            record = self.base.plant and self.base.plant.read_record(stage)
-            changed = changed_options(record, self.options[stage]) if record else {}
+            record = self.base.plant.read_record(stage) if self.base.plant else None
+            if not record:
+                continue
+            changed = changed_options(record, self.options[stage])
             for place in counting(self.options[stage]):
-                if place.name in changed:
-                    before, now = map(_shown, changed[place.name])
+                before, now = changed.get(place.name, (None, None))
+                left = is_former_default(stage, record.stage_version, place.name, before) and not now
+                if place.name in changed and not left:
+                    before, now = _shown(before), _shown(now)
                     cause = self._origin(stage, place) or self.anew or self._usual_origin()
                     found.setdefault(cause, []).append(f"{stage}.{place.name} {before} -> {now}")
         return ", ".join(f"{', '.join(changed)} ({cause})" for cause, changed in found.items())

@@ -127,9 +127,9 @@ def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tupl
     try:
         workspace = plant_at(given)
     except MissingInput:
+        choose(None, asked, given.with_suffix("") if given.is_file() else given)
         if not (make and given.is_file()):
             raise
-        choose(None, asked, given.with_suffix(""))
         workspace = plant_at(given, make=True)
     return workspace, choose(workspace, asked)
 

@@ -388,7 +388,12 @@ def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) 
     Args:
         version: of the stage that wrote the record; what was the default of an older one was no choice.
     """
-    since, former = FORMER_DEFAULTS.get(stage, (0, {}))
-    if version is not None and version < since:
-        values = {name: value for name, value in values.items() if former.get(name) != value}
+    if version is not None:
+        values = {name: value for name, value in values.items() if not is_former_default(stage, version, name, value)}
     return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
+
+
+def is_former_default(stage: str, version: int, name: str, value: Any) -> bool:
+    """Whether an option in a record of a stage's `version` is what was the default then."""
+    since, former = FORMER_DEFAULTS.get(stage, (0, {}))
+    return version < since and name in former and former[name] == value

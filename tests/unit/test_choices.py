@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 
 import pytest
 from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_stages
@@ -229,14 +230,14 @@ def test_a_file_that_is_gone_gives_nothing_more_and_that_is_said(plant, cotton3d
     _, _, err = cotton3dg("run", plant.root)
     assert options_line(err) == ""
     assert change_line(err).startswith("frames.count 60 -> 100, ")
-    assert change_line(err).endswith("scale.table_length_cm 100 -> 120 (default)")
+    assert change_line(err).endswith("scale.table_length_cm 100 -> 0 (default)")
 
 
 def test_a_preset_and_a_reset_begin_anew(plant, cotton3dg):
     cotton3dg("run", plant.root, "--preset", "draft", "--set", "scale.table_length_cm=100")
     _, _, err = cotton3dg("run", plant.root, "--reset", "--set", "frames.count=60")
     assert options_line(err) == "frames.count 60 (command line)"
-    assert "scale.table_length_cm 100 -> 120 (--reset)" in change_line(err)
+    assert "scale.table_length_cm 100 -> 0 (--reset)" in change_line(err)
     _, _, err = cotton3dg("run", plant.root, "--preset", "paper")
     assert "frames.count 60 -> 150" in change_line(err)
     assert change_line(err).endswith("(--preset paper)")
@@ -283,6 +284,16 @@ def test_a_plant_of_an_earlier_version_is_what_its_records_say(plant, cotton3dg,
     _, _, err = cotton3dg("run", plant.root)
     assert change_line(err) == "traits.plant_id plant_007 -> plant_008 (the folder's name)"
     assert stale(plant) == {}
+
+
+def test_a_former_default_is_no_choice(plant, cotton3dg):
+    cotton3dg("run", plant.root)
+    earlier(plant)
+    record = plant.read_record("scale")
+    sides = {"table_length_cm": 120.0, "table_width_cm": 50.0}
+    plant.write_record(replace(record, stage_version=0, options=record.options | sides))
+    _, _, err = cotton3dg("status", plant.root)
+    assert err == ["options: scale.table_width_cm 50 (last run)"]
 
 
 def test_a_preset_is_named_only_where_all_that_it_says_was_run(plant, cotton3dg):
@@ -333,7 +344,7 @@ def test_what_a_time_budget_takes_is_kept_and_the_next_one_takes_anew(plant):
     assert choose(plant).options == first.options
     again = choose(plant, Asked(budgeted={"frames": {"count": 90}}))
     assert again.options["frames"].count == 90
-    assert "100 -> 120 (--time-budget)" in again.changes(pipeline.STAGES)
+    assert "100 -> 0 (--time-budget)" in again.changes(pipeline.STAGES)
 
 
 def test_a_batch_passes_only_what_it_is_given(tmp_path, cotton3dg, monkeypatch):

@@ -301,7 +301,7 @@ def test_a_mistake_that_a_stage_finds_leaves_what_is_finished(workspace, stages,
     with pytest.raises(Cotton3dgError):
         run(workspace, ("masks",), {"masks": {"views": 7}}, report=True)
     changed = {path.name for path, content in tree(workspace).items() if before.get(path) != content}
-    assert changed == ({"run.log", "masks.json", "report.json", "report.html"} if recorded else set())
+    assert changed == ({"run.log", "masks.json", "options.json", "report.json", "report.html"} if recorded else set())
 
 
 def test_a_stage_that_the_disk_has_no_room_for_leaves_what_is_finished(workspace, stages):

@@ -121,7 +121,6 @@ def test_files_that_are_not_there_are_told_by_their_own_option(tmp_path: Path, t
     assert_told(told("cards", table), 2, f"{table.name} is not .pdf; write cotton3dg cards {table.name} cards.pdf")
     trained = told("masks-train", tmp_path / "new", "--annotations", tmp_path / "nosuch")
     assert_told(trained, 2, "nosuch is not there; give a folder of masks or an annotation file")
-    (tmp_path / "video.mp4").write_text("x")
 
 
 def test_a_misspelt_word_is_answered_with_the_likely_one(tmp_path: Path) -> None:

@@ -189,18 +189,18 @@ def test_a_wrong_pose_contradicts_the_matches(tmp_path: Path) -> None:
     assert contradicted_pct(model, task.names, right.features, {}) is None
 
 
-def test_what_few_places_agree_in_by_chance_hardly_counts(tmp_path: Path) -> None:
-    """As many pairs with 16 matches by chance as there are true ones are no half of what images have in common."""
+def test_accidental_matches_in_few_places_hardly_count(tmp_path: Path) -> None:
+    """As many pairs with 16 accidental matches as there are true ones are no half of what images have in common."""
     task, right, _ = walk(tmp_path, 24, range(0))
     rng = np.random.default_rng(0)
     strangers = [(i, j) for i in range(24) for j in range(i + 1, 24) if (i, j) not in right.matches]
-    by_chance = {
+    accidental = {
         pair: PairMatches(np.eye(3), rng.integers(0, 100, (16, 2)).astype(np.uint32))
         for pair in strangers[: len(right.matches)]
     }
     true = sum(min(len(found.rows), 100) for found in right.matches.values())
-    share = contradicted_pct(right.models[0], task.names, right.features, right.matches | by_chance)
-    assert share == pytest.approx(100 * 16 * len(by_chance) / (16 * len(by_chance) + true), rel=0.1)
+    share = contradicted_pct(right.models[0], task.names, right.features, right.matches | accidental)
+    assert share == pytest.approx(100 * 16 * len(accidental) / (16 * len(accidental) + true), rel=0.1)
     assert share < 20
 
 

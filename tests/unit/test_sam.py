@@ -98,7 +98,8 @@ def test_sam_answers_points_boxes_and_both(folders, kind: str) -> None:
         assert ((scores >= 0) & (scores <= 1)).all()
     many = Prompts(boxes=np.repeat(boxes, 20, axis=0))
     masks, _ = segment(PHOTO, many)
-    np.testing.assert_array_equal(masks[::20], answers[1][0])  # the same in whatever batch
+    # The same in whatever batch, but for rounding where an answer is hardly one.
+    assert (masks[::20] != answers[1][0]).mean() < 1e-3
 
 
 @pytest.mark.parametrize("kind", ["sam", "sam2"])
@@ -117,7 +118,9 @@ def test_sam_sees_what_its_own_processing_would_show_it(folders, kind: str) -> N
         logits = model(pixel_values=torch.from_numpy(frame), input_boxes=box, multimask_output=False).pred_masks[0, 0]
     logits = torch.nn.functional.interpolate(logits[None], (128, 128), mode="bilinear")[0, 0, : len(photo)]
     masks, _ = open_sam(folders[kind], trusted=False)(photo, Prompts(boxes=box[0].double().numpy()))
-    np.testing.assert_array_equal(masks[0], (logits > 0).numpy())
+    sure = logits.abs().numpy() > 1e-4 * float(logits.abs().max())
+    assert sure.mean() > 0.99
+    np.testing.assert_array_equal(masks[0][sure], (logits > 0).numpy()[sure])
 
 
 def test_grounding_dino_answers_boxes(folders) -> None:

@@ -118,7 +118,8 @@ AGAIN: Final = (
     Mistake(
         "an option that is given once", f"{CONTINUE} && grep '\"table_length_cm\": 100' plant_1/records/scale.json",
         "table.length.cm", (0,),
-        f"cotton3dg scale plant_1 --table-length-cm 100 --table-width-cm 50; {CONTINUE}",
+        "grep -v table_ plant_1/cotton3dg.toml > x; mv x plant_1/cotton3dg.toml;"
+        f" cotton3dg scale plant_1 --table-length-cm 100 --table-width-cm 50; {CONTINUE}",
     ),
     Mistake(
         "a plant of a field alone", "cotton3dg run field/plant_1; ! cotton3dg status field/plant_1 | grep stale",

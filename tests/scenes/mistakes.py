@@ -17,7 +17,7 @@ from typing import Final
 
 from cotton3dg.errors import DOUBTFUL, SOME_FAILED
 
-LIMIT_S: Final = 300
+LIMIT_S: Final = 600
 """No row trains for long; what takes longer hangs, or began anew what was done."""
 WORKED: Final = (0, SOME_FAILED, DOUBTFUL)
 TRACES: Final = re.compile(

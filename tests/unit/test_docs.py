@@ -163,7 +163,8 @@ def test_papers_md_has_the_defaults():
     defaults = {
         f"{stage}.{place.path}": place.item.default for stage, kind in STAGE_OPTIONS.items() for place in places(kind)
     }
-    compared = {name: cell for name, cell in stated.items() if name in defaults and re.search(r"\d", cell)}
+    # 0 leaves the choice to the program.
+    compared = {name: cell for name, cell in stated.items() if defaults.get(name) and re.search(r"\d", cell)}
     assert len(compared) > 10
     for name, cell in compared.items():
         assert f"{defaults[name]:g}" in re.findall(r"[\d.]+", cell), name

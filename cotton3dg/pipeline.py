@@ -212,9 +212,9 @@ def _run(
         failure = str(error)
         if _records(workspace) == before:
             report = False
+            _keep(workspace, chosen_before)
             if isinstance(error, NOT_OF_THE_PLANT):
                 _cut(workspace.log_file, log_bytes)
-                _keep(workspace, chosen_before)
         raise
     finally:
         # Not after Ctrl-C: whoever interrupts wants it to end.

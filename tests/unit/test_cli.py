@@ -77,11 +77,11 @@ def test_missing_folder(plant):
 
 
 def test_bad_options(plant):
+    (plant / "video.mp4").touch()
     assert_one_line(cotton3dg("run", plant, "--set", "train.steps"), 2, "STAGE.OPTION=VALUE")
     assert_one_line(cotton3dg("run", plant, "--set", "train.steps=-1"), 2, "train.steps")
     assert_one_line(cotton3dg("run", plant, "--preset", "magic"), 2, "magic")
     assert_one_line(cotton3dg("run", plant, "--until", "harvest"), 2, "harvest")
-    (plant / "video.mp4").touch()
     (plant / "cotton3dg.toml").write_text("[trian]\n")
     assert_one_line(cotton3dg("run", plant), 2, "cotton3dg.toml", "trian", "did you mean train?")
 

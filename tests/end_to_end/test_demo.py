@@ -1,5 +1,6 @@
 """`cotton3dg demo` on a plant that is filmed already: it is run and judged, and a second call does neither again."""
 
+import json
 import shutil
 
 from scenes.tiny_plant import OPTIONS
@@ -21,3 +22,5 @@ def test_the_demo_ends_with_the_row_and_the_truth(filmed, tmp_path):
     before = plant.read_record("train")
     assert CliRunner().invoke(app, ["demo", str(plant.root)]).stdout == first.stdout
     assert plant.read_record("train") == before
+    entries = json.loads(CliRunner().invoke(app, ["status", str(plant.root), "--json"]).stdout)
+    assert {(entry["state"], entry["preset"]) for entry in entries} == {("done", "draft")}

@@ -103,7 +103,7 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
     reached = metrics.history[-1].n_gaussians
     if metrics.budget and reached < USED_BUDGET * metrics.budget:
         warnings.append(
-            f"the model grew to {reached} of the {metrics.budget} Gaussians that it may have; set more `train.steps`"
+            f"the model grew to {reached} of the {metrics.budget} Gaussians that it may have; raise train.steps"
         )
     if metrics.psnr_db < LOW_PSNR_DB:
         flags.append("low_psnr")

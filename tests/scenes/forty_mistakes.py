@@ -176,7 +176,7 @@ AGAIN: Final = (
 """Commands once more, on what was finished or changed by hand."""
 
 FILES: Final = (
-    Mistake("an empty file of options", "cotton3dg status plant_1", "stale.*steps", (0,), ": > plant_1/cotton3dg.toml"),
+    Mistake("an empty file of options", "cotton3dg status plant_1", "changed.*steps", (0,), ": > plant_1/cotton3dg.toml"),
     Mistake(
         "a file of options with a byte order mark", CONTINUE, SILENT, (0,),
         "printf '\\xef\\xbb\\xbf' | cat - plant_1/cotton3dg.toml > x; mv x plant_1/cotton3dg.toml",

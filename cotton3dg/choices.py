@@ -274,8 +274,20 @@ def _presets(files: Iterable[Layer]) -> list[tuple[str, str]]:
 
 
 def _resolved(layers: Iterable[Layer], asked: Layer | None = None) -> dict[str, Any]:
+    """Options of every stage; a refusal names the file whose values it refuses."""
     layers, last = tuple(layers), asked or Layer(COMMAND_LINE, {})
-    return {stage: resolve(stage, *(layer.of(stage) for layer in layers), asked=last.of(stage)) for stage in STAGES}
+    try:
+        return {stage: resolve(stage, *(layer.of(stage) for layer in layers), asked=last.of(stage)) for stage in STAGES}
+    except BadUsage as error:
+        below, top = (layers, last) if asked else (layers[:-1], layers[-1])
+        try:
+            _resolved(below)
+        except BadUsage as found:
+            if str(found).endswith(str(error)):
+                raise found from error
+        if top.name.startswith(OPTIONS_FILE):
+            raise BadUsage(f"{top.name}: {error}") from error
+        raise
 
 
 def _kept(plant: Workspace) -> Choices | None:

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from ..errors import BadInput, Cotton3dgError, EnvironmentUnusable, OutOfResources
 
+NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_ALLOWED: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
 WRONG_PATH: Final = (
     errno.ENOENT,
@@ -45,8 +46,8 @@ def explain_disk_errors(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise full_disk(root) from error
+        if error.errno in NO_ROOM:
+            raise explained(error, root) from error
         if error.errno in NOT_ALLOWED:
             raise EnvironmentUnusable(
                 f"no permission to write in {root}; change its permissions or copy the plant elsewhere"
@@ -63,7 +64,11 @@ def explained(error: OSError, root: Path) -> Cotton3dgError:
         root: what was being worked on, where the error names no path.
     """
     place, why = error.filename or root, (error.strerror or str(error)).lower()
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if error.errno == errno.EFBIG:
+        return OutOfResources(
+            f"the disk that holds {root}, or a limit (`ulimit -f`), allows no larger files; use another one"
+        )
+    if error.errno in NO_ROOM:
         return full_disk(root)
     if error.errno in NOT_ALLOWED:
         return EnvironmentUnusable(f"no permission for {place}; change its permissions, or give another path")

@@ -16,8 +16,11 @@ SILENT: Final = ""
 """Of what has no mistake to name: it works, or was ended by the system."""
 BATCH: Final = ("field/batch.csv", "field/batch_bolls.csv", "field/index.html")
 CHECKED: Final = ("plant_1/check", "plant_1/check/*")
-TIMED: Final = ("plant_1/records/*", "plant_1/run.log", "plant_1/report.html", "plant_1/traits/traits.csv")
-"""What has the seconds of a run in it."""
+TIMED: Final = (
+    "plant_1/records/*", "plant_1/run.log", "plant_1/report.html", "plant_1/traits/traits.csv", "plant_1/train/*.json",
+    "plant_1/masks/masks.json", "plant_1/segment/segment.json",
+)  # fmt: skip
+"""What has the seconds of a run in it, or other last digits of the evidence for a rolling shutter."""
 READ_ONLY: Final = "mkdir probe; chmod a-w probe; ! touch probe/x"
 TRAINS: Final = "until tail -n 1 plant_1/run.log | grep -q 'train starts: forced'; do sleep 0.1; done; sleep 1; "
 CONTINUE: Final = "cotton3dg run plant_1"
@@ -173,7 +176,7 @@ AGAIN: Final = (
 """Commands once more, on what was finished or changed by hand."""
 
 FILES: Final = (
-    Mistake("an empty file of options", CONTINUE, SILENT, (0,), ": > plant_1/cotton3dg.toml"),
+    Mistake("an empty file of options", "cotton3dg status plant_1", "changed.*steps", (0,), ": > plant_1/cotton3dg.toml"),
     Mistake(
         "a file of options with a byte order mark", CONTINUE, SILENT, (0,),
         "printf '\\xef\\xbb\\xbf' | cat - plant_1/cotton3dg.toml > x; mv x plant_1/cotton3dg.toml",
@@ -200,7 +203,7 @@ FILES: Final = (
         (2, 4), "printf 'plant_id,plant_height_cm\nplant_1,76.2 cm\nplant_2,70 cm\n' > truth.csv",
     ),
     Mistake(
-        "a cloud with intensities", "cotton3dg evaluate plant_1 --cloud cloud.xyz", r"(boll_id|intensit).*; \w", (2, 4),
+        "a cloud with intensities", "cotton3dg evaluate plant_1 --cloud cloud.xyz", r"boll.id.*; \w", (2, 4),
         "python -c 'for k in range(900): print(k % 30, k // 30, k % 7, k % 211 / 211)' > cloud.xyz",
     ),
     Mistake(

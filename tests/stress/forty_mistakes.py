@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -59,6 +60,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="names of mistakes, a regular expression")
     wanted = parser.parse_args()
     folder: Path = wanted.folder.resolve()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and its children
     made = folder / "made"
     if not made.exists():
         shutil.rmtree(folder / "unfinished", ignore_errors=True)

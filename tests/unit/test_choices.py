@@ -14,6 +14,7 @@ from cotton3dg.choices import Asked, choose, option_files
 from cotton3dg.cli import app
 from cotton3dg.commands.check import _where_to_work
 from cotton3dg.documents.choices import Choices
+from cotton3dg.errors import BadUsage
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
 from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace
@@ -394,3 +395,23 @@ def test_run_goes_on_from_a_check_where_there_is_no_result_yet(plant):
     pipeline.run(plant, options, ("frames",))
     with _where_to_work(plant, options) as place:
         assert place is plant
+
+
+def test_a_refusal_names_the_file_whose_values_it_refuses(plant):
+    def refusal(*words):
+        with pytest.raises(BadUsage) as refused:
+            choose(plant, Asked(values={"train": dict(words)} if words else {}))
+        return str(refused.value)
+
+    field = plant.root.parents[1]
+    (field / "cotton3dg.toml").write_text("[segment]\nthreshold = 0.8\n[train]\nsteps = 70\n")
+    plant.options_file.write_text('[segment]\nmethod = "probability"\n')
+    assert choose(plant).options["train"].steps == 70
+    assert refusal(("stepps", 3)).startswith("option train.stepps is unknown")
+    plant.options_file.write_text(plant.options_file.read_text() + "[train]\nstepps = 80\n")
+    assert refusal().startswith("cotton3dg.toml: option train.stepps is unknown; did you mean steps")
+    plant.options_file.unlink()
+    assert refusal().startswith("cotton3dg.toml of field_2026: segment.threshold has no effect")
+    (field / "cotton3dg.toml").write_text("[train]\nsteps = -70\n")
+    assert refusal().startswith("cotton3dg.toml of field_2026: train.steps = -70")
+    assert refusal(("max_side", 100)).startswith("cotton3dg.toml of field_2026: train.steps = -70")

@@ -84,6 +84,7 @@ def test_the_day_s_films_are_told_by_codes_of_films_only() -> None:
         (errno.EROFS, EnvironmentUnusable),
         (errno.EIO, EnvironmentUnusable),
         (errno.ENOSPC, OutOfResources),
+        (errno.EFBIG, OutOfResources),
     ],
 )
 def test_what_the_operating_system_says_of_a_path_names_it_and_a_remedy(code: int, kind: type) -> None:

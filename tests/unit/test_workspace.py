@@ -116,6 +116,7 @@ def test_json_has_no_nan():
     "number, error",
     [
         (errno.ENOSPC, OutOfResources),
+        (errno.EFBIG, OutOfResources),
         (errno.EROFS, EnvironmentUnusable),
         (errno.EIO, EnvironmentUnusable),
         (errno.ENOENT, OSError),

@@ -176,7 +176,7 @@ AGAIN: Final = (
 """Commands once more, on what was finished or changed by hand."""
 
 FILES: Final = (
-    Mistake("an empty file of options", "cotton3dg status plant_1", "changed.*steps", (0,), ": > plant_1/cotton3dg.toml"),
+    Mistake("an emptied options file", "cotton3dg status plant_1", "changed.*steps", (0,), "> plant_1/cotton3dg.toml"),
     Mistake(
         "a file of options with a byte order mark", CONTINUE, SILENT, (0,),
         "printf '\\xef\\xbb\\xbf' | cat - plant_1/cotton3dg.toml > x; mv x plant_1/cotton3dg.toml",
@@ -237,7 +237,7 @@ MACHINES: Final = (
     ),
     Mistake("SIGTERM", f"{TRAIN}{TRAINS} kill -TERM $!; wait $!", "continues", (143,), "", CONTINUE, TIMED),
     Mistake(
-        "Ctrl-C", f"set -m; {TRAIN}{TRAINS} kill -INT $!; wait $!", "continues", (130,), "", CONTINUE, TIMED
+        "Ctrl-C", f"set -m; {TRAIN} set +m; {TRAINS} kill -INT $!; wait $!", "continues", (130,), "", CONTINUE, TIMED
     ),
     Mistake("a power cut", f"{TRAIN}{TRAINS} kill -KILL $!; wait $!", SILENT, (137,), "", CONTINUE, TIMED),
     Mistake("a pipe that reads one line", "cotton3dg status plant_1 | head -n 1", SILENT, (0, 1, 141)),

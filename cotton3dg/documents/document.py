@@ -38,7 +38,7 @@ class Document:
             return cls.parsed(json.loads(read_text(path)))
         except OSError as error:
             raise BadInput(f"{path.name} cannot be read ({error.strerror}); {cls.REMEDY}") from error
-        except ValueError as error:
+        except (ValueError, BadInput) as error:
             raise BadInput(f"{path.name} is damaged or of another version ({error}); {cls.REMEDY}") from error
 
     @classmethod

@@ -143,5 +143,6 @@ def test_options_file():
     assert len(values) == 5
     options = {stage: as_dict(resolve(stage, of_stage)) for stage, of_stage in values.items()}
     assert options["frames"]["count"] == 100
-    assert options["segment"]["probability"]["threshold"] == 0.9
+    assert values["segment"] == {"probability": {"threshold": 0.9}}
+    assert (options["scale"]["table_length_cm"], options["scale"]["table_width_cm"]) == (120, 60)
     assert options["traits"]["plant_id"] == "GH-07-plot-3"

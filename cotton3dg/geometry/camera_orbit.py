@@ -87,7 +87,9 @@ def _angles(offsets: Float64, axis: Float64) -> Float64:
     x = offsets[0] - axis * (offsets[0] @ axis)
     x /= max(float(np.linalg.norm(x)), 1e-12)
     y = np.cross(axis, x)
-    return np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
+    angles = np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
+    angles[0] = 0.0  # rounding could put it a hair before the beginning, at 2π
+    return angles
 
 
 def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:

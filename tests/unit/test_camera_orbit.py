@@ -90,6 +90,7 @@ def test_images_without_the_plant_are_named() -> None:
 def test_azimuths_go_once_around() -> None:
     cameras = orbit_cameras(12)
     angles = azimuths(cameras, fit_orbit(cameras))
+    assert angles[0] == 0
     np.testing.assert_allclose(np.sort(angles), np.arange(12) * np.pi / 6, atol=0.05)
 
 

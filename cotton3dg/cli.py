@@ -166,7 +166,7 @@ def batch(
 
     with report_errors(folder):
         plants, asked = find_plants(folder), Asked(preset, reset, parse_overrides(set_))
-        require_named(plants, choose(None, asked, folder).options)  # told once, not per plant
+        require_named(plants, choose(None, asked, folder).options)  # refused once, not once a plant
         arguments = [word for assignment in set_ or [] for word in ("--set", assignment)]
         arguments += [*(["--preset", preset] if preset else []), *["--reset"] * reset, *["--no-report"] * no_report]
         tell = partial(typer.echo, err=True)

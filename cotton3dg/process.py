@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, TextIO
 
-from .errors import HUNG_UP, TERMINATED, UNREAD, Cotton3dgError
+from .errors import HUNG_UP, TERMINATED, UNREAD
 from .files.saving import explained
 
 ENDING: Final = {signal.SIGTERM: TERMINATED, signal.SIGHUP: HUNG_UP}
@@ -48,8 +48,8 @@ def _end(number: int, frame: FrameType | None) -> None:
     raise SystemExit(ENDING[signal.Signals(number)])
 
 
-class _Stream(io.FileIO):
-    """A stream that fails once, in its own way, and is silent from then on."""
+class _Messages(io.FileIO):
+    """A stream that is silent once it fails: no work is lost because its messages cannot be read."""
 
     _lost = False
 
@@ -63,24 +63,21 @@ class _Stream(io.FileIO):
         return len(content)
 
     def _give_up(self, error: OSError) -> None:
-        raise NotImplementedError
+        """What follows the first failure."""
 
 
-class _Messages(_Stream):
-    def _give_up(self, error: OSError) -> None:
-        """No work is lost for want of somebody who reads of it."""
+class _Results(_Messages):
+    """A stream whose failure ends the command."""
 
-
-class _Results(_Stream):
     def _give_up(self, error: OSError) -> None:
         if isinstance(error, BrokenPipeError):  # `| head` has read enough
             raise SystemExit(UNREAD)
-        told: Cotton3dgError = explained(error, Path("standard output"))
-        print(f"{told} (what was saved is whole)", file=sys.stderr)
-        raise SystemExit(told.exit_code)
+        explanation = explained(error, Path("standard output"))
+        print(f"{explanation} (what was saved is whole)", file=sys.stderr)
+        raise SystemExit(explanation.exit_code)
 
 
-def _reopened(stream: TextIO, kind: type[_Stream]) -> TextIO:
+def _reopened(stream: TextIO, kind: type[_Messages]) -> TextIO:
     """The same stream as a `kind`; letters that it does not have are written as `\\xe9`. None stays None."""
     try:
         raw = kind(stream.fileno(), "w", closefd=False)

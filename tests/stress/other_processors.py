@@ -85,7 +85,7 @@ def failures(said: str) -> list[str]:
 
 def tested(variant: Variant, folder: Path, jobs: int, wanted: tuple[str, ...]) -> tuple[str, list[str]]:
     """Run the tests in a process that sees another processor: how pytest summed up, and what failed."""
-    command = [sys.executable, "-m", "pytest", "-rfE", "-p", "no:cacheprovider", *(variant.tests or wanted)]
+    command = [sys.executable, "-m", "pytest", "-vv", "-rfE", "-p", "no:cacheprovider", *(variant.tests or wanted)]
     command += ["-n", str(1 if variant.tests or variant.cores else jobs), "--dist", "loadfile"]
     command += ["--no-loadscope-reorder"]
     cores = sorted(usable_cores())[: variant.cores or None]

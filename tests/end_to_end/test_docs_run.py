@@ -100,6 +100,9 @@ def runnable(page):
     return [line for line in dict.fromkeys(lines(page)) if line not in before and not is_elsewhere(line)]
 
 
+CHOICES = "choices_of_the_first_run.json"
+
+
 @pytest.fixture(scope="module")
 def desk(first_run, tmp_path_factory):
     """The folder that the pages speak of."""
@@ -108,6 +111,7 @@ def desk(first_run, tmp_path_factory):
         shutil.copytree(first_run[0].root, folder / name)
     (folder / "cotton3dg.toml").write_text(OPTIONS)
     plant = Workspace(folder / "plant_017")
+    shutil.copyfile(plant.choices_json, folder / CHOICES)
     shutil.copytree(plant.folder("masks"), folder / "drawn")
     (folder / "drawn" / "masks.json").unlink()
     shutil.copyfile(ROOT / "examples" / "truth.csv", folder / "lidar.csv")
@@ -125,8 +129,14 @@ def desk(first_run, tmp_path_factory):
     return folder
 
 
+def forget_choices(folder):
+    """Let the next line find the plant as it was made: what a line chooses would stay chosen in those after it."""
+    shutil.copyfile(folder / CHOICES, Workspace(folder / "plant_017").choices_json)
+
+
 def run(line, folder):
     """Run a line, in this process where it is one command of the tool."""
+    forget_choices(folder)
     if not line.startswith("cotton3dg "):
         done = in_shell("bash", "-c", line, cwd=folder)
         assert done.returncode == 0, f"{line}\n{done.stderr}"
@@ -172,6 +182,7 @@ def test_yolo_models_are_trained_and_used(desk, monkeypatch):
 @pytest.mark.parametrize("name", PAGES)
 def test_the_python_of_a_page_works(name, desk, monkeypatch):
     monkeypatch.chdir(desk)
+    forget_choices(desk)
     names: dict[str, object] = {}
     for block in blocks(PAGES[name]):
         if block.language == "python":

@@ -13,7 +13,7 @@ import pytest
 from scenes.documents import frames_info, table_scale, train_metrics
 from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
-from cotton3dg.commands.render import render
+from cotton3dg.commands.render import _order_cameras, render
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
@@ -202,7 +202,6 @@ def test_a_failure_leaves_the_old_film(workspace):
 
 
 def test_photos_without_an_order_are_passed_in_a_circle(workspace):
-    gaussians = read_gaussians(workspace.gaussians_ply)
     views = orbit(N_VIEWS)
     shuffled = np.random.default_rng(0).permutation(N_VIEWS)
     model = pycolmap.Reconstruction(str(workspace.undistorted / "sparse"))
@@ -211,14 +210,15 @@ def test_photos_without_an_order_are_passed_in_a_circle(workspace):
         model.frames[model.images[image_id].frame_id].set_cam_from_world(1, pose)
     model.write_binary(str(workspace.undistorted / "sparse"))
     frames_info([], ordered=False).save(workspace.frames_json)
-    images, _ = images_of(workspace, replace(SMALL, view="orbit", frames=40))
+    away = [
+        [np.abs(view.cam_from_scene - camera.cam_from_scene).max() for view in views]
+        for camera in _order_cameras(workspace)
+    ]
     # Once around from the first photo, one way or the other.
-    circle = views[shuffled[0] :] + views[: shuffled[0]]
-    expected = [to_uint8(rasterizer.render(gaussians, reframe(view, 160, 120)).image).astype(float) for view in circle]
-    nearest = np.array([np.argmin([np.abs(image - other).mean() for other in expected]) for image in images])
-    steps = np.diff(np.unwrap(nearest, period=N_VIEWS))
-    assert set(steps) <= {0, 1, 2} or set(steps) <= {0, -1, -2}
-    assert abs(steps.sum()) >= N_VIEWS - 3
+    places = np.argmin(away, axis=1)
+    assert places[0] == shuffled[0]
+    assert set(np.diff(places) % N_VIEWS) in ({1}, {N_VIEWS - 1})
+    assert len(images_of(workspace, replace(SMALL, view="orbit", frames=5))[0]) == 5
 
 
 def test_what_is_missing_is_named(workspace, tmp_path):

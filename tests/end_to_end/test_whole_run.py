@@ -83,7 +83,9 @@ def test_the_row_has_the_columns_of_the_contract(plant):
 def test_a_second_run_does_nothing(plant):
     before = plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES))
     again = subprocess.run(command(plant.root), capture_output=True, text=True, check=True)
-    assert again.stderr.splitlines() == [f"{stage}: up to date" for stage in pipeline.STAGES]
+    options, *stages = again.stderr.splitlines()
+    assert options.startswith("options: preset draft (command line)")
+    assert stages == [f"{stage}: up to date" for stage in pipeline.STAGES]
     assert plant.hashes(*(plant.folder(stage) for stage in pipeline.STAGES)) == before
 
 

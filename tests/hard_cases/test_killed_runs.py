@@ -83,5 +83,6 @@ def test_what_clean_dropped_is_made_again_with_the_same_bits(
     ]
     assert not workspace.dropped()
     assert assert_whole(workspace) == before
-    reasons = [step.reason for step in pipeline.plan(workspace, pipeline.stage_options(workspace), ("frames",))]
+    standard = pipeline.stage_options(workspace, "standard")
+    reasons = [step.reason for step in pipeline.plan(workspace, standard, ("frames",))]
     assert reasons == ["option count 28 -> 100"]

@@ -264,7 +264,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         if name not in STAGE_OPTIONS:
             raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
         if not isinstance(table, dict):
-            raise BadUsage(f"{path.name}: {name} is no table; write its options below [{name}]")
+            raise BadUsage(f"{path.name}: {name} is not a table; write its options below [{name}]")
     return tables
 
 

@@ -287,7 +287,7 @@ CASES = (
         WORKSPACE + "test_disk_errors_are_explained",
         SAVES + "test_case_50_a_disk_that_is_full_at_any_boundary_is_told_and_costs_nothing_old",
         WORKSPACE + "test_whatever_a_library_says_on_a_full_disk_is_explained",
-        "tests/unit/test_resource_checks.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start",
+        "tests/unit/test_resource_checks.py::test_a_stage_that_the_disk_has_no_room_for_does_not_start_and_keeps_its_result",
         "tests/hard_cases/test_full_disk.py::"
         "test_case_50_on_a_full_disk_a_stage_ends_with_a_reason_and_the_old_result_stays",
     )),

@@ -141,7 +141,7 @@ def test_a_misspelt_word_is_answered_with_the_likely_one(tmp_path: Path) -> None
     with pytest.raises(BadUsage, match=r"\[segmnt\] is unknown; did you mean segment\?"):
         read_toml(tmp_path / "cotton3dg.toml")
     (tmp_path / "cotton3dg.toml").write_text("train = 3\n")
-    with pytest.raises(BadUsage, match=r"train is no table"):
+    with pytest.raises(BadUsage, match=r"train is not a table"):
         read_toml(tmp_path / "cotton3dg.toml")
     assert str(unknown("colour 'x'", "x", ("red", "blue"))) == "colour 'x' is unknown; use red, blue"
 

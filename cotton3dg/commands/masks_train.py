@@ -198,11 +198,11 @@ def read_simulated(folder: Path, scenes: range, progress: Progress = silent) -> 
     for kind in ("scenes", "backgrounds"):
         (folder / kind).mkdir(parents=True, exist_ok=True)
     for done, number in enumerate(scenes):
-        file = folder / "scenes" / f"{number:07d}.npz"
-        if not file.is_file():
+        scene = folder / "scenes" / f"{number:07d}"
+        if not scene.is_dir():
             progress(done, len(scenes), "scenes to learn from")
-            save_plates(file, render_plates(number, PLATES_A_SCENE))
-        plates += load_plates(file)
+            save_plates(scene, render_plates(number, PLATES_A_SCENE))
+        plates += load_plates(scene)
     for number in scenes[::SCENES_A_ROOM]:
         file = folder / "backgrounds" / f"{number:07d}.npy"
         if not file.is_file():

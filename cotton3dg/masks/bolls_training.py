@@ -25,6 +25,10 @@ from .bolls import OFFSET_PX
 from .bolls_network import BollsNetwork
 
 LEARNING_RATE: Final = 2e-3
+ENCODER_RATE: Final = 0.15
+"""Learning rate of the pretrained encoder, in those of the decoder."""
+FROZEN_BLOCKS: Final = 3
+"""Of the encoder, with its stem: the first filters are those of all images, and cost most to train."""
 WARM_UP: Final = 100
 FALL: Final = 0.3
 """Share of the steps in which the learning rate falls."""
@@ -52,6 +56,8 @@ class TrainingSettings:
     """Threads that make pictures beside the one that trains. (Processes would be forked while OpenCV's threads run.)"""
     frozen_norms: bool = False
     """Whether normalisation stays as it is, for weights that were read from a file and for small sets."""
+    pretrained: bool = True
+    """Whether the encoder knows images already: its normalisation and its first blocks stay, the rest learns slowly."""
     bfloat16: bool = False
     """Whether convolutions are computed in half the digits: as good, and twice as fast on processors made for it."""
 
@@ -127,12 +133,14 @@ def train(
     """
     torch.manual_seed(settings.seed)
     device = next(network.parameters()).device
-    optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=WEIGHT_DECAY)
+    optimiser = _make_optimiser(network, settings)
     first, mean = 0, {name: values.clone() for name, values in network.state_dict().items()}
     if checkpoint is not None and checkpoint.is_file():
         first = _resume(checkpoint, network, mean, optimiser)
     sums: dict[str, float] = {}
     network.train(not settings.frozen_norms)
+    for layer in network.encoder() if settings.pretrained else []:
+        layer.eval()
     for step, batch in _batches(draw, range(first + 1, settings.steps + 1), settings):
         images, classes, wanted, border = (part.to(device) for part in batch)
         with torch.autocast(device.type, torch.bfloat16, enabled=settings.bfloat16):
@@ -140,7 +148,7 @@ def train(
         terms = losses(maps.float(), classes, wanted, border)
         total = sum(TERMS[name] * term for name, term in terms.items())
         for group in optimiser.param_groups:
-            group["lr"] = settings.learning_rate * _rate(step - 1, settings.steps)
+            group["lr"] = group["peak"] * _rate(step - 1, settings.steps)
         optimiser.zero_grad(set_to_none=True)
         total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
@@ -158,6 +166,24 @@ def train(
     network.eval()
 
 
+def _make_optimiser(network: BollsNetwork, settings: TrainingSettings) -> torch.optim.Optimizer:
+    """AdamW; of a pretrained encoder the first blocks are frozen, the rest learns slowly and without decay."""
+    rate = settings.learning_rate
+    if not settings.pretrained:
+        return torch.optim.AdamW([{"params": list(network.parameters()), "peak": rate}], weight_decay=WEIGHT_DECAY)
+    encoder = network.encoder()
+    for layer in encoder[: FROZEN_BLOCKS + 1]:
+        layer.requires_grad_(False)
+    slow = [values for layer in encoder[FROZEN_BLOCKS + 1 :] for values in layer.parameters()]
+    known = {id(values) for layer in encoder for values in layer.parameters()}
+    rest = [values for values in network.parameters() if id(values) not in known]
+    groups = [
+        {"params": slow, "peak": ENCODER_RATE * rate, "weight_decay": 0.0},
+        {"params": rest, "peak": rate, "weight_decay": WEIGHT_DECAY},
+    ]
+    return torch.optim.AdamW(groups)
+
+
 @torch.no_grad()
 def _follow(mean: dict[str, Tensor], network: BollsNetwork, step: int) -> None:
     """Let the mean of the weights follow a step; early on it is that of all steps."""
@@ -171,8 +197,8 @@ def _follow(mean: dict[str, Tensor], network: BollsNetwork, step: int) -> None:
 
 @torch.no_grad()
 def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None:
-    """Give normalisations that were folded into convolutions (`from_onnx`) the statistics of pictures, so that they can
-    be trained on; what the network computes stays the same."""
+    """Give the decoder's normalisations, which were folded into convolutions (`from_onnx`), the statistics of pictures,
+    so that they can be trained on; what the network computes stays the same."""
     images = np.stack([draw(number).image.transpose(2, 0, 1) for number in range(pictures)])
     batch = torch.from_numpy(images).to(next(network.parameters()).device).float()
     network.eval()
@@ -185,7 +211,7 @@ def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None
         norm.running_mean.copy_(average)
         norm.running_var.copy_(variance)
 
-    norms = {layer.conv: layer.norm for layer in network.convolutions().values()}
+    norms = {layer.conv: layer.norm for layer in network.decoder()}
     hooks = [convolution.register_forward_hook(restore) for convolution in norms]
     network(batch)
     for hook in hooks:

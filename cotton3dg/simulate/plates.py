@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from shutil import rmtree
 from typing import Final
 
 import cv2
@@ -217,16 +218,18 @@ def render_plates(seed: int, count: int) -> list[Plate]:
     return [render_plate(lit, rng) for _ in range(count)]
 
 
-def save_plates(path: Path, plates: Sequence[Plate]) -> None:
-    """Write the plates of a scene, not compressed, for they are read more often than written."""
-    arrays = {f"{item.name}_{k}": getattr(plate, item.name) for k, plate in enumerate(plates) for item in fields(Plate)}
-    partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **arrays)
-    partial.replace(path)
+def save_plates(folder: Path, plates: Sequence[Plate]) -> None:
+    """Write the plates of a scene, an array a field, as they are: readers map them instead of holding them."""
+    partial = folder.with_suffix(".partial")
+    rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for item in fields(Plate):
+        np.save(partial / f"{item.name}.npy", np.stack([getattr(plate, item.name) for plate in plates]))
+    partial.replace(folder)
 
 
-def load_plates(path: Path) -> list[Plate]:
-    """The plates that `save_plates` wrote."""
-    with np.load(path, allow_pickle=False) as arrays:
-        count = len(arrays.files) // len(fields(Plate))
-        return [Plate(**{item.name: arrays[f"{item.name}_{k}"] for item in fields(Plate)}) for k in range(count)]
+def load_plates(folder: Path) -> list[Plate]:
+    """The plates that `save_plates` wrote, mapped into memory."""
+    arrays = {item.name: np.load(folder / f"{item.name}.npy", mmap_mode="r") for item in fields(Plate)}
+    count = len(arrays["brightest"])
+    return [Plate(**{name: values[k] for name, values in arrays.items()}) for k in range(count)]

@@ -117,8 +117,8 @@ def test_plates_are_labelled_where_something_is_seen(few_plates):
 
 
 def test_plates_survive_a_file(few_plates, tmp_path):
-    save_plates(tmp_path / "scene.npz", few_plates)
-    for plate, again in zip(few_plates, load_plates(tmp_path / "scene.npz"), strict=True):
+    save_plates(tmp_path / "scene", few_plates)
+    for plate, again in zip(few_plates, load_plates(tmp_path / "scene"), strict=True):
         np.testing.assert_array_equal(plate.light, again.light)
         np.testing.assert_array_equal(plate.ids, again.ids)
         np.testing.assert_array_equal(plate.centres_px, again.centres_px)

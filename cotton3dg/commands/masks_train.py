@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import SHIPPED_FILE, BollNetwork, seen_size
 from ..masks.group_votes import group_votes
 from ..masks.looks import see_at_all_looks
+from ..masks.photometric_augmentation import augment
 from ..masks.shipped import read_shipped
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
@@ -54,6 +55,8 @@ BATCH: Final = 12
 FINE_TUNING_RATE: Final = 2e-4
 
 Draw = Callable[[np.random.Generator], TrainingPicture]
+Start = Literal["nothing", "imagenet", "bolls"]
+"""What a network knows before it is trained."""
 
 
 def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent) -> Path:
@@ -152,14 +155,14 @@ def _train_bolls(
     draws: list[Draw] = [partial(cut_picture, photos=training, size=PICTURE_PX)] if training else []
     if options.scenes:
         plates, backgrounds = read_simulated(folder, range(options.scenes), progress)
-        draws.append(partial(compose, plates=plates, backgrounds=backgrounds, size=PICTURE_PX))
+        draws.append(partial(_simulated_picture, plates=plates, backgrounds=backgrounds))
 
     def draw(number: int) -> TrainingPicture:
         return draws[number % len(draws)](np.random.default_rng([options.seed, number]))
 
-    network, known = _open_start(options)
-    fine_tuning = known and bool(training)
-    if known and not fine_tuning:
+    network, start = _open_start(options)
+    fine_tuning = start == "bolls" and bool(training)
+    if start == "bolls" and not fine_tuning:
         restore_norms(network, draw)
     settings = TrainingSettings(
         steps=options.steps,
@@ -167,6 +170,7 @@ def _train_bolls(
         learning_rate=FINE_TUNING_RATE if fine_tuning else LEARNING_RATE,
         seed=options.seed,
         frozen_norms=fine_tuning,
+        pretrained=start != "nothing",
         bfloat16=_computes_bfloat16(),
     )
     for report in fit(network, draw, settings, folder / "checkpoint.npz"):
@@ -213,20 +217,31 @@ def read_simulated(folder: Path, scenes: range, progress: Progress = silent) -> 
     return plates, np.concatenate(backgrounds)
 
 
-def _open_start(options: MasksTrainOptions) -> tuple[BollsNetwork, bool]:
-    """The network to begin with, and whether it knows something already."""
+def _simulated_picture(
+    rng: np.random.Generator, plates: Sequence[Plate], backgrounds: NDArray[np.uint8]
+) -> TrainingPicture:
+    return augment(rng, compose(rng, plates, backgrounds, PICTURE_PX))
+
+
+def _open_start(options: MasksTrainOptions) -> tuple[BollsNetwork, Start]:
+    """The network to begin with, and what it knows."""
     import torch
 
-    from ..masks.bolls_network import BollsNetwork, from_onnx
+    from ..masks.bolls_network import BollsNetwork, from_onnx, load_imagenet
+    from ..masks.imagenet_weights import read_imagenet_weights
 
     torch.manual_seed(options.seed)
-    if options.weights == "none" or (options.scenes and not options.annotations and not options.weights):
-        network, known = BollsNetwork(), False
+    start: Start
+    if options.weights == "none":
+        network, start = BollsNetwork(), "nothing"
+    elif options.scenes and not options.annotations and not options.weights:
+        network, start = BollsNetwork(), "imagenet"
+        load_imagenet(network, read_imagenet_weights())
     else:
         path = Path(options.weights) if options.weights else SHIPPED_FILE
-        network, known = from_onnx(path.read_bytes() if options.weights else read_shipped(path), path.name), True
+        network, start = from_onnx(path.read_bytes() if options.weights else read_shipped(path), path.name), "bolls"
     network = network.to(memory_format=torch.channels_last)
-    return network.to("cuda" if torch.cuda.is_available() else "cpu"), known
+    return network.to("cuda" if torch.cuda.is_available() else "cpu"), start
 
 
 def _read_photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhoto:

@@ -37,6 +37,8 @@ STAGES: Final = (
 )
 """Blocks, side of their depthwise filters, stride of the first, expansion, channels. Of the last stage's four blocks
 two are kept, and nothing of what follows: half of the encoder's weights for hardly any of what it sees."""
+PRETRAINED_BLOCKS: Final = (1, 2, 2, 3, 3, 4)
+"""Blocks of the same stages in the network that ImageNet trained."""
 LEVELS: Final = (1, 2, 3, 5, 6)
 """Stages whose ends are at 1/2, 1/4, 1/8, 1/16 and 1/32 of the image."""
 WIDTHS: Final = tuple(STAGES[end - 1][4] for end in LEVELS)
@@ -177,6 +179,12 @@ class BollsNetwork(nn.Module):
         """The stem and the blocks."""
         return [self.stem, *(block for _, block in self.blocks())]
 
+    def train_decoder(self) -> None:
+        """Normalise by each batch in the decoder; the encoder's normalisation stays as it is."""
+        self.train()
+        for layer in self.encoder():
+            layer.eval()
+
     def decoder(self) -> list[_Conv]:
         """The convolutions between the encoder and the head."""
         return [layer for part in (self.across, self.up) for layer in part if isinstance(layer, _Conv)]
@@ -213,7 +221,7 @@ def load_imagenet(network: BollsNetwork, weights: Mapping[str, Tensor]) -> None:
     try:
         take(network.stem, "_conv_stem", "_bn0")
         number = 0
-        for count, stage in zip(IMAGENET_BLOCKS, network.stages, strict=True):
+        for count, stage in zip(PRETRAINED_BLOCKS, network.stages, strict=True):
             assert isinstance(stage, nn.ModuleList)
             for k, block in enumerate(stage):
                 assert isinstance(block, _InvertedResidual)
@@ -225,10 +233,6 @@ def load_imagenet(network: BollsNetwork, weights: Mapping[str, Tensor]) -> None:
             number += count
     except (KeyError, RuntimeError) as error:
         raise BadInput("these are no weights of EfficientNet-Lite0") from error
-
-
-IMAGENET_BLOCKS: Final = (1, 2, 2, 3, 3, 4)
-"""Blocks of the stages as they were trained."""
 
 
 def from_onnx(model: bytes, name: str) -> BollsNetwork:

@@ -138,9 +138,10 @@ def train(
     if checkpoint is not None and checkpoint.is_file():
         first = _resume(checkpoint, network, mean, optimiser)
     sums: dict[str, float] = {}
-    network.train(not settings.frozen_norms)
-    for layer in network.encoder() if settings.pretrained else []:
-        layer.eval()
+    if settings.pretrained and not settings.frozen_norms:
+        network.train_decoder()
+    else:
+        network.train(not settings.frozen_norms)
     for step, batch in _batches(draw, range(first + 1, settings.steps + 1), settings):
         images, classes, wanted, border = (part.to(device) for part in batch)
         with torch.autocast(device.type, torch.bfloat16, enabled=settings.bfloat16):

@@ -1,4 +1,4 @@
-"""Changes of light and colour that teach a network to look at shapes: what a photograph may do and a rendering does not.
+"""Changes of light and colour that teach a network to look at shapes: what photographs may do and renderings do not.
 
 Simulated pictures share a renderer's light and palette. Sunlight that falls through leaves, other white balances, other
 tone curves and other sharpness keep the network from relying on them (Buslaev et al. 2020 list such transforms).

@@ -1,5 +1,7 @@
 """The bolls' network: torch and OpenCV agree, weights survive a file, training goes on where it ended."""
 
+import copy
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import torch
 from cotton3dg.core.training_picture import LINT, NOT_LINT, UNKNOWN, TrainingPicture
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, middles_of_pixels, open_bolls
-from cotton3dg.masks.bolls_network import BollsNetwork, from_onnx, to_onnx
+from cotton3dg.masks.bolls_network import BollsNetwork, from_onnx, load_imagenet, to_onnx
 from cotton3dg.masks.bolls_training import BORDER_PX, TrainingSettings, losses, restore_norms, targets, train
 
 
@@ -190,7 +192,7 @@ def first_weights(network: BollsNetwork) -> np.ndarray:
 
 def test_training_learns_and_goes_on_to_the_step_after_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr("cotton3dg.masks.bolls_training.CHECKPOINT_STEPS", 3)
-    settings = TrainingSettings(steps=12, batch=2, makers=0)
+    settings = TrainingSettings(steps=12, batch=2, makers=0, pretrained=False)
     torch.manual_seed(0)
     whole = BollsNetwork()
     reports = list(train(whole, noisy_picture, settings, tmp_path / "whole.npz"))
@@ -218,12 +220,74 @@ def test_frozen_norms_stay_what_they_were(network, tmp_path):
     assert not np.array_equal(first_weights(tuned), first_weights(network))
 
 
+def test_of_a_pretrained_encoder_the_first_blocks_and_the_norms_stay(network):
+    tuned, before = copy.deepcopy(network), network.state_dict()
+    list(train(tuned, noisy_picture, TrainingSettings(steps=1, batch=2, makers=0)))
+    changed = {name for name, values in tuned.state_dict().items() if not torch.equal(values, before[name])}
+    first = ("stem", *(f"stages.{k}" for k in range(2)))
+    assert not any(name.startswith(first) for name in changed), "the stem and three blocks"
+    assert not any("running" in name for name in changed if name.startswith("stages"))
+    assert "stages.2.0.expand.conv.weight" in changed
+    assert "up.0.norm.running_mean" in changed and "head.weight" in changed
+
+
+def published_weights() -> dict[str, torch.Tensor]:
+    """Random ones under the names, and in the shapes, of the published file."""
+    generator = torch.Generator().manual_seed(3)
+    named: dict[str, torch.Tensor] = {}
+
+    def conv(name: str, norm: str, *shape: int) -> None:
+        named[f"{name}.weight"] = torch.randn(shape, generator=generator) / np.sqrt(np.prod(shape[1:]))
+        for key in ("weight", "bias", "running_mean", "running_var"):
+            named[f"{norm}.{key}"] = torch.rand(shape[0], generator=generator) + 0.5
+
+    conv("_conv_stem", "_bn0", 32, 3, 3, 3)
+    number, incoming = 0, 32
+    for count, side, expansion, outgoing in PUBLISHED:
+        for _ in range(count):
+            wide, name = incoming * expansion, f"_blocks.{number}."
+            if expansion > 1:
+                conv(name + "_expand_conv", name + "_bn0", wide, incoming, 1, 1)
+            conv(name + "_depthwise_conv", name + "_bn1", wide, 1, side, side)
+            conv(name + "_project_conv", name + "_bn2", outgoing, wide, 1, 1)
+            number, incoming = number + 1, outgoing
+    return named
+
+
+PUBLISHED = ((1, 3, 1, 16), (2, 3, 6, 24), (2, 5, 6, 40), (3, 3, 6, 80), (3, 5, 6, 112), (4, 5, 6, 192), (1, 3, 6, 320))
+
+
+def test_imagenets_weights_come_where_they_belong():
+    weights = published_weights()
+    network = BollsNetwork()
+    load_imagenet(network, weights)
+    network.eval()
+    x = torch.rand(1, 112, 8, 8, generator=torch.Generator().manual_seed(0))
+
+    def norm(x: torch.Tensor, name: str) -> torch.Tensor:
+        values = [weights[f"_blocks.11.{name}.{key}"] for key in ("running_mean", "running_var", "weight", "bias")]
+        return torch.nn.functional.batch_norm(x, *values, eps=1e-3)
+
+    wide = torch.nn.functional.conv2d(x, weights["_blocks.11._expand_conv.weight"])
+    wide = norm(wide, "_bn0").clip(0, 6)
+    wide = torch.nn.functional.pad(wide, (1, 2, 1, 2))  # "same" padding for a stride of 2
+    wide = torch.nn.functional.conv2d(wide, weights["_blocks.11._depthwise_conv.weight"], stride=2, groups=672)
+    narrow = torch.nn.functional.conv2d(norm(wide, "_bn1").clip(0, 6), weights["_blocks.11._project_conv.weight"])
+    with torch.no_grad():
+        torch.testing.assert_close(network.stages[5][0](x), norm(narrow, "_bn2"), rtol=1e-4, atol=1e-4)
+    with pytest.raises(BadInput, match="EfficientNet-Lite0"):
+        load_imagenet(network, {name: values[:8] for name, values in weights.items()})
+    del weights["_bn0.bias"]
+    with pytest.raises(BadInput, match="EfficientNet-Lite0"):
+        load_imagenet(network, weights)
+
+
 def test_restored_norms_change_nothing_but_know_the_pictures(network):
     again = from_onnx(to_onnx(network), "net")
     restore_norms(again, noisy_picture, 4)
     image = noisy_picture(9).image
     np.testing.assert_allclose(maps_of(again, image), maps_of(network, image), atol=2e-4)
-    again.train()  # statistics of the batch in place of those kept: about the same on the same pictures
+    again.train_decoder()  # statistics of the batch in place of those kept: about the same on the same pictures
     batch = torch.from_numpy(np.stack([noisy_picture(k).image.transpose(2, 0, 1) for k in range(4)])).float()
     with torch.no_grad():
         of_batch = again(batch).numpy()

@@ -122,6 +122,7 @@ coverage: setup ## 24 simulated plants, each filmed five times: whether stated e
 	$(BIN)/python tests/accuracy/coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
 
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,training]'
 	$(BIN)/cotton3dg masks-train results/bolls_network --scenes 200 --steps 16000
 
 ODD_SHOWN = odd-2 odd-3 odd-5 odd-8 odd-10 odd-11

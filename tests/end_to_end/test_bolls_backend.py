@@ -4,16 +4,20 @@ import json
 
 import numpy as np
 import pytest
+import torch
 from scenes.bright_network import bright_network
+from scenes.imagenet_weights import published_weights
 from scenes.lint_scene import BOLLS, room_model
 from scenes.lint_workspace import make_workspace
 
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.images import read_ids, write_image
+from cotton3dg.files.onnx import read_constants
 from cotton3dg.files.ply import write_gaussians
 from cotton3dg.files.yolo_labels import write_yolo_labels
 from cotton3dg.masks.bolls import BollNetwork
+from cotton3dg.masks.imagenet_weights import FILE, PACKAGE
 from cotton3dg.options import MasksTrainOptions, resolve
 from cotton3dg.stages import masks
 
@@ -81,7 +85,9 @@ def test_training_asks_for_something_to_learn_from(tmp_path):
         train(tmp_path / "model", MasksTrainOptions())
 
 
-def test_simulated_scenes_teach_a_network_from_nothing(tmp_path, monkeypatch):
+@pytest.fixture
+def few_scenes(monkeypatch):
+    """Scenes that are quickly made."""
     from cotton3dg.simulate import plates
 
     monkeypatch.setattr("cotton3dg.commands.masks_train.PLATES_A_SCENE", 2)
@@ -91,9 +97,29 @@ def test_simulated_scenes_teach_a_network_from_nothing(tmp_path, monkeypatch):
         "cotton3dg.commands.masks_train.paint_backgrounds", lambda seed: np.full((2, 96, 96, 3), seed % 256, np.uint8)
     )
     monkeypatch.setattr(plates, "HEMISPHERE_RAYS", 4)
-    options = MasksTrainOptions(scenes=1, steps=2, batch=1)
+
+
+def test_simulated_scenes_teach_a_network_from_nothing(tmp_path, few_scenes):
+    options = MasksTrainOptions(scenes=1, steps=2, batch=1, weights="none")
     weights = train(tmp_path / "model", options)
     accuracy = json.loads((tmp_path / "model" / "training.json").read_text())["accuracy"]
     assert accuracy["simulated"]["images"] == 2 and accuracy["photos"]["images"] == 0
-    assert len(list((tmp_path / "model" / "scenes").glob("*.npz"))) == 2
+    assert len(list((tmp_path / "model" / "scenes").glob("*/light.npy"))) == 2
     assert weights.stat().st_size < 10e6
+
+
+def test_a_new_network_begins_with_weights_from_imagenet_or_says_how_to_get_them(tmp_path, few_scenes, monkeypatch):
+    package = tmp_path / "site" / PACKAGE
+    (package / FILE).parent.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    torch.save(published_weights(), package / FILE)
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    options = MasksTrainOptions(scenes=1, steps=1, batch=1)
+    constants = read_constants(train(tmp_path / "model", options).read_bytes(), "bolls.onnx")
+    published = published_weights()
+    scale = published["_bn0.weight"] / torch.sqrt(published["_bn0.running_var"] + 1e-3) / 128
+    stem = (published["_conv_stem.weight"] * scale[:, None, None, None]).numpy()
+    np.testing.assert_allclose(constants["stem.w"], stem, rtol=2e-3, atol=1e-6)
+    monkeypatch.setattr("cotton3dg.masks.imagenet_weights.PACKAGE", "no_such_package")
+    with pytest.raises(BadUsage, match=r"cotton3dg\[training\].*--weights none"):
+        train(tmp_path / "other", options)

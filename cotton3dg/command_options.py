@@ -33,7 +33,7 @@ class SimulateOptions:
     boll_kind: str = option(
         "plain",
         "bolls that are round, or of a kind with locks, fibres and tints of its own, drawn",
-        choices=("plain", "usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"),
+        choices=("plain", "usual", "separate", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"),
     )
     stem_cm: float = option(0.0, "length of the stem; 0 = 56 to 80, drawn", unit="cm", at_least=0.0, at_most=120.0)
     picked: int = option(0, "bolls of this plant that were taken off with their burs", at_least=0, at_most=60)

@@ -1,4 +1,4 @@
-"""Pictures of everything but a plant, to lay plates over: rooms, walls, posters, curtains, boards, fields, skies."""
+"""Pictures of everything but a plant, to lay plates over: rooms, walls, curtains, boards, fields, skies, soil."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera
 from ..options import SimulateOptions
+from .grounds import paint_ground
 from .mesh import unit
 from .plant import grow_plant
 from .render import develop, light_scene, render
@@ -19,6 +20,7 @@ from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaste
 
 BACKGROUND_PX: Final = 448
 ROOM_VIEWS: Final = 6
+GROUNDS: Final = 8
 
 
 def paint_backgrounds(seed: int) -> NDArray[np.uint8]:
@@ -36,6 +38,7 @@ def paint_backgrounds(seed: int) -> NDArray[np.uint8]:
         _clutter,
         _board,
         _soft,
+        *[paint_ground] * GROUNDS,
     )
     pictures = [_eight_bits(kind(rng)) for kind in kinds]
     return np.stack([*_room_views(seed, rng), *pictures])

@@ -22,6 +22,10 @@ BARE: Final = 0.12
 
 BACKLIT: Final = (1.7, 12.0)
 """Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
+SUNLIT: Final = (0.45, 1.4)
+"""The same where both stand in one sun, as pale ground does with a plant."""
+UNEQUAL: Final = (0.04, 1.7)
+"""The same anywhere."""
 CROWDED: Final = 0.25
 """Share of the pictures in which many plants stand before each other, as in a field."""
 SHARP_PX: Final = 1.5
@@ -56,7 +60,8 @@ def compose(
         layers.append(_place(rng, _draw_plate(rng, plates), power, size))
     behind = _background(rng, backgrounds[int(rng.integers(len(backgrounds)))], size)
     reference = _reference(layers)
-    brighter = rng.uniform(*np.log(BACKLIT if rng.random() < 0.2 else (0.04, 1.7)))
+    contrast = (BACKLIT, SUNLIT, UNEQUAL)[int(rng.choice(3, p=(0.2, 0.25, 0.55)))]
+    brighter = rng.uniform(*np.log(contrast))
     light = behind * (reference * np.exp(brighter) / max(np.quantile(behind, 0.9), 1e-4))
     classes = np.zeros((size, size), np.uint8)
     ids = np.zeros((size, size), np.uint16)
@@ -99,11 +104,13 @@ def draw_power(rng: np.random.Generator) -> Float32:
     """(LIGHTS, 3) of each light: one lamp alone, soft light, or any mixture, each of its own colour."""
     power = np.exp(rng.normal(0, 0.7, LIGHTS)) * (1.0, 0.6, 0.8, 0.4)
     kind = rng.random()
-    if kind < 0.2:  # hard: the sun or one lamp, and little else
+    shade = np.zeros((LIGHTS, 1))
+    if kind < 0.35:  # hard: the sun or one lamp, and little else; out of doors shade is blue
         power *= (1.0, 0.0, rng.uniform(0.05, 0.3), rng.uniform(0.02, 0.15))
-    elif kind < 0.4:  # soft: overcast or a bright room
+        shade[2:] = rng.uniform(0, 0.3)
+    elif kind < 0.5:  # soft: overcast or a bright room
         power *= (rng.uniform(0, 0.2), 0.0, 1.0, rng.uniform(0.5, 2))
-    warmth = rng.normal(0, 0.12, (LIGHTS, 1)) * np.array([1.0, 0.0, -1.0]) + rng.normal(0, 0.02, (LIGHTS, 3))
+    warmth = (rng.normal(0, 0.12, (LIGHTS, 1)) - shade) * np.array([1.0, 0.0, -1.0]) + rng.normal(0, 0.02, (LIGHTS, 3))
     return (power[:, None] * np.exp(warmth + rng.normal(0, 0.06) * np.array([1.0, 0.0, -1.0]))).astype(np.float32)
 
 
@@ -206,7 +213,7 @@ def _develop(rng: np.random.Generator, light: Float32) -> NDArray[np.uint8]:
         image = (255 * (bent + strength * bent * (1 - bent) * (2 * bent - 1))).astype(np.float32)
     if rng.random() < 0.4:
         grey = image.mean(axis=2, keepdims=True)
-        image = grey + (image - grey) * np.float32(rng.uniform(0.2, 1.6))
+        image = grey + (image - grey) * np.float32(rng.uniform(0.2, 2.1))
     picture = np.round(image.clip(0, 255)).astype(np.uint8)
     if rng.random() < 0.2:
         picture = cv2.medianBlur(picture, 3) if rng.random() < 0.4 else cv2.bilateralFilter(picture, 7, 30, 3)

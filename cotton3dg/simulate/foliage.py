@@ -1,4 +1,4 @@
-"""Leaves, closed bolls and flowers as living plants bear them: what a network must not take for open bolls.
+"""Leaves, closed bolls, flowers, empty bracts and wisps of lint: what a network must not take for open bolls.
 
 Lengths are metres; each grows along z from the origin.
 """
@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, tube
-from .organs import LEAF, weather
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, smooth_curve, tube
+from .organs import LEAF, LINT, weather
 
 GREEN: Final = np.array([0.10, 0.19, 0.04])
 STRAW: Final = np.array([0.48, 0.40, 0.22])
@@ -60,14 +60,31 @@ def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -
     tip = 1 - rng.uniform(0.1, 0.45) * sphere[:, 2:].clip(0) ** 2
     shape = sphere * (0.8 * radius, 0.8 * radius, 0.45 * length) * tip + (0, 0, 0.47 * length)
     body = Mesh(shape, triangles, np.tile(colour * rng.uniform(0.6, 1.6), (len(sphere), 1)))
-    pale = rng.random()
+    # Shut around the boll, or bent away from it as they dry.
+    bracts = _bracts(rng, noise, (radius, length), rng.beta(0.8, 2.0), rng.random())
+    return weather(merge([body, *bracts]), noise, 0.3)
+
+
+def empty_bracts(rng: np.random.Generator, noise: SolidNoise, diameter: float) -> Mesh:
+    """What stays where a boll was shed: three dry bracts, bent back so far that their pale insides are outside.
+
+    Args:
+        diameter: m, of the plant's open bolls.
+    """
+    radius = 0.5 * diameter * rng.uniform(0.3, 0.8)
+    size = (radius, radius * rng.uniform(2.0, 3.0))
+    return weather(merge(_bracts(rng, noise, size, rng.uniform(1.0, 2.2), rng.uniform(0.5, 1.3))), noise, 0.3)
+
+
+def _bracts(
+    rng: np.random.Generator, noise: SolidNoise, size: tuple[float, float], opened: float, pale: float
+) -> list[Mesh]:
+    """Three of one colour: green at 0, straw at 1, bleached beyond."""
     green = (1 - pale) * np.array([0.18, 0.26, 0.08]) + pale * np.array([0.54, 0.55, 0.38])
     green = green * rng.uniform(0.6, 1.5)
-    # Shut around the boll, or bent away from it as they dry.
-    opened, teeth = rng.beta(0.8, 2.0), int(rng.integers(6, 12))
+    teeth = int(rng.integers(6, 12))
     turns = 2 * np.pi * (np.arange(3) + rng.uniform(0, 1)) / 3
-    bracts = [_bract(rng, noise, float(turn), (radius, length), opened, teeth, green) for turn in turns]
-    return weather(merge([body, *bracts]), noise, 0.3)
+    return [_bract(rng, noise, float(turn), size, opened, teeth, green) for turn in turns]
 
 
 def _bract(
@@ -108,6 +125,23 @@ def _bract(
     vein = np.abs(np.cos(np.pi * 0.5 * teeth * w)) ** 6
     shade = 1 + rng.uniform(0.0, 0.6) * vein + rng.uniform(-0.3, 0.5) * along.clip(0, 1)
     return sheet(surface, (colour * shade[..., None]).clip(0, 0.85), 0.0006)
+
+
+def lint_wisps(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
+    """Thin strands of lint that wind and rain left on a twig: they hang from the origin, or cling about it."""
+    strands = []
+    for _ in range(int(rng.integers(1, 7))):
+        length, steps = rng.uniform(0.01, 0.09), 8
+        way = rng.normal(0, 1, 3) * (0.5, 0.5, 0.2) - (0, 0, rng.uniform(0, 1))
+        path = np.linspace(0, length, steps)[:, None] * way
+        path += length * np.cumsum(rng.normal(0, 0.09, (steps, 3)), axis=0)
+        curve = smooth_curve(path, 0.003)
+        ends = np.sin(np.linspace(0.15, np.pi - 0.05, len(curve)))
+        lumps = 1 + 0.6 * noise(curve + rng.uniform(0, 1, 3), 0.008)
+        radii = rng.uniform(0.0003, 0.0018) * ends * lumps
+        shade = np.array(LINT) * rng.uniform(0.75, 1.05)
+        strands.append(tube(curve, radii.clip(0.0001), np.tile(shade, (len(curve), 1)), 8))
+    return merge(strands)
 
 
 def flower(rng: np.random.Generator, noise: SolidNoise) -> Mesh:

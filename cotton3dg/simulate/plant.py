@@ -95,10 +95,15 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 def _bolls(
     rng: np.random.Generator, noise: SolidNoise, sites: list[Site], options: SimulateOptions
 ) -> tuple[Boll, ...]:
-    """At each site a boll of the kind that the plant bears; the rest of the plant is the same with any."""
+    """At each site a boll of the kind that the plant bears; the rest of the plant is the same with any.
+
+    Separate locks are as many, as round and as far apart as each boll has them.
+    """
     if options.boll_kind == "plain":
         return tuple(open_boll(rng, noise, site) for site in sites)
     of_kind = np.random.default_rng([options.seed, 7])
+    if options.boll_kind == "separate":
+        return tuple(grow_boll(of_kind, noise, site, draw_kind(of_kind, "separate")) for site in sites)
     kind = draw_kind(of_kind, options.boll_kind)
     return tuple(grow_boll(of_kind, noise, site, kind) for site in sites)
 

@@ -1,4 +1,5 @@
-"""Things that may be taken for open bolls, as they are white more often than not: balls, mugs, labels, cloths, boxes.
+"""Things that may be taken for open bolls, as they are white more often than not: balls, mugs, labels, cloths, boxes,
+and, beside plants in pots and stands, pots, clamps and hands.
 
 Lengths are metres; each is made about the origin.
 """
@@ -10,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, tube
+from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import weather
 
 Shape = Callable[[np.random.Generator, SolidNoise, Float64], Mesh]
@@ -29,6 +30,14 @@ def draw_thing(rng: np.random.Generator) -> tuple[Shape, Float64]:
     shape = shapes[int(rng.integers(len(shapes)))]
     white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
     return shape, white if rng.random() < 0.7 else rng.uniform(0.03, 0.8, 3)
+
+
+def draw_handling(rng: np.random.Generator) -> tuple[Shape, Float64]:
+    """As `draw_thing`, of what holds plants; none of it lies on a simulated table."""
+    shapes: list[Shape] = [_pot, _clamp, _hand]
+    white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
+    colour = white if rng.random() < 0.6 else rng.uniform(0.03, 0.8, 3)
+    return shapes[int(rng.integers(len(shapes)))], colour
 
 
 def things_on_table(rng: np.random.Generator, count: int, foot: Float64, length: float, width: float) -> list[Mesh]:
@@ -116,3 +125,56 @@ def _box(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
     sphere, triangles = icosphere(4)
     cube = sphere / np.abs(sphere).max(axis=1, keepdims=True)
     return Mesh(cube * rng.uniform(0.01, 0.06, 3), triangles, np.tile(colour, (len(sphere), 1)))
+
+
+def _pot(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
+    """A plastic pot that widens to its rim, with soil in it."""
+    height, foot = rng.uniform(0.06, 0.2), rng.uniform(0.03, 0.07)
+    up = np.linspace(0, 1, 14)
+    radii = foot * (1 + rng.uniform(0.1, 0.5) * up) * np.where(up > 0.88, 1.07, 1.0)
+    body = tube((height * up)[:, None] * (0, 0, 1.0), radii, np.tile(colour, (14, 1)), 40)
+    soil = np.array([[0, 0, height], [0, 0, height + 0.001]])
+    return merge([body, tube(soil, np.full(2, 0.9 * radii[-1]), np.tile((0.09, 0.06, 0.04), (2, 1)), 40)])
+
+
+def _clamp(rng: np.random.Generator, _: SolidNoise, colour: Float64) -> Mesh:
+    """A stand's rod, the boss on it, and two jaws that reach out from it."""
+
+    def bar(points: list[tuple[float, float, float]], radius: float, tint: Float64) -> Mesh:
+        curve = smooth_curve(points, 0.005)
+        return tube(curve, np.full(len(curve), radius), np.tile(tint, (len(curve), 1)), 14)
+
+    steel = np.full(3, rng.uniform(0.25, 0.7))
+    reach, wide = rng.uniform(0.04, 0.12), rng.uniform(0.008, 0.03)
+    rod = bar([(0, 0, -rng.uniform(0.05, 0.3)), (0, 0, 0), (0, 0, rng.uniform(0.03, 0.2))], 0.006, steel)
+    boss = bar([(-0.015, 0, 0), (0.02, 0, 0)], rng.uniform(0.009, 0.014), colour)
+    shank = bar([(0.02, 0, 0), (reach, 0, 0)], 0.004, steel)
+    jaws = [
+        bar([(reach, 0, 0), (reach + 0.02, side * wide, 0), (reach + 0.05, 0.6 * side * wide, 0)], 0.004, colour)
+        for side in (-1, 1)
+    ]
+    return merge([rod, boss, shank, *jaws])
+
+
+def _hand(rng: np.random.Generator, noise: SolidNoise, colour: Float64) -> Mesh:
+    """Arm, palm and bent fingers, bare or in a glove of the colour."""
+    light, dark = np.array([0.72, 0.46, 0.34]), np.array([0.13, 0.07, 0.045])
+    share = rng.random()
+    skin = colour if rng.random() < 0.25 else share * light + (1 - share) * dark
+    sphere, triangles = icosphere(4)
+    palm = Mesh(sphere * (0.042, 0.017, 0.05), triangles, np.tile(skin, (len(sphere), 1)))
+    bend, parts = rng.uniform(0, 1.2), [palm]
+    for across, length in zip((-0.031, -0.011, 0.010, 0.029, 0.048), (0.058, 0.072, 0.078, 0.068, 0.05), strict=True):
+        thumb = across > 0.04
+        foot = np.array([across, 0, -0.005 if thumb else 0.036])
+        out = unit(np.array([0.9 if thumb else 2.5 * across, 0, 0.7 if thumb else 1]) + rng.normal(0, 0.06, 3))
+        turns = rng.uniform(0.6, 1.2) * bend * np.linspace(0, 1, 4)[1:].cumsum()
+        steps = [np.cos(turn) * out + np.sin(turn) * np.array([0, 1.0, 0]) for turn in turns]
+        curve = smooth_curve([foot, *(foot + length / 3 * np.cumsum(steps, axis=0))], 0.004)
+        radii = rng.uniform(0.007, 0.0095) * np.linspace(1.05, 0.75, len(curve))
+        parts.append(tube(curve, radii, np.tile(skin, (len(curve), 1)), 14))
+    elbow = [*rng.normal(0, 0.02, 2), -0.25]
+    arm = smooth_curve([[0, 0, -0.03], [0, 0, -0.1], elbow], 0.01)
+    parts.append(tube(arm, np.linspace(0.025, 0.04, len(arm)), np.tile(skin, (len(arm), 1)), 20))
+    whole = merge(parts)
+    return Mesh(whole.vertices, whole.triangles, whole.colours * (1 + 0.1 * noise(whole.vertices, 0.03))[:, None])

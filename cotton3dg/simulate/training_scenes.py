@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES
-from .foliage import bracted_boll, flower, palmate_leaf
+from .foliage import STRAW, bracted_boll, empty_bracts, flower, lint_wisps, palmate_leaf
 from .mesh import Float64, Mesh, SolidNoise, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import LEAF, LINT_CENTRE, WOOD, Site, leaf, weather
 from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
-from .things import draw_thing
+from .things import draw_handling, draw_thing
 from .varied_bolls import draw_kind, grow_boll
 
 OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))
@@ -103,12 +103,10 @@ def build_scene(seed: int, crowd: Crowd | None = None) -> TrainingScene:
         else:
             pose = rotation_to(site.axis, rng.uniform(0, 2 * np.pi))
             foot = site.centre - LINT_CENTRE * site.diameter * site.axis
-            parts.add(
-                bracted_boll(rng, noise, site.diameter).moved(pose, foot),
-                BUR,
-                target=True,
-            )
+            closed_one = empty_bracts if rng.random() < 0.25 else bracted_boll
+            parts.add(closed_one(rng, noise, site.diameter).moved(pose, foot), BUR, target=True)
     _add_foliage(parts, rng, noise, stem, branches)
+    _add_wisps(parts, rng, noise, [stem, *(branch.curve for branch in branches)])
     plant = np.concatenate([mesh.vertices for mesh in parts.meshes])
     _add_things(parts, rng, noise, plant)
     return _assemble(parts, ids)
@@ -154,8 +152,21 @@ def _add_foliage(
                 parts.add(flower(rng, noise).moved(pose, node), OTHER, target=True)
         else:
             blade = leaf(rng, noise)
-            blade = replace(blade, colours=np.tile(np.array(LEAF) * rng.uniform(0.3, 1.9), (len(blade.vertices), 1)))
-            parts.add(weather(blade, noise, 0.4).moved(pose, foot), LEAF_CLASS)
+            bleached = rng.beta(0.6, 2.0)
+            colour = ((1 - bleached) * np.array(LEAF) + bleached * 1.4 * STRAW) * rng.uniform(0.3, 1.9)
+            blade = replace(blade, colours=np.tile(colour, (len(blade.vertices), 1)))
+            parts.add(weather(blade, noise, 0.4).moved(pose, foot), LEAF_CLASS, target=rng.random() < 0.2)
+
+
+def _add_wisps(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, curves: list[Float64]) -> None:
+    """Strands of lint on the wood, in some scenes.
+
+    They are of the class `OTHER`: all that is called lint is parted among bolls, and these belong to none.
+    """
+    for _ in range(int(rng.choice([0, 3, 10], p=[0.65, 0.25, 0.1]))):
+        curve = curves[int(rng.integers(len(curves)))]
+        node = curve[int(rng.uniform(0.2, 1.0) * (len(curve) - 1))]
+        parts.add(lint_wisps(rng, noise).moved(np.eye(3), node), OTHER, target=rng.random() < 0.3)
 
 
 def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plant: Float64) -> None:
@@ -164,7 +175,7 @@ def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plan
     if rng.random() < 0.35:
         parts.add(_table_top(rng, noise), OTHER)
     for _ in range(int(rng.choice([0, 1, 3, 6], p=[0.4, 0.25, 0.2, 0.15]))):
-        shape, colour = draw_thing(rng)
+        shape, colour = draw_handling(rng) if rng.random() < 0.35 else draw_thing(rng)
         angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.35)
         middle = np.array([np.cos(angle) * away, np.sin(angle) * away, rng.uniform(low[2], high[2])])
         mesh = shape(rng, noise, colour).moved(

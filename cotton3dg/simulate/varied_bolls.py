@@ -1,4 +1,5 @@
-"""Open bolls of every kind that plants bear: tight, fluffy, drooping, torn by storms, half open, yellowed, dirty.
+"""Open bolls of every kind that plants bear: with separate locks, tight, fluffy, drooping, torn by storms, half open,
+yellowed, dirty.
 
 Networks learn from these, where many a boll is of another kind than its neighbours; a plant of `simulate` bears one
 kind, if that is asked for. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
@@ -40,16 +41,23 @@ class BollKind:
     """Share of the lint under bits of leaf."""
     openness: float
     """1 = the carpels lie flat, 0 = they stand up around the lint."""
+    rise: float = LINT_CENTRE
+    """Height of the locks' middles over the foot of the bur."""
+    loose: float = 0.0
+    """Share of the locks that hang out of a boll whose others stand."""
+    apart: bool = False
+    """Whether the carpels' points stand between the locks; else they are behind them."""
 
 
 KINDS: Final = {
-    "usual": 0.32,
-    "tight": 0.1,
-    "fluffy": 0.2,
-    "drooping": 0.12,
-    "hanging": 0.12,
-    "torn": 0.07,
-    "half_open": 0.07,
+    "separate": 0.37,
+    "usual": 0.2,
+    "tight": 0.06,
+    "fluffy": 0.13,
+    "drooping": 0.08,
+    "hanging": 0.08,
+    "torn": 0.04,
+    "half_open": 0.04,
 }
 """How often each is drawn."""
 
@@ -78,7 +86,7 @@ def draw_kind(rng: np.random.Generator, name: str | None = None) -> BollKind:
         openness = rng.uniform(0.0, 0.4)
     cream, dull = rng.beta(1.2, 4), rng.beta(1.2, 5)
     lint = np.array(LINT) * rng.uniform(0.92, 1.1) * (1 - 0.45 * dull) * (1, 1 - 0.10 * cream, 1 - 0.35 * cream)
-    return BollKind(
+    kind = BollKind(
         locks=int(rng.choice([3, 4, 5], p=[0.12, 0.55, 0.33])),
         width=width * rng.uniform(0.9, 1.1),
         length=length * rng.uniform(0.9, 1.1),
@@ -92,6 +100,35 @@ def draw_kind(rng: np.random.Generator, name: str | None = None) -> BollKind:
         trash=float(rng.choice([0, 0.005, 0.02, 0.08], p=[0.6, 0.22, 0.12, 0.06])),
         openness=openness,
     )
+    return _set_apart(rng, kind) if name == "separate" else kind
+
+
+def _set_apart(rng: np.random.Generator, kind: BollKind) -> BollKind:
+    """The kind with a gap between its locks, which are as round or as long, and as far open, as the draw has it.
+
+    Locks that lean outwards come nearest below their middles: ellipsoids of half-width w and half-length l, their
+    middles s from the boll's axis, touch where w = sqrt(s^2 - (l sin(lean))^2) sin(pi / locks).
+    """
+    gap, half_turn = rng.uniform(0.9, 1.6), np.sin(np.pi / kind.locks)
+    openness = rng.beta(1.6, 0.9)
+    # Fully open, the locks end a little beyond the boll's own radius.
+    spread = 0.61 / (1 + half_turn / gap) * (0.7 + 0.3 * openness)
+    width = spread * half_turn / gap * rng.uniform(0.75, 1.0)
+    length = width * (1 + 1.2 * rng.beta(0.9, 1.8))
+    lean = np.arcsin(min(np.sin(rng.uniform(0.3, 1.1) * openness), 0.6 * spread / length))
+    torn, hangs = rng.random() < 0.15, rng.random() < 0.25
+    return replace(
+        kind,
+        width=width * float(np.sqrt(1 - (length * np.sin(lean) / spread) ** 2)),
+        length=length,
+        spread=spread,
+        lean=float(lean),
+        fray=rng.uniform(2, 4) if torn else kind.fray,
+        openness=openness,
+        rise=0.12 + length * float(np.cos(lean)),
+        loose=rng.uniform(0.2, 0.8) if hangs else 0.0,
+        apart=True,
+    )
 
 
 def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: BollKind) -> Boll:
@@ -104,12 +141,23 @@ def grow_boll(rng: np.random.Generator, noise: SolidNoise, site: Site, kind: Bol
     torn_off = rng.random(kind.locks) < 0.06
     if torn_off.all():
         torn_off[0] = False
-    locks = [_lock(rng, noise, angle, d, kind, down) for angle, gone in zip(angles, torn_off, strict=True) if not gone]
+    left = angles[~torn_off]
+    locks = [_lock(rng, noise, angle, d, _hung(rng, kind) if kind.loose else kind, down) for angle in left]
     lint = merge(locks).moved(pose, foot)
-    carpels = [_raise(carpel(rng, angle, d), kind.openness, angle, d) for angle in angles]
+    points = angles + np.pi / kind.locks if kind.apart else angles
+    carpels = [_raise(carpel(rng, angle, d), kind.openness, angle, d) for angle in points]
     bur = merge([cup(d), *carpels]).moved(pose, foot)
     bur = replace(bur, colours=(bur.colours * rng.uniform(0.5, 1.8) * rng.uniform(0.85, 1.15, 3)).clip(0, 0.7))
     return Boll(_soil(rng, noise, weather(lint, noise, 0.05), kind.trash), weather(bur, noise, 0.5))
+
+
+def _hung(rng: np.random.Generator, kind: BollKind) -> BollKind:
+    """The kind of one lock of a boll that lets some hang: drawn out and down, or as the others."""
+    if rng.random() > kind.loose:
+        return kind
+    return replace(
+        kind, hang=rng.uniform(0.5, 1.0), length=kind.length * rng.uniform(1.1, 1.7), droop=rng.uniform(0, 0.3)
+    )
 
 
 def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, kind: BollKind, down: Float64) -> Mesh:
@@ -124,7 +172,7 @@ def _lock(rng: np.random.Generator, noise: SolidNoise, angle: float, d: float, k
     about = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
     stands = unit(np.array([np.sin(kind.lean + rng.normal(0, 0.08)), 0, 1]))
     axis = unit((1 - kind.hang) * stands + kind.hang * (about @ down) + (1e-3, 0, 0))
-    middle = np.array([kind.spread * d, 0, LINT_CENTRE * d * rng.uniform(0.94, 1.08)])
+    middle = np.array([kind.spread * d, 0, kind.rise * d * rng.uniform(0.94, 1.08)])
     middle += kind.hang * max(half[2] - 0.25 * d, 0) * axis
     shape = (shape @ rotation_to(axis).T + middle) @ about
     if kind.droop:

@@ -78,7 +78,7 @@ def test_before_a_still_camera_only_the_plant_turns(plant: PlantMeshes) -> None:
     assert still[:, -20:].all()
 
 
-@pytest.mark.parametrize("kind", ["usual", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"])
+@pytest.mark.parametrize("kind", ["usual", "separate", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"])
 def test_a_kind_of_boll_changes_the_bolls_and_nothing_else(plant: PlantMeshes, kind: str) -> None:
     options = SimulateOptions(**SMALL, boll_kind=kind)
     other = grow_plant(options)

@@ -1,15 +1,18 @@
 """Scenes, plates and pictures that networks learn from: the same for the same number, true to their labels."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
-from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, UNKNOWN
+from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, OTHER, UNKNOWN
 from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from cotton3dg.simulate import plates as plates_module
-from cotton3dg.simulate.compositing import Layer, classes_in_blur, compose
-from cotton3dg.simulate.foliage import bracted_boll
+from cotton3dg.simulate import things, training_scenes
+from cotton3dg.simulate.compositing import Layer, classes_in_blur, compose, draw_power
+from cotton3dg.simulate.foliage import bracted_boll, empty_bracts, lint_wisps
 from cotton3dg.simulate.mesh import SolidNoise, icosphere
 from cotton3dg.simulate.organs import Site
 from cotton3dg.simulate.plates import LIGHTS, load_plates, render_plates, save_plates
@@ -73,6 +76,95 @@ def test_a_closed_boll_is_wrapped_in_its_bracts_from_its_foot(seed):
     hidden = build_rays([(whole.vertices, bracts)]).blocked(boll, away.astype(np.float32))
     assert hidden[boll[:, 2] < 0.5 * boll[:, 2].max()].mean() > 0.95
     assert np.ptp(whole.vertices[:, 2]) > 1.02 * np.ptp(boll[:, 2])
+
+
+def locks_of(name: str, seed: int) -> list[np.ndarray]:
+    """(V, 3) vertices of each lock of a boll of a kind whose diameter is 1."""
+    rng = np.random.default_rng(seed)
+    site = Site(np.zeros(3), np.array([0, 0, 0.6]), np.array([0.6, 0, 0.8]), 1.0)
+    lint = grow_boll(rng, SolidNoise(rng), site, draw_kind(rng, name)).lint
+    return list(lint.vertices.reshape(-1, len(icosphere(4)[0]), 3))
+
+
+def test_separate_locks_are_apart_in_most_bolls_and_others_touch():
+    far = {}
+    for name in ("separate", "usual"):
+        bolls = [locks_of(name, seed) for seed in range(30)]
+        assert {len(locks) for locks in bolls} <= {2, 3, 4, 5}
+        gaps = [min(KDTree(one).query(other)[0].min() for one, other in combinations(locks, 2)) for locks in bolls]
+        far[name] = np.mean(np.array(gaps) > 0.02)
+    assert far["separate"] > 0.5
+    assert far["usual"] < 0.05
+
+
+def test_points_of_the_bur_stand_between_separate_locks():
+    site = Site(np.zeros(3), np.array([0, 0, 0.5]), np.array([0, 0, 1.0]), 1.0)
+    kind = replace(draw_kind(np.random.default_rng(3), "separate"), locks=4, loose=0.0, lean=0.2, openness=1.0)
+    for apart in (True, False):
+        rng = np.random.default_rng(1)
+        boll = grow_boll(rng, SolidNoise(rng), site, replace(kind, apart=apart))
+        points = boll.bur.vertices[np.linalg.norm(boll.bur.vertices[:, :2], axis=1) > 0.55]
+        locks = boll.lint.vertices.reshape(-1, len(icosphere(4)[0]), 3).mean(axis=1)
+        cosines = (points[:, None, :2] * locks[None, :, :2]).sum(axis=2)
+        cosines /= np.linalg.norm(points[:, None, :2], axis=2) * np.linalg.norm(locks[None, :, :2], axis=2)
+        off = np.degrees(np.arccos(cosines.clip(-1, 1).max(axis=1)))
+        assert (np.median(off) > 30) == apart
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_empty_bracts_are_bent_back_farther_than_those_around_a_boll(seed):
+    """Seen from above, their teeth stand out beyond all else, and they hide nothing."""
+    rng = np.random.default_rng(seed)
+    empty = empty_bracts(rng, SolidNoise(rng), 0.045).vertices
+    away = np.linalg.norm(empty[:, :2], axis=1)
+    closed = bracted_boll(rng, SolidNoise(rng), 0.045).vertices
+    assert away.max() > 0.5 * np.ptp(empty[:, 2])
+    assert away.max() / np.ptp(empty[:, 2]) > np.linalg.norm(closed[:, :2], axis=1).max() / np.ptp(closed[:, 2])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wisps_of_lint_are_thin_and_white(seed):
+    rng = np.random.default_rng(seed)
+    wisps = lint_wisps(rng, SolidNoise(rng))
+    _, inertia, _ = np.linalg.svd(wisps.vertices[:8] - wisps.vertices[:8].mean(axis=0))
+    assert inertia[0] < 0.006
+    assert np.linalg.norm(wisps.vertices, axis=1).max() < 0.3
+    assert np.ptp(wisps.colours, axis=1).max() < 0.12 and wisps.colours.min() > 0.5
+
+
+def test_wisps_belong_to_no_boll(monkeypatch):
+    def marked(rng, noise):
+        wisps = lint_wisps(rng, noise)
+        return replace(wisps, colours=np.full_like(wisps.colours, 0.123))
+
+    monkeypatch.setattr(training_scenes, "lint_wisps", marked)
+    seen = 0
+    for seed in range(8):
+        scene = build_scene(seed)
+        wisps = (scene.mesh.colours == 0.123).all(axis=1)
+        assert (scene.classes[wisps] == OTHER).all()
+        seen += wisps.any()
+    assert seen
+
+
+@pytest.mark.parametrize("shape", [things._pot, things._clamp, things._hand])
+def test_what_holds_plants_is_closed_and_of_its_size(shape):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        mesh = shape(rng, SolidNoise(rng), np.full(3, 0.8))
+        assert 0.06 < np.ptp(mesh.vertices, axis=0).max() < 0.6
+        edges = np.sort(mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
+        assert (mesh.colours > 0).all() and (mesh.colours < 1).all()
+
+
+def test_some_pictures_are_lit_by_little_but_the_sun_and_their_shade_is_blue():
+    powers = [draw_power(np.random.default_rng(number)) for number in range(200)]
+    brightness = np.array([power.mean(axis=1) for power in powers])
+    hard = (brightness[:, 1] == 0) & (brightness[:, 2] < 0.5 * brightness[:, 0])
+    assert 0.2 < hard.mean() < 0.5
+    blueness = np.array([np.log(power[2, 2] / power[2, 0]) - np.log(power[0, 2] / power[0, 0]) for power in powers])
+    assert np.median(blueness[hard]) > np.median(blueness[~hard]) + 0.1
 
 
 def test_locks_that_hang_reach_farther_down_than_those_that_stand():

@@ -21,6 +21,7 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.files.tables import read_rows
+from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
 from cotton3dg.stages import scale as scale_stage
 from cotton3dg.traits.corrections import apply_corrections
@@ -188,14 +189,15 @@ def test_a_corner_is_for_the_photos_that_were_pointed_at(reported_copy):
 
 
 def test_other_corrections_leave_the_scale_as_it_is(reported_copy):
-    assert scale_stage.parts(reported_copy) == {}
+    options = resolve("scale")
+    assert scale_stage.parts(reported_copy, options) == {}
     correct(reported_copy, Asked(delete=[1]))
-    assert scale_stage.parts(reported_copy) == {}
+    assert scale_stage.parts(reported_copy, options) == {}
     corner = Correction("corner", picks=(Pick("a.jpg", 1.0, 2.0), Pick("b.jpg", 1.0, 2.0)))
     Corrections((corner,)).save(reported_copy.corrections_json)
-    (one,) = scale_stage.parts(reported_copy).values()
+    (one,) = scale_stage.parts(reported_copy, options).values()
     Corrections((corner, Correction("delete", (Place(1),)))).save(reported_copy.corrections_json)
-    assert list(scale_stage.parts(reported_copy).values()) == [one]
+    assert list(scale_stage.parts(reported_copy, options).values()) == [one]
 
 
 @pytest.mark.slow

@@ -35,6 +35,9 @@ class SimulateOptions:
         "bolls that are round, or of a kind with locks, fibres and tints of its own, drawn",
         choices=("plain", "usual", "separate", "tight", "fluffy", "drooping", "hanging", "torn", "half_open"),
     )
+    hanging: float = option(
+        0.25, "share of the bolls of separate locks that let some of these hang", at_least=0.0, at_most=1.0
+    )
     stem_cm: float = option(0.0, "length of the stem; 0 = 56 to 80, drawn", unit="cm", at_least=0.0, at_most=120.0)
     picked: int = option(0, "bolls of this plant that were taken off with their burs", at_least=0, at_most=60)
     turned_deg: float = option(

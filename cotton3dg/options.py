@@ -312,10 +312,10 @@ STAGE_OPTIONS: Final[dict[str, type]] = {
     "frames": FramesOptions,
     "sfm": SfmOptions,
     "train": TrainOptions,
+    "scale": ScaleOptions,
     "masks": MasksOptions,
     "segment": SegmentOptions,
     "cluster": ClusterOptions,
-    "scale": ScaleOptions,
     "traits": TraitsOptions,
 }
 

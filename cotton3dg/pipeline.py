@@ -125,17 +125,23 @@ def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
     return steps
 
 
+def _runs_after(maker: str, workspace: Workspace, stage: str, options: Any) -> bool:
+    """Whether a stage has to run because `maker` does; one without a result does so after any."""
+    return workspace.read_record(stage) is None or stage_of(stage).follows(workspace, options, [maker])
+
+
 def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], *, force: bool = False) -> list[Step]:
-    """What `run` would do, without doing it. Once one stage is stale, those after it depend on what it makes."""
+    """What `run` would do, without doing it; stages that read what a stale one makes are taken for stale as well."""
     steps: list[Step] = []
     for stage in stages:
-        running = next((step.stage for step in reversed(steps) if step.reason), None)
+        due = [step.stage for step in reversed(steps) if step.reason]
+        running = next((name for name in due if _runs_after(name, workspace, stage, options[stage])), None)
         if running and not force:
             reason = f"after {running}"
         else:
             reason = _reason_to_run(workspace, stage, options[stage], stages, force)
         if reason and not running:
-            remade = _remade_for(workspace, stage)
+            remade = [step for step in _remade_for(workspace, stage) if step.stage not in due]
             again = {step.stage for step in remade}
             steps = [step for step in steps if step.stage not in again] + remade
         steps.append(Step(stage, options[stage], reason))

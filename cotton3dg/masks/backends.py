@@ -63,6 +63,8 @@ class Plant:
     """Once there is one, for the back ends that look at it."""
     allowed: NDArray[np.bool_] | None
     """(N,) which Gaussians of the model may be a boll's."""
+    cm_per_su: float | None
+    """About, once there is a scale."""
     filmed: Path
     """COLMAP model of the images before their lens distortion was taken out."""
     own_masks: Path
@@ -90,7 +92,7 @@ def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
     windows = find_plant_windows(plant.points, plant.cameras, SEEN_MARGIN)
     of_name = {camera.name: window for camera, window in zip(plant.cameras, windows, strict=True)}
     seen = [of_name[camera.name] for camera in views]
-    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen))
+    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen, plant.cm_per_su))
 
 
 def by_lint(plant: Plant, options: MasksOptions, progress: Progress) -> Found:

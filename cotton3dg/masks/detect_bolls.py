@@ -35,6 +35,7 @@ def detect_bolls(
     allowed: NDArray[np.bool_] | None = None,
     progress: Progress = silent,
     windows: Sequence[Window | None] | None = None,
+    cm_per_su: float | None = None,
 ) -> MaskSet:
     """Masks of each image.
 
@@ -44,6 +45,7 @@ def detect_bolls(
         gaussians: the plant's model, which lets the images tell each other what they show; None = each is taken alone.
         allowed: (N,) which Gaussians may be a boll's; None = all.
         windows: what of each image shows the plant; with a model the network is not asked about the rest.
+        cm_per_su: length of a scene unit; None = unknown.
     Returns:
         By camera name; with a model a boll has the same id in all images, and its score is the views' agreement.
     """
@@ -60,7 +62,7 @@ def detect_bolls(
         maps.append(network.maps(image, window=window))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
-    middles, halves = separate_all(votes, lint)
+    middles, halves = separate_all(votes, lint, cm_per_su)
     agreed = measure_agreement(votes, middles)
     owners = hear_votes(votes, middles)
     edges, likely = open_edges(), [of_image.lint for of_image in maps]
@@ -79,11 +81,13 @@ def detect_bolls(
     return MaskSet(ids, scores, together=True, halves=(counts[0], counts[1]) if counts else None)
 
 
-def separate_all(votes: Sequence[Votes], lint: LintInSpace) -> tuple[Middles, list[Middles]]:
+def separate_all(
+    votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None
+) -> tuple[Middles, list[Middles]]:
     """The bolls that all votes give; and those that every second view gives and those of the others, if there are
     enough: what would have been found with other images. Where lint is all take from all views."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]
-    middles, *halves = on_all_cores(lambda some: separate_bolls(some, lint), parts)
+    middles, *halves = on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
     return middles, halves

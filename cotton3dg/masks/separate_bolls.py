@@ -35,11 +35,12 @@ HIDDEN_APART: Final = 0.4
 """... and its least distance, in mean diameters, from all others."""
 
 
-def separate_bolls(votes: Sequence[Votes], lint: LintInSpace) -> Middles:
+def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Middles:
     """The bolls of a plant.
 
     Args:
         votes: of each view.
+        cm_per_su: length of a scene unit; None = unknown. Widths are relative to the plant's own either way.
     """
     parts = find_middles(votes)
     bolls = join_parts(parts, votes, lint, FITS)

@@ -65,7 +65,7 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
     Args:
         options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
             the top, `contact`, how close these are, `stem_cm` (0 = 56 to 80, drawn), and what was done to the plant:
-            `picked`, `turned_deg`; `boll_kind`.
+            `picked`, `turned_deg`; `boll_kind`, `hanging`.
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
@@ -103,7 +103,8 @@ def _bolls(
         return tuple(open_boll(rng, noise, site) for site in sites)
     of_kind = np.random.default_rng([options.seed, 7])
     if options.boll_kind == "separate":
-        return tuple(grow_boll(of_kind, noise, site, draw_kind(of_kind, "separate")) for site in sites)
+        drawn = (draw_kind(of_kind, "separate", options.hanging) for _ in sites)
+        return tuple(grow_boll(of_kind, noise, site, kind) for site, kind in zip(sites, drawn, strict=True))
     kind = draw_kind(of_kind, options.boll_kind)
     return tuple(grow_boll(of_kind, noise, site, kind) for site in sites)
 

@@ -62,8 +62,12 @@ KINDS: Final = {
 """How often each is drawn."""
 
 
-def draw_kind(rng: np.random.Generator, name: str | None = None) -> BollKind:
-    """A kind at random, common ones most often; with a name, one of many that bear it."""
+def draw_kind(rng: np.random.Generator, name: str | None = None, hanging: float = 0.25) -> BollKind:
+    """A kind at random, common ones most often; with a name, one of many that bear it.
+
+    Args:
+        hanging: share of those of separate locks that let some hang.
+    """
     name = name or str(rng.choice(list(KINDS), p=list(KINDS.values())))
     width, length, spread, lean = 0.245, 0.345, 0.235, rng.uniform(0.15, 0.40)
     droop, hang, puff, fray, openness = 0.0, 0.0, 0.28, 1.0, rng.uniform(0.6, 1.0)
@@ -100,10 +104,10 @@ def draw_kind(rng: np.random.Generator, name: str | None = None) -> BollKind:
         trash=float(rng.choice([0, 0.005, 0.02, 0.08], p=[0.6, 0.22, 0.12, 0.06])),
         openness=openness,
     )
-    return _set_apart(rng, kind) if name == "separate" else kind
+    return _set_apart(rng, kind, hanging) if name == "separate" else kind
 
 
-def _set_apart(rng: np.random.Generator, kind: BollKind) -> BollKind:
+def _set_apart(rng: np.random.Generator, kind: BollKind, hanging: float) -> BollKind:
     """The kind with a gap between its locks, which are as round or as long, and as far open, as the draw has it.
 
     Locks that lean outwards come nearest below their middles: ellipsoids of half-width w and half-length l, their
@@ -116,7 +120,7 @@ def _set_apart(rng: np.random.Generator, kind: BollKind) -> BollKind:
     width = spread * half_turn / gap * rng.uniform(0.75, 1.0)
     length = width * (1 + 1.2 * rng.beta(0.9, 1.8))
     lean = np.arcsin(min(np.sin(rng.uniform(0.3, 1.1) * openness), 0.6 * spread / length))
-    torn, hangs = rng.random() < 0.15, rng.random() < 0.25
+    torn, hangs = rng.random() < 0.15, rng.random() < hanging
     return replace(
         kind,
         width=width * float(np.sqrt(1 - (length * np.sin(lean) / spread) ** 2)),

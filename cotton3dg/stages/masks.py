@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from pathlib import Path
@@ -13,6 +14,8 @@ from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..documents.masks import MaskedImage, MasksInfo
+from ..documents.scale import ScaleInfo
+from ..errors import BadInput
 from ..files.colmap import read_cameras, read_points
 from ..files.images import read_image, write_ids
 from ..files.ply import read_gaussians
@@ -27,6 +30,9 @@ from ..options import MasksOptions
 from ..workspace import Workspace
 from .stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 
+SIZE_STEP: Final = 1.05
+"""Ratio of the steps in which a size in centimetres is known to the back ends. Bolls differ by far more, and a scale
+that is measured anew changes by less, so that the masks need not be made anew with it."""
 MASK_BYTES: Final = 2**18
 """Of one image's masks on the disk, generous."""
 WEIGHTS: Final = ("weights", "detector")
@@ -55,6 +61,31 @@ def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
 
 def _looks_at_model(options: MasksOptions) -> bool:
     return options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.sam.prompts)
+
+
+def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
+    """Of the scale, how long a scene unit is; only `bolls` asks for it."""
+    if options.backend != "bolls":
+        return {}
+    try:
+        length = read_unit_length(workspace)
+        said = f"{length:.4g}".encode() if length else b"none"
+    except BadInput:  # told when the stage runs
+        said = workspace.scale_json.read_bytes()
+    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(said).hexdigest()}
+
+
+def read_unit_length(workspace: Workspace) -> float | None:
+    """Centimetres to a scene unit, to the nearest of `SIZE_STEP`; None as long as there is no scale.
+
+    As it was found: a person who moves corners speaks of the bolls that were found with it.
+
+    Raises:
+        BadInput: scale.json is damaged.
+    """
+    info = ScaleInfo.load_if_there(workspace.scale_json)
+    scale = (info.found or info).scale if info else None
+    return SIZE_STEP ** round(math.log(scale.cm_per_su, SIZE_STEP)) if scale else None
 
 
 def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
@@ -103,6 +134,7 @@ def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
         points=read_points(sparse)[0],
         model=model,
         allowed=None if model is None else within_orbit(model.means, cameras, fit_orbit(cameras)),
+        cm_per_su=read_unit_length(workspace) if options.backend == "bolls" else None,
         filmed=workspace.sfm_model,
         own_masks=workspace.masks_input,
         file=workspace.named_file,
@@ -137,11 +169,12 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "masks",
-    version=19,
+    version=20,
     inputs=inputs,
     run=run,
     cost=_cost,
     disk_bytes=_disk_bytes,
     names=NAMES,
     also_reads=also_reads,
+    parts=parts,
 )

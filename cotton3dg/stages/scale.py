@@ -31,7 +31,7 @@ def inputs(workspace: Workspace) -> list[Path]:
     return [workspace.undistorted, workspace.gaussians_ply, workspace.scale_points]
 
 
-def parts(workspace: Workspace) -> dict[str, str]:
+def parts(workspace: Workspace, _: ScaleOptions) -> dict[str, str]:
     """What a person says of the table: other corrections change no scale."""
     if not workspace.corrections_json.exists():
         return {}

@@ -111,8 +111,8 @@ class Stage:
     """Option that names something of the user's, as `--set` writes it -> FILE, FOLDER or EITHER."""
     also_reads: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
     """Files anywhere that it reads with these options, besides those."""
-    parts: Callable[[Workspace], dict[str, str]] = lambda workspace: {}
-    """SHA-256, by a name, of what it reads of files that hold more than what is for it."""
+    parts: Callable[[Workspace, Any], dict[str, str]] = lambda workspace, options: {}
+    """SHA-256 of what it reads of files that hold more than what is for it, by the name of the file, # and what."""
     droppable: Callable[[Workspace], list[Path]] = lambda workspace: []
     """What `clean` drops, as it can be made again and no result is."""
 
@@ -164,7 +164,18 @@ class Stage:
 
     def input_hashes(self, workspace: Workspace, options: Any) -> dict[str, str]:
         """SHA-256 of the same, by names."""
-        return workspace.hashes(*self.reads(workspace, options)) | self.parts(workspace)
+        return workspace.hashes(*self.reads(workspace, options)) | self.parts(workspace, options)
+
+    def follows(self, workspace: Workspace, options: Any, stages: Collection[str]) -> bool:
+        """Whether it reads what one of these stages makes, or its record."""
+        paths = (
+            path.relative_to(workspace.root)
+            for path in self.reads(workspace, options)
+            if path.is_relative_to(workspace.root)
+        )
+        makers = {path.stem if path.parts[0] == "records" else path.parts[0] for path in paths if path.parts}
+        makers |= {name.split("/")[0] for name in self.parts(workspace, options)}
+        return not makers.isdisjoint(stages)
 
     def record(self, options: Any, reason: str) -> Record:
         """Of a run that begins."""

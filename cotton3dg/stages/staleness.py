@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any, Final
 
 from ..core.state import State
@@ -84,11 +85,16 @@ def recorded_states(workspace: Workspace) -> tuple[StageState, ...]:
         if record is None:
             reason = "no finished result"
         else:
-            read = {name: found for name, found in record.inputs.items() if name.split("/")[0] in STAGES}
+            read = {name: found for name, found in record.inputs.items() if _is_of_a_stage(name)}
             reason = reason or _change("input", read, {name: written[name] for name in read if name in written})
             written |= record.outputs
         states.append(state_of(stage, record, reason))
     return tuple(states)
+
+
+def _is_of_a_stage(name: str) -> bool:
+    """Whether an input is a file that a stage wrote; one with a # is part of a file (`Stage.parts`)."""
+    return name.split("/", maxsplit=1)[0] in STAGES and "#" not in PurePath(name).suffix
 
 
 def _change(kind: str, recorded: Mapping[str, str], found: Mapping[str, str]) -> str:

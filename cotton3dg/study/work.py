@@ -207,18 +207,12 @@ class Study:
         """Seconds until the setting is finished; 0 when it is."""
         workspace = self._workspace(setting)
         due = [stage for stage in STAGES if self._is_due(workspace, setting, stage)]
-        due = [stage for stage in STAGES if stage in due or self._reads(due, stage)]
+        due = [
+            stage for stage in STAGES if stage in due or stage_of(stage).follows(workspace, setting.options[stage], due)
+        ]
         if setting.passing and "train" in due:  # its training left no time for the rest
             return math.inf
         return sum(self._stage_s(setting, stage) for stage in due)
-
-    def _reads(self, due: Sequence[str], stage: str) -> bool:
-        """Whether `stage` reads what one of the stages `due` makes."""
-        for path in stage_of(stage).inputs(self.plant):
-            folder = path.relative_to(self.plant.root).parts[0]
-            if (path.stem if folder == "records" else folder) in due:
-                return True
-        return False
 
     # ------------------------------------------------------------------- rows
     def _note(self, setting: Setting, workspace: Workspace) -> None:

@@ -122,6 +122,12 @@ def measured_with(plant: TruePlant, truth: str, trained: Workspace) -> dict[str,
             share(TruePlant(trained, plant.truth), scratch, *MODEL)
         else:
             share(plant, scratch, *MODEL)
+        if truth in ("scale", "all"):
+            put_true_scale(plant, scratch)
+        elif truth == "cameras":
+            run_stages(plant, scratch, "scale")
+        else:
+            share(plant, scratch, "scale")
         if truth in ("masks", "all"):
             put_true_masks(plant, scratch)
             run_stages(plant, scratch, "segment", "cluster")
@@ -129,12 +135,6 @@ def measured_with(plant: TruePlant, truth: str, trained: Workspace) -> dict[str,
             run_stages(plant, scratch, "masks", "segment", "cluster")
         else:
             share(plant, scratch, "masks", "segment", "cluster")
-        if truth in ("scale", "all"):
-            put_true_scale(plant, scratch)
-        elif truth == "cameras":
-            run_stages(plant, scratch, "scale")
-        else:
-            share(plant, scratch, "scale")
         run_stages(plant, scratch, "traits")
         return judged(TruePlant(scratch, plant.truth))
 

@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("plant", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--preset", choices=PRESET_VALUES, default="draft")
-    parser.add_argument("--from", dest="first", choices=STAGES[:4], default="frames")
+    parser.add_argument("--from", dest="first", choices=("frames", "sfm", "train", "masks"), default="frames")
     parser.add_argument("--only", nargs="*", help="names of libraries, `all` or `seed`; default: every one")
     wanted = parser.parse_args()
     plant = Workspace(wanted.plant)

@@ -1,18 +1,18 @@
-"""Simulated plants, made, run and compared with their truth: the twelve of the study set, twelve of touching bolls, and
-twelve of other kinds of bolls in bad light.
+"""Simulated plants, made, run and compared with their truth: the twelve of the study set, twelve of touching bolls,
+twelve of other kinds of bolls in bad light, and twelve whose bolls have separate locks.
 
     python tests/accuracy/study_set.py FOLDER [--preset draft] [--jobs 2] [--touching] [--odd]
-        [--natural [--from 13]] [--only NAME ...] [--also ...]
+        [--locks] [--natural [--from 13]] [--only NAME ...] [--also ...]
 
 The jobs share the cores that this process may use. Whatever is up to date is skipped: the same command continues after
 an interruption, and measures again after a change. A plant whose options below change needs another name.
 
 Prints a row a plant, and for each kind of plant and all of them the mean absolute errors beside what they should be;
-keeps both as FOLDER/study_PRESET.csv and .md. --touching takes the other twelve, most of whose bolls stand in groups of
-two to four; --odd those with bolls of other kinds, white things about them, light from one side or too little of it;
---natural takes twelve for the plant map, --from N those with the numbers N and on. Plants that were run
-before (--also RUN:TRUTH, with the folder of `truth.json` and `cameras.json` after a colon if it is another) are a kind
-of their own and not among all.
+keeps both as FOLDER/study_PRESET.csv and .md. --touching takes the other twelve, most of whose bolls stand in groups
+of two to four; --odd those with bolls of other kinds, white things about them, light from one side or too little of
+it; --locks those whose bolls have 3 to 5 separate locks; --natural takes twelve for the plant map, --from N those with
+the numbers N and on. Plants that were run before (--also RUN:TRUTH, with the folder of `truth.json` and `cameras.json`
+after a colon if it is another) are a kind of their own and not among all.
 """
 
 from __future__ import annotations
@@ -76,6 +76,26 @@ ODD = {
 }
 """Bolls of the kinds that the network learns from, one kind to a plant, filmed as a user films: table, walls, white
 things about, light from one window, too short exposures."""
+
+
+SEPARATE = "--boll-kind separate"
+HALF_TOUCH = "--clustered 0.6 --contact 0.8"
+LOCKS = {
+    "locks-1": f"--seed 7401 --bolls 14 {SEPARATE} {LARGE}",
+    "locks-2": f"--seed 7402 --bolls 18 {SEPARATE} {HALF_TOUCH} {LARGE}",
+    "locks-3": f"--seed 7403 --bolls 12 {SEPARATE} --one-sided --things 8 {LARGE}",
+    "locks-4": f"--seed 7404 --bolls 16 {SEPARATE} {HALF_TOUCH} --one-sided {LARGE}",
+    "locks-5": f"--seed 7405 --bolls 15 {SEPARATE} --hanging 0 --one-sided {LARGE}",
+    "locks-6": f"--seed 7406 --bolls 20 {SEPARATE} {HALF_TOUCH} --things 6 {LARGE}",
+    "locks-7": f"--seed 7407 --bolls 13 {SEPARATE} --pale-table --things 8 {LARGE}",
+    "locks-8": f"--seed 7408 --bolls 18 {SEPARATE} {HALF_TOUCH} --one-sided --things 8 {LARGE}",
+    "locks-9": f"--seed 7409 --bolls 14 {SEPARATE} --blur 0.4 --noise 4 {LARGE}",
+    "hung-1": f"--seed 7410 --bolls 16 {SEPARATE} --hanging 0.8 {HALF_TOUCH} --one-sided --things 8 {LARGE}",
+    "hung-2": f"--seed 7411 --bolls 14 {SEPARATE} --hanging 0.8 --one-sided --noise 3 {LARGE}",
+    "hung-3": f"--seed 7412 --bolls 18 {SEPARATE} --hanging 0.8 {HALF_TOUCH} --things 6 {LARGE}",
+}
+"""Bolls of 3 to 5 separate locks; on half of the plants, most touch others, on half, light comes from one window. Those
+of the kind `hung`, whose bolls mostly let locks hang, judge only: nothing is ever fitted to them."""
 
 
 def natural(first: int) -> dict[str, str]:
@@ -162,14 +182,15 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--touching", action="store_true")
     parser.add_argument("--odd", action="store_true")
+    parser.add_argument("--locks", action="store_true")
     parser.add_argument("--natural", action="store_true")
     parser.add_argument("--from", dest="first", type=int, default=1, help="number of the first natural plant")
     parser.add_argument("--only", nargs="*")
     parser.add_argument("--also", nargs="*", type=true_plant, default=[], metavar="RUN:TRUTH")
     wanted = parser.parse_args()
-    sets = {"touching": TOUCHING, "odd": ODD, "natural": natural(wanted.first)}
+    sets = {"touching": TOUCHING, "odd": ODD, "locks": LOCKS, "natural": natural(wanted.first)}
     chosen = next((films for name, films in sets.items() if getattr(wanted, name)), PLANTS)
-    films = PLANTS | TOUCHING | ODD | sets["natural"]
+    films = PLANTS | TOUCHING | ODD | LOCKS | sets["natural"]
     names = wanted.only or list(chosen)
     if unknown := [name for name in names if name not in films]:
         parser.error(f"no such plant: {', '.join(unknown)}; there are {', '.join(films)}")

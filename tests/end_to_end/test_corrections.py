@@ -21,6 +21,7 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.files.colmap import read_cameras
 from cotton3dg.files.ply import read_gaussians
 from cotton3dg.files.tables import read_rows
+from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
 from cotton3dg.stages import scale as scale_stage
 from cotton3dg.traits.corrections import apply_corrections
@@ -81,6 +82,7 @@ def test_merge_and_delete_are_marked_and_replay_to_the_same_bytes(reported_copy,
     assert rows(again) == before
 
 
+@pytest.mark.slow
 def test_split_undoes_a_wrong_merge(reported_copy):
     before = rows(reported_copy)
     correct(reported_copy, Asked(merge=["3,4"]))
@@ -120,6 +122,7 @@ def picks_of(cameras, point, off_px=(0.4, -0.3)):
     )
 
 
+@pytest.mark.slow
 def test_a_moved_corner_is_a_new_scale_and_the_old_values_are_kept(reported_copy, tmp_path):
     before, plant = rows(reported_copy), plant_row(reported_copy)
     found = read_scale(reported_copy.scale_json)
@@ -163,6 +166,7 @@ def test_a_moved_corner_is_a_new_scale_and_the_old_values_are_kept(reported_copy
     assert tables(again) == first
 
 
+@pytest.mark.slow
 def test_a_corner_is_for_the_photos_that_were_pointed_at(reported_copy):
     cameras = read_cameras(reported_copy.undistorted / "sparse")
     found = read_scale(reported_copy.scale_json)
@@ -185,16 +189,18 @@ def test_a_corner_is_for_the_photos_that_were_pointed_at(reported_copy):
 
 
 def test_other_corrections_leave_the_scale_as_it_is(reported_copy):
-    assert scale_stage.parts(reported_copy) == {}
+    options = resolve("scale")
+    assert scale_stage.parts(reported_copy, options) == {}
     correct(reported_copy, Asked(delete=[1]))
-    assert scale_stage.parts(reported_copy) == {}
+    assert scale_stage.parts(reported_copy, options) == {}
     corner = Correction("corner", picks=(Pick("a.jpg", 1.0, 2.0), Pick("b.jpg", 1.0, 2.0)))
     Corrections((corner,)).save(reported_copy.corrections_json)
-    (one,) = scale_stage.parts(reported_copy).values()
+    (one,) = scale_stage.parts(reported_copy, options).values()
     Corrections((corner, Correction("delete", (Place(1),)))).save(reported_copy.corrections_json)
-    assert list(scale_stage.parts(reported_copy).values()) == [one]
+    assert list(scale_stage.parts(reported_copy, options).values()) == [one]
 
 
+@pytest.mark.slow
 def test_a_ruler_measures_and_changes_nothing(reported_copy):
     before = tables(reported_copy)
     bolls = {boll.boll_id: boll for boll in read_bolls(*reported_copy.final_bolls())[0]}

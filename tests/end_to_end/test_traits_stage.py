@@ -189,6 +189,7 @@ def test_a_turned_scene_gives_the_same_traits(workspace):
             assert float(after[column.name]) == pytest.approx(float(before[column.name]), rel=0.01)
 
 
+@pytest.mark.slow
 def test_twigs_that_only_the_photos_show_make_the_plant_larger(workspace, monkeypatch):
     """From the outermost boll on, 12 cm farther out, and over a gap inside of the plant; without photos nothing."""
     alone = traits.run(workspace, TraitsOptions()).summary

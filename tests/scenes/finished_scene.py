@@ -67,6 +67,11 @@ def finished_workspace(folder: Path) -> Workspace:
         effects().save(made / "effects.json")
     record(workspace, "train")
 
+    with workspace.writing("scale") as made:
+        table_scale(evidence={"edge_support": [0.9, 0.8, 0.9, 0.7]}).save(made / "scale.json")
+        write_image(made / "table_0.jpg", photos[0])
+    record(workspace, "scale")
+
     shares = np.eye(1 + N_BOLLS, dtype=np.float32)[labels]
     with workspace.writing("masks") as made:
         for view in views:
@@ -78,11 +83,6 @@ def finished_workspace(folder: Path) -> Workspace:
         stage = module.__name__.rpartition(".")[2]
         module.run(workspace, resolve(stage))
         record(workspace, stage)
-
-    with workspace.writing("scale") as made:
-        table_scale(evidence={"edge_support": [0.9, 0.8, 0.9, 0.7]}).save(made / "scale.json")
-        write_image(made / "table_0.jpg", photos[0])
-    record(workspace, "scale")
     traits.run(workspace, resolve("traits"))
     record(workspace, "traits")
     return workspace

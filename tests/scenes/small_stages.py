@@ -10,7 +10,7 @@ from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train,
 from cotton3dg.stages.stage import STAGES, Cost, Stage, stage_of
 from cotton3dg.workspace import Workspace
 
-MODULES = dict(zip(STAGES, (frames, sfm, train, masks, segment, cluster, scale, traits), strict=True))
+MODULES = dict(zip(STAGES, (frames, sfm, train, scale, masks, segment, cluster, traits), strict=True))
 
 
 def replace_stages(monkeypatch: pytest.MonkeyPatch, make: Callable[[str], Stage]) -> None:

@@ -72,7 +72,7 @@ def test_what_a_stage_reads_is_made_again_first(workspace):
     assert reasons(workspace) == {}
     clean(workspace)
     again = reasons(workspace, scale={"table_width_cm": 50.0})
-    assert list(again) == ["frames", "sfm", "scale", "traits"]
+    assert list(again) == ["frames", "sfm", "scale", "masks", "segment", "cluster", "traits"]
     assert again["frames"] == "sfm reads what clean dropped"
     assert list(reasons(workspace, traits={"tube_height_cm": 5.0})) == ["frames", "sfm", "traits"]
     assert list(reasons(workspace, ("sfm",))) == ["frames", "sfm"]

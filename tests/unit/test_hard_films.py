@@ -102,6 +102,17 @@ def test_hanging_bolls_are_longer_than_tight_ones() -> None:
     assert lengths["hanging"] > 1.05 * lengths["tight"]
 
 
+def test_a_share_of_the_bolls_of_separate_locks_lets_some_hang() -> None:
+    lowest = {}
+    for share in (0.0, 1.0):
+        options = SimulateOptions(**SMALL | {"bolls": 12}, boll_kind="separate", hanging=share)
+        plant = grow_plant(options)
+        feet = [boll.bur.vertices[:, 2].min() for boll in plant.bolls]
+        lints = [boll.lint.vertices[:, 2].min() for boll in plant.bolls]
+        lowest[share] = np.mean(np.subtract(feet, lints))
+    assert lowest[1.0] > lowest[0.0] + 0.005
+
+
 def test_things_stand_on_the_table_clear_of_the_plant_and_of_each_other(plant: PlantMeshes) -> None:
     options = SimulateOptions(**SMALL, things=8)
     room = build_room(options, plant.stem_base)

@@ -125,6 +125,7 @@ def test_specks_beyond_a_lost_twig_are_flagged_and_widen_the_interval():
         )
 
 
+@pytest.mark.slow
 def test_a_twig_that_only_the_photos_show_is_measured_to_its_end():
     places, labels = plant_points_cm(np.random.default_rng(0))
     gaussians = gaussians_at(places, 0.2)
@@ -151,6 +152,7 @@ def test_a_twig_that_only_the_photos_show_is_measured_to_its_end():
     assert "thin_ends" not in within.flags and within.traits.canopy_size_cm == alone.canopy_size_cm
 
 
+@pytest.mark.slow
 def test_the_faint_end_of_a_twig_is_flagged_and_widens_the_interval():
     places, labels = plant_points_cm(np.random.default_rng(0))
     gaussians = gaussians_at(places, 0.2)

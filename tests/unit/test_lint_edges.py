@@ -66,6 +66,7 @@ def test_large_bolls_are_seen_smaller():
     assert overlap(found, true) > 0.9
 
 
+@pytest.mark.slow
 def test_training_teaches_what_its_pictures_show_and_is_repeatable():
     pictures = [scene(seed=seed) for seed in range(3)]
     first, again = (to_onnx(train_edges(pictures, 60, seed=1)) for _ in "ab")

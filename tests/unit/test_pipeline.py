@@ -177,7 +177,17 @@ def test_plan_names_the_first_reason_and_its_consequences(workspace, stages):
     reasons = {step.stage: step.reason for step in pipeline.plan(workspace, options, pipeline.STAGES)}
     assert reasons["sfm"] == ""
     assert reasons["train"] == "option steps 2500 -> 7"
-    assert reasons["masks"] == "after train"
+    assert reasons["scale"] == "after train"
+
+
+def test_a_stage_that_reads_nothing_of_a_stale_one_is_up_to_date(workspace, stages):
+    run(workspace)
+    stages("masks", inputs=lambda workspace: [workspace.folder("train") / "out.txt"])
+    pipeline.run(workspace, pipeline.stage_options(workspace), ("masks",))
+    options = pipeline.stage_options(workspace, overrides={"scale": {"table_length_cm": 100}})
+    reasons = {step.stage: step.reason for step in pipeline.plan(workspace, options, pipeline.STAGES)}
+    assert reasons["scale"] == "option table_length_cm 0.0 -> 100.0"
+    assert reasons["masks"] == reasons["segment"] == reasons["traits"] == ""
 
 
 def test_what_killed_runs_left_goes_with_the_next_run_even_if_that_does_nothing(workspace, stages):
@@ -190,7 +200,12 @@ def test_what_killed_runs_left_goes_with_the_next_run_even_if_that_does_nothing(
 
 def test_from_until_and_force(workspace, stages):
     run(workspace)
-    assert run(workspace, pipeline.selected("train", "segment"), force=True).ran == ["train", "masks", "segment"]
+    assert run(workspace, pipeline.selected("train", "segment"), force=True).ran == [
+        "train",
+        "scale",
+        "masks",
+        "segment",
+    ]
     with pytest.raises(BadUsage, match="no stage lies"):
         pipeline.selected("traits", "frames")
     with pytest.raises(BadUsage, match="unknown"):
@@ -265,7 +280,7 @@ def test_every_option_that_is_a_path_is_known():
 
 
 def test_a_stage_out_of_order_writes_nothing(workspace, stages):
-    with pytest.raises(MissingInput, match=r"train/out\.txt is missing; run `cotton3dg train` first"):
+    with pytest.raises(MissingInput, match=r"scale/out\.txt is missing; run `cotton3dg scale` first"):
         run(workspace, ("masks",), report=True)
     with pytest.raises(MissingInput, match="cotton3dg sfm"):
         run(workspace, pipeline.selected("train"), report=True)

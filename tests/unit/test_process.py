@@ -27,8 +27,10 @@ def done(program: str, **streams: Any) -> subprocess.CompletedProcess[str]:
 
 
 ENDED = (
-    WITHIN
-    + """try:
+    ORDERLY
+    + """signal.signal({number}, signal.SIG_DFL)  # the tests themselves may run under nohup
+with orderly():
+    try:
         child = os.spawnlp(os.P_NOWAIT, 'sleep', 'sleep', '60')
         os.kill(os.getpid(), {number})
         time.sleep(60)

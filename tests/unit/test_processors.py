@@ -34,6 +34,7 @@ def test_what_a_processor_has_and_what_failed_is_read():
     assert failures(said) == ["tests/a.py::test_x[1-2]", "tests/b.py::test_y"]
 
 
+@pytest.mark.slow
 def test_a_failing_test_fails_the_whole_and_is_named(tmp_path):
     (tmp_path / "test_it.py").write_text(
         "import os\ndef test_isa(): assert os.environ.get('COTTON3DG_ISA') != 'baseline'\n"

@@ -98,6 +98,7 @@ def farthest_off(model: pycolmap.Reconstruction, centres: np.ndarray) -> float:
     return float(off.max() / np.linalg.norm(centres - centres.mean(axis=0), axis=1).mean())
 
 
+@pytest.mark.slow
 def test_blurred_images_of_a_walk_are_placed_by_following(tmp_path: Path) -> None:
     task, first, centres = walk(tmp_path, 30, range(8, 12))
     lost = first.lost(task.names)

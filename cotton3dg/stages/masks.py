@@ -137,7 +137,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "masks",
-    version=19,
+    version=20,
     inputs=inputs,
     run=run,
     cost=_cost,

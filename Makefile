@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -124,6 +124,9 @@ coverage: setup ## 24 simulated plants, each filmed five times: whether stated e
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,training]'
 	$(BIN)/cotton3dg masks-train results/bolls_network --scenes 200 --steps 16000
+
+same-boll: setup ## film simulated plants and fit the score that tells bolls apart; again after a new network; goes on where it ended
+	$(BIN)/python tests/accuracy/same_boll.py results/same_boll --jobs $(JOBS) $(SAME_BOLL)
 
 ODD_SHOWN = odd-2 odd-3 odd-5 odd-8 odd-10 odd-11
 STUDY_SHOWN = effects-1 effects-3 effects-4 plain-2 plain-4 clustered-1

@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
 
-EVEN: Final = 0.25
-"""Agreement of the images at which a boll is as likely none as one ..."""
-STEEPNESS: Final = 20.0
-"""... and how fast it gets likelier beyond, 1 / agreement."""
 OTHER_WEIGHT: Final = 0.5
 """A boll has a mask when it holds more than this many times the weight there of what is no boll."""
 
@@ -33,20 +29,20 @@ def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDA
     return [replace(boll, masks=tuple(masks.get(boll.boll_id, ()))) for boll in bolls]
 
 
-def weigh_agreement(bolls: Sequence[BollInstance], agreement: Mapping[tuple[str, int], float]) -> list[BollInstance]:
+def weigh_scores(bolls: Sequence[BollInstance], scores: Mapping[tuple[str, int], float]) -> list[BollInstance]:
     """The same bolls with the probability that each is one, where images told them apart together.
 
     All their masks then say the same, so that counting the views that agree tells nothing.
 
     Args:
-        agreement: by (view, mask id).
+        scores: by (view, mask id), the probability that what it shows is one boll.
     """
-    return [_weigh(boll, [agreement[mask] for mask in boll.masks if mask in agreement]) for boll in bolls]
+    return [_weigh(boll, [scores[mask] for mask in boll.masks if mask in scores]) for boll in bolls]
 
 
-def _weigh(boll: BollInstance, agreements: Sequence[float]) -> BollInstance:
-    if not agreements:
+def _weigh(boll: BollInstance, scores: Sequence[float]) -> BollInstance:
+    if not scores:
         return boll
-    confidence = boll.confidence / float(1 + np.exp(STEEPNESS * (EVEN - np.mean(agreements))))
+    confidence = boll.confidence * float(np.mean(scores))
     doubts = ("disputed",) if confidence < 0.5 and "disputed" not in boll.flags else ()
     return replace(boll, confidence=confidence, flags=(*boll.flags, *doubts))

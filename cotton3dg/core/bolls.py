@@ -17,7 +17,8 @@ class MaskSet:
     scores: dict[str, dict[int, float]] = field(default_factory=dict)
     """Image name -> instance id -> confidence in 0..1."""
     together: bool = False
-    """Whether all images decided together: a boll then has one id in all, and its score is the images' agreement."""
+    """Whether all images decided together: a boll has one id in all then, and its score is the probability that it is
+    one boll."""
     halves: tuple[int, int] | None = None
     """Bolls that every second image alone finds, and those that the others do; None where that was not asked."""
     notes: tuple[str, ...] = ()

@@ -30,7 +30,7 @@ class MasksInfo(Document):
     seconds_per_image: float
     images: tuple[MaskedImage, ...]
     together: bool = False
-    """Whether all images decided together, so that the scores are their agreement."""
+    """Whether all images decided together, so that a score is the probability of one boll."""
     halves: tuple[int, int] | None = None
     """Bolls that every second image alone finds, and those that the others do."""
 

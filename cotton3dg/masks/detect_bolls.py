@@ -17,10 +17,10 @@ from .bolls import BollNetwork
 from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint
 from .lint_owners import hear_votes
-from .meeting_votes import Middles, Votes, cast_votes, measure_agreement
+from .meeting_votes import Votes, cast_votes
 from .one_image import find_bolls
 from .outline_bolls import outline_bolls
-from .separate_bolls import separate_bolls
+from .separate_bolls import Bolls, separate_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE: Final = 12
@@ -47,7 +47,8 @@ def detect_bolls(
         windows: what of each image shows the plant; with a model the network is not asked about the rest.
         cm_per_su: length of a scene unit; None = unknown.
     Returns:
-        By camera name; with a model a boll has the same id in all images, and its score is the views' agreement.
+        By camera name; with a model a boll has the same id in all images, and its score is the probability that it is
+        one boll.
     """
     ids: dict[str, NDArray[np.uint16]] = {}
     scores: dict[str, dict[int, float]] = {}
@@ -62,32 +63,31 @@ def detect_bolls(
         maps.append(network.maps(image, window=window))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
-    middles, halves = separate_all(votes, lint, cm_per_su)
-    agreed = measure_agreement(votes, middles)
-    owners = hear_votes(votes, middles)
+    bolls, halves = separate_all(votes, lint, cm_per_su)
+    owners = hear_votes(votes, bolls)
     edges, likely = open_edges(), [of_image.lint for of_image in maps]
     seen = zip(images, likely, cameras, strict=True)
     outlined = stream_on_all_cores(lambda one: outline_bolls(*one, lint, owners, edges), seen)
-    sums = np.zeros((len(middles.centres), 4))
+    sums = np.zeros((len(bolls.centres), 4))
     for done, (camera, of_image) in enumerate(zip(cameras, outlined, strict=True)):
         progress(len(images) + done, 2 * len(images), camera.name)
-        sums += measure_surroundings(maps[done], of_image, len(middles.centres))
+        sums += measure_surroundings(maps[done], of_image, len(bolls.centres))
         ids[camera.name] = of_image
-    things = np.flatnonzero(find_white_things(sums, middles.support)) + 1
+    things = np.flatnonzero(find_white_things(sums, bolls.support)) + 1
     for name, of_image in ids.items():
         of_image[np.isin(of_image, things)] = 0
-        scores[name] = {int(k): round(float(agreed[k - 1]), 3) for k in np.unique(of_image) if k}
-    counts = [int((~np.isin(middles.nearest(half.centres), things)).sum()) for half in halves]
+        scores[name] = {int(k): round(float(bolls.one_boll[k - 1]), 3) for k in np.unique(of_image) if k}
+    counts = [int((~np.isin(bolls.nearest(half.centres), things)).sum()) for half in halves]
     return MaskSet(ids, scores, together=True, halves=(counts[0], counts[1]) if counts else None)
 
 
 def separate_all(
     votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None
-) -> tuple[Middles, list[Middles]]:
+) -> tuple[Bolls, list[Bolls]]:
     """The bolls that all votes give; and those that every second view gives and those of the others, if there are
     enough: what would have been found with other images. Where lint is all take from all views."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]
-    middles, *halves = on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
-    return middles, halves
+    bolls, *halves = on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
+    return bolls, halves

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Final, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ SPREAD: Final = 0.12
 """Standard deviation, in diameters of a boll, that votes are gathered over."""
 PITCH: Final = 0.06
 """Side of the cells that votes are counted in, in diameters."""
-APART: Final = 0.6
-"""Least distance, in mean diameters, of the middles of two bolls: those of bolls that touch are 0.65 to 1 apart, of
+APART: Final = 0.4
+"""Least distance, in mean diameters, of the middles of two parts: those of bolls that touch are 0.65 to 1 apart, of
 locks of one boll 0.4 to 0.8. Parts that are not told apart here are lost; parts of one boll are joined later."""
 LEAST_VIEWS: Final = 3
 """Views whose votes a middle needs ..."""
@@ -42,8 +42,7 @@ lie below the surface that they show."""
 OWN: Final = 0.45
 """Distance, in diameters, from a middle of the votes whose rays move it."""
 AGREES: Final = 0.15
-"""Distance, in diameters, from a middle at which a ray has half a say in where it is; twice as far away it still agrees
-that the boll is there."""
+"""Distance, in diameters, from a middle at which a ray has half a say in where it is."""
 ROUNDS: Final = 4
 FAINT: Final = 0.08
 """Sum of the votes for a boll, in bolls seen whole, a view, below which it is none ..."""
@@ -104,15 +103,18 @@ class Middles:
         """Which boll lint at (N, 3) places is of, from 1, 0 = none is near."""
         return find_nearest(places, self.centres, self.diameters, FARTHEST)
 
-    def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Middles:
+    def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
         """Some of its rows (B,)."""
-        return Middles(*(getattr(self, item.name)[chosen] for item in fields(self)))
+        return replace(self, **{item.name: getattr(self, item.name)[chosen] for item in fields(self)})
 
     def and_also(self, others: Middles) -> Middles:
         """Both, the surest first."""
         rows = [np.concatenate([getattr(self, item.name), getattr(others, item.name)]) for item in fields(self)]
         both = Middles(*rows)
         return both.take(np.argsort(-both.support, kind="stable"))
+
+
+Found = TypeVar("Found", bound=Middles)
 
 
 def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
@@ -250,7 +252,7 @@ def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, si
     return moved
 
 
-def drop_unlikely(middles: Middles, votes: Sequence[Votes]) -> Middles:
+def drop_unlikely(middles: Found, votes: Sequence[Votes]) -> Found:
     """The middles without those that few votes are for, and these of pixels that hardly look like lint."""
     total, pixels = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
     for view in votes:
@@ -260,20 +262,6 @@ def drop_unlikely(middles: Middles, votes: Sequence[Votes]) -> Middles:
     sure = total[1:] / np.maximum(pixels[1:], 1) > UNSURE
     kept = sure | (middles.support > FAINT * len(votes))
     return middles.take(kept)
-
-
-def measure_agreement(votes: Sequence[Votes], middles: Middles) -> Float32:
-    """(B,) share of what is seen of each boll's lint, over all views, whose votes go to this boll's middle."""
-    own, agreed = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
-    for view in votes:
-        boll = middles.nearest(view.surfaces)
-        to = np.concatenate([np.zeros((1, 3)), middles.centres])[boll] - view.eye
-        size = np.concatenate([[1.0], middles.diameters])[boll]
-        along = np.einsum("ni,ni->n", to, view.rays)
-        distances = np.linalg.norm(to - along[:, None] * view.rays, axis=1)
-        own += np.bincount(boll, view.weights, len(own))
-        agreed += np.bincount(boll, view.weights * (distances < 2 * AGREES * size), len(own))
-    return (agreed[1:] / np.maximum(own[1:], 1e-9)).astype(np.float32)
 
 
 def _extent(places: Float32, weights: Float32, usual: float) -> tuple[Float64, Float64]:

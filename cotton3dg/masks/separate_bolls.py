@@ -1,76 +1,89 @@
-"""Bolls told apart by the votes of all views: those that stand alone, and those that lie deep in each other.
+"""Bolls told apart by the votes of all views: parts where votes meet, and which of them are one boll.
 
-The votes for a boll that lies deep in another make a slope of its peak rather than one of their own, and both together
-are hardly wider than one. So where bolls touch each other all over a plant, the votes that no middle explains are
-looked at again by themselves, and parts are joined less readily. Where bolls stand apart, the same would part the locks
-of large ones.
+The votes for a boll that lies deep in another make a slope of its peak rather than one of their own, so the votes that
+no middle explains are looked at again by themselves. That finds the locks of large bolls, too: which parts are one boll
+says a fitted score (`same_boll`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .join_parts import FITS, join_parts
+from ..core.scene import Float32
+from .boll_parts import gather_borders, gather_parts
+from .group_votes import weighted_median
+from .join_parts import join_parts
 from .lint_in_space import LintInSpace
-from .meeting_votes import FARTHEST, Middles, Votes, drop_unlikely, find_middles
+from .meeting_votes import APART, FARTHEST, Middles, Votes, drop_unlikely, find_middles
+from .same_boll import read_score
 
-NEIGHBOUR: Final = 1.2
-"""Distance, in mean diameters, up to which two bolls may touch."""
-CROWDED: Final = 0.3
-"""Share of the bolls with a neighbour from which a plant is crowded: it was 0 on five path-traced plants whose bolls
-stand apart, and 0.58 to 0.93 on seven plants most of whose bolls touch."""
-FITS_IN_CROWDS: Final = 1.4
-"""`FITS` of crowded plants."""
 EXPLAINED: Final = 0.25
 """Distance, in diameters, from a middle up to which a ray needs no other: twice as far would explain most votes for a
 boll next to it."""
-LOOKS_AGAIN: Final = 3
-HIDDEN_SUPPORT: Final = 0.08
-"""Sum of the votes, in bolls seen whole, a view, for a boll that only unexplained votes are for ..."""
-HIDDEN_APART: Final = 0.4
-"""... and its least distance, in mean diameters, from all others."""
+USUAL_CM: Final = 4.0
+"""Median size that votes give bolls: what makes centimetres of a scene without a scale."""
 
 
+<<<<<<< HEAD
 def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Middles:
+=======
+@dataclass(frozen=True)
+class Bolls(Middles):
+    """Bolls, those with the most votes first."""
+
+    one_boll: Float32
+    """(B,) probability that each is one boll: not several, and not one with another."""
+
+
+def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Bolls:
+>>>>>>> score
     """The bolls of a plant.
 
     Args:
         votes: of each view.
+<<<<<<< HEAD
         cm_per_su: length of a scene unit; None = unknown. Widths are relative to the plant's own either way.
+=======
+        cm_per_su: None = the plant's usual boll is taken for one of usual size.
+>>>>>>> score
     """
-    parts = find_middles(votes)
-    bolls = join_parts(parts, votes, lint, FITS)
-    if is_crowded(bolls):
-        # Middles that are near to each other are those of bolls here.
-        bolls = join_parts(find_hidden(parts, votes), votes, lint, FITS_IN_CROWDS, close=-np.inf)
+    middles = find_parts(votes)
+    joined = join_parts(
+        gather_parts(middles, votes, lint),
+        gather_borders(middles, votes),
+        cm_per_su or guess_scale(votes),
+        read_score().probability,
+    )
+    rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
+    found = [joined.parts[row] for row in rows]
+    bolls = Bolls(
+        centres=np.array([part.centre for part in found], np.float32).reshape(-1, 3),
+        diameters=np.array([part.diameter for part in found], np.float32),
+        support=np.array([part.support for part in found], np.float32),
+        views=np.array([part.views for part in found], np.int64),
+        one_boll=np.array([joined.one_boll(row) for row in rows], np.float32),
+    )
     return drop_unlikely(bolls, votes)
 
 
-def is_crowded(bolls: Middles) -> bool:
-    """Whether many bolls may touch another."""
-    if len(bolls.centres) < 2:
-        return False
-    away = np.linalg.norm(bolls.centres[:, None] - bolls.centres, axis=2)
-    np.fill_diagonal(away, np.inf)
-    sizes = 0.5 * (bolls.diameters[:, None] + bolls.diameters)
-    return bool((away < NEIGHBOUR * sizes).any(axis=1).mean() > CROWDED)
+def guess_scale(votes: Sequence[Votes]) -> float:
+    """Centimetres of a scene unit if bolls are of usual size."""
+    diameters, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in ("diameters", "weights"))
+    return USUAL_CM / weighted_median(diameters, weights) if len(diameters) else 1.0
 
 
-def find_hidden(middles: Middles, votes: Sequence[Votes]) -> Middles:
-    """The middles, and those that the votes meet in that none of them explains."""
-    for _ in range(LOOKS_AGAIN):
-        others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
-        away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
-        sizes = 0.5 * (others.diameters[:, None] + middles.diameters)
-        hidden = (others.support > HIDDEN_SUPPORT * len(votes)) & (away > HIDDEN_APART * sizes).all(axis=1)
-        if not hidden.any():
-            break
-        middles = middles.and_also(others.take(hidden))
-    return middles
+def find_parts(votes: Sequence[Votes]) -> Middles:
+    """The middles that votes meet in; also those that the votes meet in that none of the others explains."""
+    middles = find_middles(votes)
+    others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
+    away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
+    hidden = (away > APART * 0.5 * (others.diameters[:, None] + middles.diameters)).all(axis=1)
+    return middles.and_also(others.take(hidden))
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ..clustering.agglomerative import join_objects
-from ..clustering.boll_masks import assign_masks, weigh_agreement
+from ..clustering.boll_masks import assign_masks, weigh_scores
 from ..clustering.boll_shape import flag_close
 from ..clustering.consensus import merge_views
 from ..clustering.dbscan import cluster_objects
@@ -51,7 +51,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     labels = boll_labels(bolls, len(gaussians))
     bolls = assign_masks(bolls, lifted, labels)
     if (masks := MasksInfo.load_if_there(workspace.masks_json)) and masks.together:
-        bolls = weigh_agreement(bolls, masks.scores())
+        bolls = weigh_scores(bolls, masks.scores())
     with workspace.writing("cluster") as folder:
         describe_bolls(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
@@ -74,5 +74,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE: Final = Stage(
-    "cluster", version=7, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

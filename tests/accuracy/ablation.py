@@ -10,7 +10,7 @@ classes     lint is what has its colour and brightness (`masks/detect_lint.py`)
 offsets     each pixel votes for the place where it is itself
 borders     the network is undecided everywhere, so parts are joined by their width alone
 sizes       each boll is as wide as the usual one of its image
-prior       parts are joined by the border alone, however wide they are together
+prior       parts are joined by the border alone, however far apart they lie
 things      white things that stand out from the plant's bolls stay
 space       each image is taken alone
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from unittest import mock
 
@@ -37,11 +37,12 @@ from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.lifting.lift import within_orbit
 from cotton3dg.masks import detect_bolls as detect_bolls_module
-from cotton3dg.masks import join_parts
+from cotton3dg.masks import separate_bolls
 from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.detect_lint import lint_score
 from cotton3dg.masks.group_votes import weighted_median
+from cotton3dg.masks.same_boll import Term, read_score
 from cotton3dg.splat.rasterizer import Window
 
 PARTS = ("classes", "offsets", "borders", "sizes", "prior", "things", "space")
@@ -58,7 +59,7 @@ def take_away(part: str, maps: Maps, image: NDArray[np.uint8]) -> Maps:
     if part == "offsets":
         return replace(maps, votes=middles_of_pixels(maps.lint.shape, maps.scale))
     if part == "borders":
-        return replace(maps, borders=np.full_like(maps.borders, join_parts.UNDECIDED))
+        return replace(maps, borders=np.full_like(maps.borders, border_term().usual))
     if part == "sizes":
         usual = weighted_median(maps.diameters.ravel(), maps.lint.ravel())
         return replace(maps, diameters=np.full_like(maps.diameters, usual))
@@ -86,16 +87,15 @@ class Lessened:
         return take_away(self._part, self._known[id(image)][1], image)
 
 
-@contextmanager
-def join_by_border_alone() -> Iterator[None]:
-    """Parts are of no width, and joined where the network leans towards no border."""
-    widths = join_parts.measure_widths
+def border_term() -> Term:
+    """What the score of a pair makes of the border between its parts."""
+    return next(term for term in read_score().terms if term.name == "border")
 
-    def fit(places: NDArray[np.float32]) -> tuple[float, float]:
-        return widths(places)[0], 0.0
 
-    with mock.patch.object(join_parts, "measure_widths", fit), mock.patch.object(join_parts, "FITS", 0.0):
-        yield
+def join_by_border_alone() -> AbstractContextManager[object]:
+    """Nothing else has a say."""
+    score = replace(read_score(), terms=(border_term(),))
+    return mock.patch.object(separate_bolls, "read_score", lambda: score)
 
 
 def keep_white_things() -> AbstractContextManager[object]:

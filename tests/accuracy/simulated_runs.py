@@ -17,15 +17,16 @@ from cotton3dg.core.machine import usable_cores
 Item = TypeVar("Item")
 
 
-def film_and_run(plant: Path, film: str, preset: str) -> int:
+def film_and_run(plant: Path, film: str, preset: str, until: str = "traits") -> int:
     """Exit code of the first command that failed, or 0; what they print goes to a log beside the plant's folder.
 
     Args:
         film: options of `cotton3dg simulate`; not used if the plant has its video.
+        until: the last stage.
     """
     tool = Path(sys.executable).with_name("cotton3dg")
     plant.parent.mkdir(parents=True, exist_ok=True)
-    commands = [["run", str(plant), "--preset", preset, "--no-report"]]
+    commands = [["run", str(plant), "--preset", preset, "--no-report", "--until", until]]
     if not (plant / "video.mp4").is_file():
         shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
         commands.insert(0, ["simulate", str(plant), *film.split()])

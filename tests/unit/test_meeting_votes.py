@@ -13,11 +13,10 @@ from cotton3dg.masks.meeting_votes import (
     Votes,
     cast_votes,
     find_middles,
-    measure_agreement,
     meet_rays,
 )
 from cotton3dg.masks.outline_bolls import outline_bolls
-from cotton3dg.masks.separate_bolls import find_hidden, is_crowded, separate_bolls
+from cotton3dg.masks.separate_bolls import find_parts, separate_bolls
 
 
 def everything(gaussians) -> np.ndarray:
@@ -38,7 +37,6 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     assert (distances.min(axis=1) < 0.1 * RADIUS).all()
     np.testing.assert_allclose(middles.diameters, 2 * RADIUS, rtol=0.15)
     assert (middles.views >= 6).all()
-    assert (measure_agreement(votes, middles) > (0.95 if not noise else 0.7)).all()
     same = distances.argmin(axis=1)
     owners, edges = hear_votes(votes, middles), open_edges()
     for camera, ids, photo, view in zip(cameras(), images, photos_of(images), maps, strict=True):
@@ -127,9 +125,9 @@ def test_no_lint_is_no_boll():
 
 
 def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unexplained():
-    """The middles lie 0.55 diameters apart; most votes are for the one, and how deep they lie is a guess."""
+    """The middles lie 0.45 diameters apart; most votes are for the one, and how deep they lie is a guess."""
     rng = np.random.default_rng(3)
-    centres = np.array([[0.0, 0, 0], [0.55, 0, 0]])
+    centres = np.array([[0.0, 0, 0], [0.45, 0, 0]])
     votes = []
     for angle in 2 * np.pi * np.arange(12) / 12:
         eye = 12 * np.array([np.cos(angle), np.sin(angle), 0.3])
@@ -154,17 +152,10 @@ def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unex
         )
     first = find_middles(votes)
     assert len(first.centres) == 1
-    middles = find_hidden(first, votes)
+    middles = find_parts(votes)
     order = np.argsort(middles.centres[:, 0])
     np.testing.assert_allclose(middles.centres[order], centres, atol=0.12)
     assert middles.support[order[0]] > middles.support[order[1]]
-
-
-@pytest.mark.parametrize("apart, crowded", [(1.1, True), (1.3, False)])
-def test_a_plant_is_crowded_where_many_bolls_may_touch_another(apart, crowded):
-    centres = np.array([[0, 0, 0], [apart, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
-    ones = np.ones(4, np.float32)
-    assert is_crowded(Middles(centres, ones, ones, np.ones(4, int))) == crowded
 
 
 def test_rays_meet_where_they_were_sent_whatever_single_ones_do():

@@ -1,0 +1,154 @@
+"""Parts of bolls: what was seen of each place where votes meet, and what is measured of two of them.
+
+Each Gaussian of lint and each vote is of the part that it is nearest to; what is joined keeps both parts' own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Float32, Float64
+from .lint_in_space import LintInSpace
+from .meeting_votes import Middles, Votes, meet_rays
+from .same_boll import PairMeasures
+
+MOST_RAYS: Final = 400
+"""Of a part that are kept: more would make no middle sharper."""
+DIRECTIONS: Final = 64
+TAIL: Final = 0.02
+"""Share of a part's Gaussians at either end that its width leaves out."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part, or several that were joined."""
+
+    centre: Float64
+    """(3,) su, where its votes meet."""
+    diameter: float
+    """su, that the votes say its boll has."""
+    support: float
+    """Bolls seen whole, summed over views."""
+    views: int
+    """With votes for it."""
+    lint: Float32
+    """(n, 3) su, of its Gaussians."""
+    eyes: Float64
+    rays: Float32
+    """(m, 3) some of the votes' rays, and where these start, su."""
+    weights: Float32
+    """(m,) of these, 1 in all."""
+
+
+def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> dict[int, Part]:
+    """The parts whose middles these are, by row; those that no vote is nearest to are left out."""
+    places = lint.gaussians.means[lint.shares > 0.5]
+    places = places[np.isfinite(places).all(axis=1)]
+    owners = middles.nearest(places)
+    owned = np.concatenate([middles.nearest(view.surfaces) for view in votes])
+    rays, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in ("rays", "weights"))
+    eyes = np.concatenate([np.broadcast_to(view.eye, view.rays.shape) for view in votes])
+    parts = {}
+    for k in range(len(middles.centres)):
+        rows = np.flatnonzero(owned == k + 1)
+        if not len(rows):
+            continue
+        rows = rows[:: -(-len(rows) // MOST_RAYS)]
+        parts[k] = Part(
+            centre=middles.centres[k].astype(np.float64),
+            diameter=float(middles.diameters[k]),
+            support=float(middles.support[k]),
+            views=int(middles.views[k]),
+            lint=places[owners == k + 1],
+            eyes=eyes[rows],
+            rays=rays[rows],
+            weights=weights[rows] / weights[rows].sum(),
+        )
+    return parts
+
+
+def join_two(a: Part, b: Part) -> Part:
+    """Both as one, in the place that the rays of both pass nearest."""
+    share = a.support / (a.support + b.support)
+    diameter = max(a.diameter, b.diameter)
+    eyes, rays = np.concatenate([a.eyes, b.eyes]), np.concatenate([a.rays, b.rays])
+    weights = np.concatenate([share * a.weights, (1 - share) * b.weights])
+    return Part(
+        centre=meet_rays(eyes, rays, weights, share * a.centre + (1 - share) * b.centre, diameter),
+        diameter=diameter,
+        support=a.support + b.support,
+        views=max(a.views, b.views),
+        lint=np.concatenate([a.lint, b.lint]),
+        eyes=eyes,
+        rays=rays,
+        weights=weights,
+    )
+
+
+@dataclass(frozen=True)
+class Borders:
+    """Where views show lint of two parts next to each other: sums over all views, (B, B) both ways."""
+
+    borders: Float64
+    """Of the probability of a border there."""
+    pixels: Float64
+
+    def join(self, a: int, b: int) -> Borders:
+        """Row b taken into row a."""
+        joined = [self.borders.copy(), self.pixels.copy()]
+        for sums in joined:
+            sums[a] += sums[b]
+            sums[:, a] += sums[:, b]
+        return Borders(*joined)
+
+
+def gather_borders(middles: Middles, votes: Sequence[Votes]) -> Borders:
+    """Of the parts whose middles these are."""
+    count = len(middles.centres) + 1
+    borders, pixels = np.zeros((count, count)), np.zeros((count, count))
+    for view in votes:
+        ids, border = np.zeros(view.shape, np.uint16), np.zeros(view.shape, np.float32)
+        ids[view.pixels], border[view.pixels] = middles.nearest(view.surfaces), view.borders
+        border = cv2.dilate(border, np.ones((5, 5), np.uint8))
+        for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            meet = (ids[first] != ids[second]) & (ids[first] > 0) & (ids[second] > 0)
+            ends = ids[first][meet], ids[second][meet]
+            np.add.at(borders, ends, border[first][meet])
+            np.add.at(pixels, ends, 1)
+    return Borders((borders + borders.T)[1:, 1:], (pixels + pixels.T)[1:, 1:])
+
+
+def measure_pair(one: Part, other: Part, borders: Borders, rows: tuple[int, int], cm_per_su: float) -> PairMeasures:
+    """What two parts, in these rows of the borders, are to each other."""
+    apart = float(np.linalg.norm(one.centre - other.centre))
+    lean = np.nan
+    if len(one.lint) and len(other.lint):
+        lean = float(np.linalg.norm(one.lint.mean(axis=0) - other.lint.mean(axis=0))) - apart
+    return PairMeasures(
+        apart_cm=apart * cm_per_su,
+        narrower_cm=min(mean_width(one.lint), mean_width(other.lint)) * cm_per_su,
+        lean_cm=lean * cm_per_su,
+        border=float(borders.borders[rows] / borders.pixels[rows]) if borders.pixels[rows] else np.nan,
+    )
+
+
+def mean_width(places: Float32) -> float:
+    """Width of points (N, 3), the mean over all directions, without the ends; 0 of none."""
+    if not len(places):
+        return 0.0
+    low, high = np.quantile((places - places.mean(axis=0)) @ _directions().T, [TAIL, 1 - TAIL], axis=0)
+    return float((high - low).mean())
+
+
+def _directions() -> NDArray[np.float64]:
+    """(DIRECTIONS, 3) over half of the sphere: a Fibonacci spiral."""
+    k = np.arange(DIRECTIONS)
+    z, angle = (k + 0.5) / DIRECTIONS, k * np.pi * (3 - np.sqrt(5))
+    radius = np.sqrt(1 - z**2)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])

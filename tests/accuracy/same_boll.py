@@ -1,0 +1,224 @@
+"""Fit the score that tells bolls apart (`cotton3dg/masks/same_boll.toml`) on simulated plants, and judge it on others.
+
+    python tests/accuracy/same_boll.py FOLDER [--jobs 2] [--only NAME ...] [--judge RUN[:TRUTH] ...] [--dry]
+
+Plants that are not in FOLDER yet are filmed and run up to their scale; the others are taken as they are (--only: no
+others than these). What the network says of them is kept in FOLDER/votes and asked anew when the network or the model
+is another; so the same command fits the score to a new network. --judge takes finished plants that the fit never sees.
+
+The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together. Most
+of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the bolls of
+the fitted plants come out best (F1). Writes the score into the program (--dry: nowhere), and prints it with a row a
+plant: parts, true bolls, bolls found, and how many of these are true (`evaluate`'s distance).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from markdown_tables import markdown
+from simulated_runs import film_and_run, side_by_side
+from stored_votes import StoredVotes, open_votes
+from true_scene import true_plant
+
+from cotton3dg.evaluation.match import match_bolls
+from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
+from cotton3dg.files.saving import write_text_atomically
+from cotton3dg.masks.boll_parts import Borders, Part, gather_borders, gather_parts, join_two, measure_pair
+from cotton3dg.masks.join_parts import REACH_CM, find_near, join_parts
+from cotton3dg.masks.same_boll import SCORE_FILE, PairMeasures, Score, Term
+from cotton3dg.masks.separate_bolls import find_parts, guess_scale
+from cotton3dg.workspace import Workspace
+
+FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
+SMALL = "--width 640 --height 360 --frames 60 --supersampling 1"
+FITTED = {
+    "separate-1": "--seed 9201 --bolls 14 --boll-kind separate --clustered 0.5 --contact 0.85 --one-sided"
+    " --width 800 --height 450 --frames 60",
+    "separate-2": f"--seed 9202 --bolls 16 --boll-kind separate --things 6 {FILM}",
+    "separate-3": f"--seed 9203 --bolls 18 --boll-kind separate --clustered 0.7 --contact 0.8 {SMALL}",
+    "touching-1": f"--seed 9101 --bolls 16 --clustered 0.85 --contact 0.72 {FILM}",
+    "touching-2": f"--seed 9110 --bolls 20 --clustered 0.85 --contact 0.75 {SMALL}",
+    "touching-3": f"--seed 9111 --bolls 14 --clustered 0.85 --contact 0.72 {FILM}",
+    "plain-1": f"--seed 9108 --bolls 20 --clustered 0.4 {FILM}",
+    "usual-1": f"--seed 9102 --bolls 14 --boll-kind usual --clustered 0.6 --contact 0.85 --things 5 {FILM}",
+    "usual-2": f"--seed 9115 --bolls 18 --boll-kind usual --one-sided --noise 4 {FILM}",
+    "fluffy-1": f"--seed 9103 --bolls 14 --boll-kind fluffy --clustered 0.6 --contact 0.8 {SMALL}",
+    "fluffy-2": f"--seed 9113 --bolls 14 --boll-kind fluffy --clustered 0.85 --contact 0.72 {FILM}",
+    "hanging-1": "--seed 9104 --bolls 12 --boll-kind hanging --one-sided --width 1280 --height 720",
+    "hanging-2": f"--seed 9114 --bolls 13 --boll-kind hanging --clustered 0.4 --contact 0.85 {FILM}",
+    "torn-1": f"--seed 9105 --bolls 13 --boll-kind torn --one-sided --things 6 --noise 4 {SMALL}",
+    "half_open-1": f"--seed 9106 --bolls 15 --boll-kind half_open --clustered 0.4 --contact 0.85 --things 5 {SMALL}",
+}
+UNSEEN = {
+    "drooping-1": f"--seed 9107 --bolls 14 --boll-kind drooping --clustered 0.5 --contact 0.85 --one-sided {SMALL}",
+    "drooping-2": f"--seed 9116 --bolls 16 --boll-kind drooping --things 5 {FILM}",
+    "tight-1": f"--seed 9109 --bolls 14 --boll-kind tight --dark 1 --clustered 0.5 --contact 0.8 {SMALL}",
+    "natural-1": f"--seed 9112 --architecture natural --vegetative 1 --barren 0.25 --boll-kind usual {FILM}",
+    "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
+}
+"""Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
+TERMS = {"apart_cm": -1, "narrower_cm": -1, "lean_cm": 1, "border": -1}
+"""Measures, and whether more of it speaks for one boll or against."""
+PURE = 0.6
+"""Least share of a part's lint that is of one true boll, for the part to teach."""
+CULTIVARS = (0.9, 1.0, 1.1)
+"""How many times as large as the simulated ones bolls of other cultivars may be, or a scale be wrong."""
+STIFFNESS = 1.0
+"""Ridge, on the weights of measures of unit variance: as much as one example can say."""
+SHIFTS = (0.0, 0.4, 0.8, 1.2, 1.6)
+"""Log odds by which the constant may move."""
+
+Example = tuple[PairMeasures, bool]
+"""What was measured of two parts, and whether they are one boll."""
+
+
+class Begun(NamedTuple):
+    """A plant's parts before any join."""
+
+    stored: StoredVotes
+    cm_per_su: float
+    parts: dict[int, Part]
+    borders: Borders
+    names: list[int]
+    """True boll of each row, 0 = none's, -1 = of several."""
+
+
+def begin(stored: StoredVotes) -> Begun:
+    """Find the parts, and what they are of."""
+    middles, lint = find_parts(stored.votes), stored.lint.shares > 0.5
+    owners, names = middles.nearest(stored.lint.gaussians.means[lint]), []
+    for k in range(len(middles.centres)):
+        counts = np.bincount(stored.true_ids[lint][owners == k + 1], minlength=1)
+        names.append(int(counts.argmax()) if counts.max() >= PURE * counts.sum() > 0 else -1)
+    parts, borders = gather_parts(middles, stored.votes, stored.lint), gather_borders(middles, stored.votes)
+    return Begun(stored, stored.cm_per_su or guess_scale(stored.votes), parts, borders, names)
+
+
+def gather_examples(plant: Begun) -> Iterator[Example]:
+    """Pairs as they are met while the parts of true bolls join, the nearest first."""
+    borders, names, cm_per_su = plant.borders, plant.names, plant.cm_per_su
+    parts = {row: part for row, part in plant.parts.items() if names[row] > 0}
+    changed = set(parts)
+    while True:
+        near = find_near(parts, REACH_CM / cm_per_su)
+        for a, b in near:
+            if changed & {a, b}:
+                yield measure_pair(parts[a], parts[b], borders, (a, b), cm_per_su), names[a] == names[b]
+        same = [(a, b) for a, b in near if names[a] == names[b]]
+        if not same:
+            return
+        a, b = min(same, key=lambda pair: float(np.linalg.norm(parts[pair[0]].centre - parts[pair[1]].centre)))
+        parts[a], borders, changed = join_two(parts[a], parts.pop(b)), borders.join(a, b), {a}
+
+
+def fit(plants: Sequence[Sequence[Example]]) -> Score:
+    """Logistic regression whose weights have the signs that physics gives them; each plant has the same say."""
+    from scipy.optimize import minimize
+
+    names, examples = list(TERMS), [example for plant in plants for example in plant]
+    say = np.concatenate([np.full(len(plant), len(examples) / len(plants) / max(len(plant), 1)) for plant in plants])
+    say = np.tile(say, len(CULTIVARS)) / len(CULTIVARS)
+    rows = np.array([[getattr(measures, name) for name in names] for measures, _ in examples], np.float64)
+    rows = np.concatenate([rows * [size if name.endswith("_cm") else 1 for name in names] for size in CULTIVARS])
+    true = np.where(np.tile([so for _, so in examples], len(CULTIVARS)), 1.0, -1.0)
+    usual, spread = np.nanmean(rows, axis=0).round(3), np.nanstd(rows, axis=0)
+    rows = np.nan_to_num((rows - usual) / spread)
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        odds = true * (rows @ weights[1:] + weights[0])
+        wrong = -say * true / (1 + np.exp(odds.clip(-50, 50)))
+        ridge = STIFFNESS * np.append(0, weights[1:])
+        return say @ np.logaddexp(0, -odds) + 0.5 * ridge @ weights, np.append(wrong.sum(), rows.T @ wrong) + ridge
+
+    bounds = [(None, None), *((0, None) if sign > 0 else (None, 0) for sign in TERMS.values())]
+    found = minimize(loss, np.zeros(len(names) + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
+    terms = zip(names, usual.tolist(), (found[1:] / spread).round(3).tolist(), strict=True)
+    return Score(round(float(found[0]), 3), tuple(Term(*term) for term in terms))
+
+
+def judge(plant: Begun, score: Score) -> dict[str, float]:
+    """What a score makes of a plant."""
+    joined, similarity = (
+        join_parts(plant.parts, plant.borders, plant.cm_per_su, score.probability),
+        plant.stored.cm_from_scene,
+    )
+    centres = np.array([part.centre for part in joined.parts.values()]).reshape(-1, 3)
+    right = len(match_bolls(centres @ similarity[:, :3].T + similarity[:, 3], plant.stored.true_cm, MATCH_DISTANCE_CM))
+    bolls, found = len(plant.stored.true_cm), len(centres)
+    return {"bolls": bolls, "found": found, "right": right, "F1": 2 * right / (bolls + found)}
+
+
+def move_constant(score: Score, plants: Sequence[Begun]) -> Score:
+    """The score with the constant that suits the plants best, as near to where it was as there is one."""
+    moved = [replace(score, constant=round(score.constant + float(shift), 3)) for shift in SHIFTS]
+    return max(moved, key=lambda one: round(float(np.mean([judge(plant, one)["F1"] for plant in plants])), 4))
+
+
+def write_score(path: Path, score: Score, plants: int, examples: Sequence[Example]) -> None:
+    """As a person reads it: a line a term."""
+    same = sum(so for _, so in examples)
+    lines = [
+        "# Whether two parts are one boll: log odds = constant + sum of weight * (measure - usual). A weight is per",
+        "# unit of its measure, cm where its name says so; what the measures are stands in same_boll.py.",
+        f"# Fitted by `make same-boll` on {plants} plants: {same} pairs that are, {len(examples) - same} that are not.",
+        f"constant = {score.constant}",
+        "terms = [",
+        *(f'  {{ name = "{t.name}", usual = {t.usual}, weight = {t.weight} }},' for t in score.terms),
+        "]",
+    ]
+    write_text_atomically(path, "\n".join([*lines, ""]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", nargs="*", default=[*FITTED, *UNSEEN], choices=[*FITTED, *UNSEEN])
+    parser.add_argument("--judge", nargs="*", type=true_plant, default=[], metavar="RUN[:TRUTH]")
+    parser.add_argument("--dry", action="store_true")
+    wanted = parser.parse_args()
+    films = {name: film for name, film in (FITTED | UNSEEN).items() if name in wanted.only}
+    runs = {name: Workspace(wanted.folder / name) for name in films}
+    fresh = [name for name, run in runs.items() if not (run.gaussians_ply.is_file() and run.scale_json.is_file())]
+
+    def film_one(name: str) -> int:
+        return film_and_run(runs[name].root, films[name], "draft", until="scale")
+
+    if failed := [n for n, code in zip(fresh, side_by_side(wanted.jobs, film_one, fresh), strict=True) if code]:
+        sys.exit(f"failed: {', '.join(failed)}; see their logs in {wanted.folder}")
+    plants = {name: true_plant(str(run.root)) for name, run in runs.items()}
+    plants |= {plant.run.plant_id: plant for plant in wanted.judge}
+    stored = {name: open_votes(plant, wanted.folder / "votes") for name, plant in plants.items()}
+    begun = {name: begin(one) for name, one in stored.items()}
+    fitted = [name for name in films if name in FITTED]
+    # What half of the views say differs as much as another film would.
+    halves = [[begin(replace(stored[name], votes=stored[name].votes[k::2])) for k in range(2)] for name in fitted]
+    examples = [
+        [pair for one in (begun[name], *both) for pair in gather_examples(one)]
+        for name, both in zip(fitted, halves, strict=True)
+    ]
+    score = move_constant(fit(examples), [begun[name] for name in fitted])
+    rows = [
+        {
+            "plant": name,
+            "used": "to fit" if name in FITTED else "to judge",
+            "parts": len(one.parts),
+            **judge(one, score),
+        }
+        for name, one in begun.items()
+    ]
+    print(score, markdown(pd.DataFrame(rows), 3), sep="\n")
+    if not wanted.dry:
+        write_score(SCORE_FILE, score, len(fitted), [pair for plant in examples for pair in plant])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""What tells the bolls of a plant apart, with the truth, in one file: so that fitting and judging take seconds.
+
+A plant is a folder where `cotton3dg train` and `cotton3dg scale` are through, with `truth.json`, `cameras.json` and
+`instances/` in it or in another folder (`true_scene.true_plant`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
+
+from cotton3dg.core.scene import Gaussians
+from cotton3dg.documents.scale import ScaleInfo
+from cotton3dg.files.saving import file_sha256
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.masks.backends import VOTING_VIEWS
+from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
+from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
+from cotton3dg.masks.meeting_votes import Votes, cast_votes
+from cotton3dg.options import MasksOptions
+from cotton3dg.splat import rasterizer
+from cotton3dg.splat.plant_windows import SEEN_MARGIN, find_plant_windows
+from cotton3dg.stages.masks import load_plant
+
+LINT_SHARE = 0.02
+"""Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""
+
+
+@dataclass(frozen=True)
+class StoredVotes:
+    """What `separate_bolls` is given, and what it should find."""
+
+    votes: list[Votes]
+    lint: LintInSpace
+    cm_per_su: float | None
+    true_ids: NDArray[np.int64]
+    """(N,) true boll of each Gaussian, 0 = most of what it shows is none's."""
+    true_cm: NDArray[np.float64]
+    """(B, 3) centres of the true bolls in the true world."""
+    cm_from_scene: NDArray[np.float64]
+    """(3, 4)."""
+
+
+def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:
+    """From `folder`, if they are of this model and the program's network; else gathered and kept there."""
+    kept = folder / f"{plant.run.plant_id}.npz"
+    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(SHIPPED_FILE)}"
+    if not kept.is_file() or _load(kept, ["made_of"])["made_of"] != made_of:
+        folder.mkdir(parents=True, exist_ok=True)
+        _save(kept, gather_votes(plant, open_bolls()), made_of)
+    return _read(kept)
+
+
+def gather_votes(plant: TruePlant, network: BollNetwork) -> StoredVotes:
+    """What the network says of the images that `masks` takes by default."""
+    seen = load_plant(plant.run, MasksOptions())
+    if seen.model is None or seen.allowed is None:
+        raise SystemExit(f"{plant.run.root} has no trained model; run it first")
+    windows = find_plant_windows(seen.points, seen.cameras, SEEN_MARGIN)
+    chosen = evenly_spaced(azimuths(seen.cameras, fit_orbit(seen.cameras)), VOTING_VIEWS)
+    views = [seen.cameras[k] for k in chosen]
+    maps = [network.maps(seen.photo(seen.cameras[k].name), window=windows[k]) for k in chosen]
+    lint = gather_lint(maps, views, seen.model, seen.allowed)
+    votes = [cast_votes(of_image, camera, lint) for of_image, camera in zip(maps, views, strict=True)]
+    scale = ScaleInfo.load(plant.run.scale_json)
+    true_cm = true_bolls_cm(plant)
+    weights, total = np.zeros((len(seen.model), len(true_cm) + 1)), np.zeros(len(seen.model))
+    for name, ids in true_masks(plant, list(seen.cameras)).items():
+        camera = next(camera for camera in seen.cameras if camera.name == name)
+        held = rasterizer.accumulate_weights(seen.model, camera, ids)
+        np.add.at(weights, (held.rows, held.ids), held.weights)
+        total += held.total
+    true_ids = np.where(2 * weights.sum(axis=1) > total, weights.argmax(axis=1), 0)
+    kept = (lint.shares > LINT_SHARE) & np.isfinite(lint.gaussians.means).all(axis=1)
+    slim = LintInSpace(seen.model[kept], lint.shares[kept], lint.origin)
+    return StoredVotes(votes, slim, scale.cm_per_su, true_ids[kept], true_cm, cm_from_scene(plant))
+
+
+def _save(path: Path, stored: StoredVotes, made_of: str) -> None:
+    rows = {
+        f"votes_{item.name}": np.concatenate([getattr(view, item.name) for view in stored.votes])
+        for item in fields(Votes)
+        if item.name not in {"shape", "pixels", "eye"}
+    }
+    model = {f"model_{item.name}": getattr(stored.lint.gaussians, item.name) for item in fields(Gaussians)}
+    np.savez(
+        path,
+        made_of=made_of,
+        shapes=[view.shape for view in stored.votes],
+        eyes=[view.eye for view in stored.votes],
+        counts=[len(view.rays) for view in stored.votes],
+        pixels=np.concatenate([np.stack(view.pixels) for view in stored.votes], axis=1),
+        shares=stored.lint.shares,
+        origin=stored.lint.origin,
+        cm_per_su=np.nan if stored.cm_per_su is None else stored.cm_per_su,
+        true_ids=stored.true_ids,
+        true_cm=stored.true_cm,
+        cm_from_scene=stored.cm_from_scene,
+        **rows,
+        **model,
+    )
+
+
+def _read(path: Path) -> StoredVotes:
+    kept = _load(path)
+    ends = np.cumsum(kept["counts"])[:-1]
+    rows = {name[len("votes_") :]: np.split(kept[name], ends) for name in kept if name.startswith("votes_")}
+    pixels = np.split(kept["pixels"], ends, axis=1)
+    votes = [
+        Votes(
+            shape=tuple(kept["shapes"][k].tolist()),
+            pixels=(pixels[k][0], pixels[k][1]),
+            eye=kept["eyes"][k],
+            **{name: parts[k] for name, parts in rows.items()},
+        )
+        for k in range(len(kept["shapes"]))
+    ]
+    model = Gaussians(**{name[len("model_") :]: kept[name] for name in kept if name.startswith("model_")})
+    cm_per_su = float(kept["cm_per_su"])
+    return StoredVotes(
+        votes,
+        LintInSpace(model, kept["shares"], kept["origin"]),
+        cm_per_su if np.isfinite(cm_per_su) else None,
+        kept["true_ids"],
+        kept["true_cm"],
+        kept["cm_from_scene"],
+    )
+
+
+def _load(path: Path, names: list[str] | None = None) -> dict[str, Any]:
+    with np.load(path) as kept:
+        return {name: kept[name] for name in names or kept.files}

@@ -1,0 +1,154 @@
+"""Which parts are one boll: what is measured of them, the scores, and what joins."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes.seen_balls import Ball, see
+
+from cotton3dg.masks.boll_parts import gather_borders, gather_parts, join_two, mean_width, measure_pair
+from cotton3dg.masks.join_parts import join_parts
+from cotton3dg.masks.meeting_votes import Middles, drop_unlikely
+from cotton3dg.masks.same_boll import PairMeasures, Score, Term, read_score
+from cotton3dg.masks.separate_bolls import separate_bolls
+
+TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
+BUR = (0.0, 0.0, 0.0)
+LOCKS = [
+    Ball((1.3, 0, 0), 1.2, (0.6, 0, 0)),
+    Ball((-0.65, 1.1, 0), 1.2, (-0.3, 0.5, 0)),
+    Ball((-0.65, -1.1, 0), 1.2, (-0.3, -0.5, 0)),
+]
+
+
+def middles_of(balls: list[Ball]) -> Middles:
+    n = len(balls)
+    aims = np.array([ball.aim or ball.centre for ball in balls], np.float32)
+    said = np.array([ball.said for ball in balls], np.float32)
+    return Middles(aims, said, np.ones(n, np.float32), np.full(n, 12))
+
+
+def parts_of(balls: list[Ball], border: float = 0.4):
+    votes, lint = see(balls, border)
+    middles = middles_of(balls)
+    return gather_parts(middles, votes, lint), gather_borders(middles, votes)
+
+
+def test_two_balls_are_measured_as_they_are():
+    parts, borders = parts_of(TOUCHING, border=0.6)
+    measures = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0)
+    assert measures.apart_cm == pytest.approx(4.4, abs=0.05)
+    assert measures.narrower_cm == pytest.approx(4.6 * 0.96, abs=0.1)
+    assert measures.lean_cm == pytest.approx(0, abs=0.15)
+    assert measures.border == pytest.approx(0.6, abs=1e-3)
+    twice = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=2.0)
+    assert twice == pytest.approx(
+        [2 * measures.apart_cm, 2 * measures.narrower_cm, 2 * measures.lean_cm, 0.6], abs=1e-3
+    )
+
+
+def test_locks_lie_farther_apart_than_their_votes_meet():
+    parts, borders = parts_of(LOCKS)
+    assert measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0).lean_cm > 1.0
+
+
+def test_where_no_view_shows_both_next_to_each_other_the_border_is_unknown():
+    parts, borders = parts_of([Ball((0, 0, -4), 1.5), Ball((0, 0, 4), 1.5)])
+    assert math.isnan(measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0).border)
+
+
+def test_joined_parts_keep_what_was_seen_of_both():
+    parts, borders = parts_of(LOCKS)
+    whole = join_two(parts[0], parts[1])
+    assert len(whole.lint) == len(parts[0].lint) + len(parts[1].lint)
+    assert whole.weights.sum() == pytest.approx(1, abs=1e-5)
+    assert whole.support == 2
+    joined = borders.join(0, 1)
+    assert joined.pixels[0, 2] == borders.pixels[0, 2] + borders.pixels[1, 2] == joined.pixels[2, 0]
+    assert joined.borders[0, 2] == pytest.approx(borders.borders[0, 2] + borders.borders[1, 2])
+
+
+def test_nothing_has_no_width():
+    assert mean_width(np.zeros((0, 3), np.float32)) == 0
+
+
+def test_what_is_unknown_says_nothing():
+    score = Score(0.5, (Term("border", 0.4, -9.0), Term("narrower_cm", 2.0, -1.0)))
+    measures = PairMeasures(apart_cm=3.0, narrower_cm=3.0, lean_cm=0.0, border=math.nan)
+    assert score.probability(measures) == pytest.approx(1 / (1 + math.exp(0.5)))
+    assert score.probability(measures._replace(border=0.9)) < score.probability(measures._replace(border=0.4))
+
+
+@pytest.mark.parametrize(("measure", "sign"), [("apart_cm", -1), ("narrower_cm", -1), ("lean_cm", 1), ("border", -1)])
+def test_the_fitted_score_goes_where_physics_says(measure, sign):
+    """Farther apart, wider, with a surer border: less likely one boll; lint that points to one bur: more."""
+    usual = PairMeasures(apart_cm=3.0, narrower_cm=2.0, lean_cm=0.5, border=0.4)
+    more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
+    score = read_score()
+    assert sign * (score.probability(more) - score.probability(usual)) > 0
+
+
+def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability():
+    """Of four balls in a row at 2, 3 and 6 cm: by distance alone, even at 3.5 cm."""
+    balls = [Ball((x, 0, 0), 1.0) for x in (0, 2, 5, 11)]
+    parts, borders = parts_of(balls)
+    score = Score(0.0, (Term("apart_cm", 3.5, -1.0),))
+    joined = join_parts(parts, borders, 1.0, score.probability)
+    assert sorted(joined.parts) == [0, 2, 3], "the nearest two are one, and that is farther from the third"
+    middle = joined.parts[0].centre
+    assert 0.5 < middle[0] < 1.5
+    assert joined.joins == {0: pytest.approx(1 / (1 + math.exp(2 - 3.5)), abs=0.03)}
+    assert joined.pairs[0, 2] == pytest.approx(1 / (1 + math.exp(5 - middle[0] - 3.5)), abs=0.03)
+    assert joined.one_boll(0) == pytest.approx(joined.joins[0] * (1 - joined.pairs[0, 2]))
+    assert joined.one_boll(3) == pytest.approx(1 - joined.pairs[2, 3])
+
+
+def test_locks_of_one_boll_join():
+    bolls = separate_bolls(*see(LOCKS, border=0.35), cm_per_su=1.0)
+    assert len(bolls.centres) == 1
+    np.testing.assert_allclose(bolls.centres[0], BUR, atol=0.3)
+    assert bolls.one_boll[0] > 0.5
+
+
+def test_bolls_that_touch_stay_two():
+    bolls = separate_bolls(*see(TOUCHING, border=0.5), cm_per_su=1.0)
+    assert len(bolls.centres) == 2
+    assert (bolls.one_boll > 0.5).all()
+
+
+def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
+    near, far = (
+        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], border=0.5), cm_per_su=1.0)
+        for apart in (4.2, 7.5)
+    )
+    assert len(near.centres) == len(far.centres) == 2
+    assert near.one_boll.max() < far.one_boll.min()
+
+
+@pytest.mark.parametrize("zoom", [0.1, 10.0])
+def test_without_a_scale_the_unit_of_length_does_not_matter(zoom):
+    votes, lint = see(TOUCHING, border=0.5)
+    in_other_units = [
+        replace(view, **{name: zoom * getattr(view, name) for name in ("places", "surfaces", "eye", "diameters")})
+        for view in votes
+    ]
+    model = replace(lint.gaussians, means=np.float32(zoom) * lint.gaussians.means)
+    bolls = separate_bolls(in_other_units, replace(lint, gaussians=model))
+    expected = separate_bolls(votes, lint)
+    np.testing.assert_allclose(bolls.centres, zoom * expected.centres, rtol=1e-3, atol=1e-3 * zoom)
+    np.testing.assert_allclose(bolls.one_boll, expected.one_boll, atol=0.02)
+
+
+@pytest.mark.parametrize(("probability", "support", "bolls"), [(0.5, 0.1, 0), (0.5, 1.0, 2), (0.8, 0.1, 2)])
+def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(probability, support, bolls):
+    votes, _ = see([replace(ball, probability=probability) for ball in TOUCHING])
+    middles = replace(middles_of(TOUCHING), support=np.full(2, support, np.float32))
+    assert len(drop_unlikely(middles, votes).centres) == bolls
+
+
+def test_without_votes_there_are_no_bolls():
+    votes, lint = see(TOUCHING)
+    none = [view.take(np.zeros(len(view.rays), bool)) for view in votes]
+    bolls = separate_bolls(none, lint)
+    assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll)

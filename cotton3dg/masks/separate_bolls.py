@@ -29,9 +29,6 @@ USUAL_CM: Final = 4.0
 """Median size that votes give bolls: what makes centimetres of a scene without a scale."""
 
 
-<<<<<<< HEAD
-def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Middles:
-=======
 @dataclass(frozen=True)
 class Bolls(Middles):
     """Bolls, those with the most votes first."""
@@ -41,16 +38,11 @@ class Bolls(Middles):
 
 
 def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Bolls:
->>>>>>> score
     """The bolls of a plant.
 
     Args:
         votes: of each view.
-<<<<<<< HEAD
-        cm_per_su: length of a scene unit; None = unknown. Widths are relative to the plant's own either way.
-=======
         cm_per_su: None = the plant's usual boll is taken for one of usual size.
->>>>>>> score
     """
     middles = find_parts(votes)
     joined = join_parts(

@@ -73,7 +73,7 @@ CULTIVARS = (0.9, 1.0, 1.1)
 """How many times as large as the simulated ones bolls of other cultivars may be, or a scale be wrong."""
 STIFFNESS = 1.0
 """Ridge, on the weights of measures of unit variance: as much as one example can say."""
-SHIFTS = (0.0, 0.4, 0.8, 1.2, 1.6)
+SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 """Log odds by which the constant may move."""
 
 Example = tuple[PairMeasures, bool]

@@ -25,6 +25,7 @@ from ..lifting.lift import within_orbit
 from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
 from ..masks.bolls import SHIPPED_FILE, seen_size
 from ..masks.lint_edges import EDGES_FILE
+from ..masks.same_boll import SCORE_FILE
 from ..option_rules import as_dict
 from ..options import MasksOptions
 from ..workspace import Workspace
@@ -53,8 +54,8 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """The networks that come with the program; and the model, where a back end looks at it."""
-    networks = [EDGES_FILE] if options.backend == "bolls" else []
+    """The networks and the score that come with the program; and the model, where a back end looks at it."""
+    networks = [EDGES_FILE, SCORE_FILE] if options.backend == "bolls" else []
     networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
     return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
 

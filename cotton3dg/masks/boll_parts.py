@@ -127,13 +127,9 @@ def gather_borders(middles: Middles, votes: Sequence[Votes]) -> Borders:
 def measure_pair(one: Part, other: Part, borders: Borders, rows: tuple[int, int], cm_per_su: float) -> PairMeasures:
     """What two parts, in these rows of the borders, are to each other."""
     apart = float(np.linalg.norm(one.centre - other.centre))
-    lean = np.nan
-    if len(one.lint) and len(other.lint):
-        lean = float(np.linalg.norm(one.lint.mean(axis=0) - other.lint.mean(axis=0))) - apart
     return PairMeasures(
         apart_cm=apart * cm_per_su,
         narrower_cm=min(mean_width(one.lint), mean_width(other.lint)) * cm_per_su,
-        lean_cm=lean * cm_per_su,
         border=float(borders.borders[rows] / borders.pixels[rows]) if borders.pixels[rows] else np.nan,
     )
 

@@ -29,7 +29,7 @@ APART: Final = 0.4
 locks of one boll 0.4 to 0.8. Parts that are not told apart here are lost; parts of one boll are joined later."""
 LEAST_VIEWS: Final = 3
 """Views whose votes a middle needs ..."""
-LEAST_SUPPORT: Final = 0.04
+LEAST_SUPPORT: Final = 0.02
 """... and their sum, in bolls seen whole, a view."""
 LARGEST_GRID: Final = 30_000_000
 SEEN: Final = 0.4

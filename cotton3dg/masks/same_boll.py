@@ -23,8 +23,6 @@ class PairMeasures(NamedTuple):
     """Distance of the places that the votes of either meet in."""
     narrower_cm: float
     """Width of the lint of the narrower one, mean over all directions: a lock is narrower than a boll."""
-    lean_cm: float
-    """How much farther apart their lint lies than those places, as locks of one boll point to one bur; NaN without."""
     border: float
     """Mean probability of a border where views show them next to each other; NaN where none does."""
 

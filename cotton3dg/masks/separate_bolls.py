@@ -22,9 +22,9 @@ from .lint_in_space import LintInSpace
 from .meeting_votes import APART, FARTHEST, Middles, Votes, drop_unlikely, find_middles
 from .same_boll import read_score
 
-EXPLAINED: Final = 0.25
-"""Distance, in diameters, from a middle up to which a ray needs no other: twice as far would explain most votes for a
-boll next to it."""
+EXPLAINED: Final = 0.15
+"""Distance, in diameters, from a middle up to which a ray needs no other: three times as far would explain most votes
+for a boll next to it."""
 USUAL_CM: Final = 4.0
 """Median size that votes give bolls: what makes centimetres of a scene without a scale."""
 

@@ -41,16 +41,18 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
     # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    masks = MasksInfo.load_if_there(workspace.masks_json)
+    together = masks is not None and masks.together
     if options.method == "dbscan":
         bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps, options.dbscan.min_samples)
     elif options.method == "agglomerative":
         bolls = join_objects(lifted, gaussians.means, up, options.agglomerative.reach)
     else:
-        bolls = merge_views(lifted, gaussians.means, up)
+        bolls = merge_views(lifted, gaussians.means, up, told_apart=together)
     bolls = flag_close(bolls)
     labels = boll_labels(bolls, len(gaussians))
     bolls = assign_masks(bolls, lifted, labels)
-    if (masks := MasksInfo.load_if_there(workspace.masks_json)) and masks.together:
+    if masks is not None and masks.together:
         bolls = weigh_scores(bolls, masks.scores())
     with workspace.writing("cluster") as folder:
         describe_bolls(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
@@ -74,5 +76,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE: Final = Stage(
-    "cluster", version=8, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=9, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -230,6 +230,7 @@ def save_plates(folder: Path, plates: Sequence[Plate]) -> None:
 
 def load_plates(folder: Path) -> list[Plate]:
     """The plates that `save_plates` wrote, mapped into memory."""
-    arrays = {item.name: np.load(folder / f"{item.name}.npy", mmap_mode="r") for item in fields(Plate)}
+    names = [item.name for item in fields(Plate)]
+    arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in names}
     count = len(arrays["brightest"])
     return [Plate(**{name: values[k] for name, values in arrays.items()}) for k in range(count)]

@@ -34,6 +34,7 @@ ELSEWHERE = {
     "pip install 'cotton3dg[slurm]'": "make setup, by way of [dev]",
     "pip install -e '.[sam]'": "make setup, by way of [dev]",
     "pip install -e '.[stats]'": "make setup, by way of [dev]",
+    "pip install -e '.[training]'": "make bolls-network",
     "pip install -e '.[yolo]'": "make yolo-test",
     "sudo apt-get": "make bare-test",
     "git clone": "make bare-test",

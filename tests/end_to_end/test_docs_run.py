@@ -24,6 +24,7 @@ SHORTER = {
     "simulate": " ".join(f"--{name.replace('_', '-')} {value}" for name, value in FILM.items()),
     "best.onnx": f"--image-size {SIDE} --tile 96",
     "best.pt": "--image-size 160",
+    "train plant_017 --max-side": "--max-side 384",  # as before: the lines that follow need traits of this model
     "masks-train model": "--image-size 160 --epochs 1 --batch 4",
     "masks-train mine": "--steps 2 --batch 2",
 }

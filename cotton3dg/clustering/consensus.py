@@ -180,14 +180,14 @@ def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -
     return groups
 
 
-def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, told_apart: bool = False) -> list[BollInstance]:
+def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool = False) -> list[BollInstance]:
     """Bolls that several views agree upon.
 
     Args:
         lifted: masks lifted onto the Gaussians.
         means: (N, 3) su.
         up: (3,) roughly upwards in the scene; only the numbering depends on it.
-        told_apart: all images decided together what one boll is, so that its shape has no say.
+        together: all images decided together which lint is one boll (`MasksInfo.together`); shapes then decide nothing.
     Returns:
         bolls numbered from the top downwards; each Gaussian is in at most one. No masks, no bolls.
     """
@@ -198,14 +198,14 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, told_apart: bo
     sizes = np.asarray(votes.held.sum(axis=0)).ravel()
     everyone = np.ones(len(sizes), bool)
     verdicts = votes.verdicts(votes.held, everyone)
-    usable = everyone if told_apart else ~_holds_several(votes, verdicts, points)
+    usable = everyone if together else ~_holds_several(votes, verdicts, points)
     nodes = np.flatnonzero(usable & (sizes >= LEAST_GAUSSIANS))
     verdicts = votes.verdicts(votes.held[:, nodes], usable)
     evidence = _evidence(verdicts, len(sizes))
     groups = move_nodes(evidence, contract(evidence.copy()))
     labels = _reconcile(votes, usable, nodes, groups, points)
     flags: dict[int, str] = {}
-    if not told_apart:
+    if not together:
         labels, flags = _split_large(labels, points)
         join_halves(labels, flags, points)
     return number_bolls(_make_instances(lifted, votes, usable, labels, flags, points), up)

@@ -148,6 +148,7 @@ def _train_bolls(
     from ..masks.bolls_training import LEARNING_RATE, TrainingSettings, restore_norms
     from ..masks.bolls_training import train as fit
 
+    network, start = _open_start(options)  # before hours of rendering: its weights may be missing
     training: list[AnnotatedPhoto] = []
     judged: list[AnnotatedPhoto] = []
     for name in sorted(masks.ids):
@@ -160,7 +161,6 @@ def _train_bolls(
     def draw(number: int) -> TrainingPicture:
         return draws[number % len(draws)](np.random.default_rng([options.seed, number]))
 
-    network, start = _open_start(options)
     fine_tuning = start == "bolls" and bool(training)
     if start == "bolls" and not fine_tuning:
         restore_norms(network, draw)

@@ -1,8 +1,8 @@
-"""Bolls told apart by the votes of all views: parts where votes meet, and which of them are one boll.
+"""Separates the bolls of a plant: finds parts where the votes of all views meet, and joins those of one boll.
 
 The votes for a boll that lies deep in another make a slope of its peak rather than one of their own, so the votes that
-no middle explains are looked at again by themselves. That finds the locks of large bolls, too: which parts are one boll
-says a fitted score (`same_boll`).
+no middle explains are looked at again by themselves. That finds the locks of large bolls, too; a fitted score says
+which parts are one boll (`same_boll`).
 """
 
 from __future__ import annotations

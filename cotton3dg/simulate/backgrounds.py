@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera
 from ..options import SimulateOptions
-from .grounds import paint_ground
+from .grounds import GROUND_PX, paint_ground
 from .mesh import unit
 from .plant import grow_plant
 from .render import develop, light_scene, render
 from .room import build_room
 from .textures import Canvas, Image, brushed, cardboard, masonry, planks, plaster, poster, spine, terrazzo
 
-BACKGROUND_PX: Final = 448
+BACKGROUND_PX: Final = GROUND_PX
 ROOM_VIEWS: Final = 6
 GROUNDS: Final = 8
 

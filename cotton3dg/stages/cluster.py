@@ -48,7 +48,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     elif options.method == "agglomerative":
         bolls = join_objects(lifted, gaussians.means, up, options.agglomerative.reach)
     else:
-        bolls = merge_views(lifted, gaussians.means, up, told_apart=together)
+        bolls = merge_views(lifted, gaussians.means, up, together=together)
     bolls = flag_close(bolls)
     labels = boll_labels(bolls, len(gaussians))
     bolls = assign_masks(bolls, lifted, labels)

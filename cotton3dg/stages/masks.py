@@ -71,13 +71,13 @@ def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
     try:
         length = read_unit_length(workspace)
         said = f"{length:.4g}".encode() if length else b"none"
-    except BadInput:  # told when the stage runs
+    except BadInput:  # the stage itself refuses the file
         said = workspace.scale_json.read_bytes()
     return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(said).hexdigest()}
 
 
 def read_unit_length(workspace: Workspace) -> float | None:
-    """Centimetres to a scene unit, to the nearest of `SIZE_STEP`; None as long as there is no scale.
+    """Length of a scene unit, cm, rounded to a step of `SIZE_STEP`; None where no scale is known.
 
     As it was found: a person who moves corners speaks of the bolls that were found with it.
 

@@ -123,3 +123,4 @@ def test_a_new_network_begins_with_weights_from_imagenet_or_says_how_to_get_them
     monkeypatch.setattr("cotton3dg.masks.imagenet_weights.PACKAGE", "no_such_package")
     with pytest.raises(BadUsage, match=r"cotton3dg\[training\].*--weights none"):
         train(tmp_path / "other", options)
+    assert not (tmp_path / "other" / "scenes").exists(), "it says so before it renders anything"

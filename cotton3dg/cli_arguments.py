@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from .errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
-from .files.saving import explained
+from .io.saving import explained
 from .option_rules import flags
 from .options import PRESETS, STAGE_OPTIONS, STANDARD
 

@@ -19,7 +19,7 @@ from .core.state import State
 from .documents.corrections import RULER
 from .documents.record import Record
 from .documents.scale import ScaleInfo
-from .files.tables import read_rows
+from .io.tables import read_rows
 from .options import STANDARD
 from .pipeline import STAGES, Step, Watcher
 

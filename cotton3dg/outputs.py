@@ -14,7 +14,7 @@ from typing import Final
 
 from .documents.made import MadeFile, MadeFiles
 from .errors import BadUsage
-from .files.saving import explain_disk_errors, file_sha256
+from .io.saving import explain_disk_errors, file_sha256
 from .options import STAGE_OPTIONS
 from .workspace import OWNER_MARK
 

@@ -21,7 +21,7 @@ from .choices import Asked, choose
 from .core.state import State
 from .documents.batch import Jobs, PlantOutcome
 from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable
-from .files.saving import explain_disk_errors
+from .io.saving import explain_disk_errors
 from .pipeline import status as plant_status
 from .workspace import Workspace
 

@@ -18,9 +18,9 @@ from .documents.document import Document
 from .documents.dropped import DroppedFiles
 from .documents.record import Record
 from .errors import BadInput, MissingInput
-from .files.listing import files_in, is_there, require_utf8
-from .files.lock import locked
-from .files.saving import (
+from .io.listing import files_in, is_there, require_utf8
+from .io.lock import locked
+from .io.saving import (
     FULL_BELOW_BYTES,
     explain_disk_errors,
     file_sha256,
@@ -375,7 +375,7 @@ class Workspace:
 
     # ------------------------------------------------------------------ lock
     def locked(self, *, wait: bool = False) -> AbstractContextManager[None]:
-        """Hold the plant's folder for this process, as `files.lock.locked` explains."""
+        """Hold the plant's folder for this process, as `io.lock.locked` explains."""
         return locked(self.root / ".lock", wait=wait)
 
 

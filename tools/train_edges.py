@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from cotton3dg.evaluation.masks import read_true_masks
-from cotton3dg.files.annotations import undistort_ids
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.annotations import undistort_ids
 from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import open_bolls
 from cotton3dg.masks.edge_training import EdgePicture, to_onnx, train_edges

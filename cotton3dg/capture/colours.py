@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.machine import on_all_cores
-from ..files.images import read_image
+from ..io.images import read_image
 
 
 def colour_points(model: Any, image_folder: Path) -> None:

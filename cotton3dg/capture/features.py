@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.machine import one_thread_each, usable_cores
 from ..core.progress import Progress
-from ..files.images import read_image
+from ..io.images import read_image
 
 PEAK_THRESHOLD: Final = 0.002
 """Least difference of Gaussians, of images from 0 to 1; a third of COLMAP's: a dark room's low contrast then still

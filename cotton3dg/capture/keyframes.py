@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from ..core.libraries import import_pycolmap
-from ..files.arrays import read_arrays
+from ..io.arrays import read_arrays
 from .features import Features
 from .matching import PairMatches
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.libraries import import_pycolmap
 from ..core.machine import on_all_cores
-from ..files.images import read_image, write_image
+from ..io.images import read_image, write_image
 
 NEEDLESS_RISE_PCT: Final = 0.1
 """A lens distortion without which the mean reprojection error rises by less is left out."""

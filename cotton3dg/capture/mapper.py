@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..core.libraries import import_pycolmap
-from ..files.images import read_image
+from ..io.images import read_image
 from .features import Features
 from .matching import MIN_MATCHES, PairMatches
 

@@ -11,7 +11,7 @@ from typing import Final
 from ..core.progress import Progress
 from ..documents.frames import FramesInfo
 from ..errors import BadInput, CaptureFailed
-from ..files import images
+from ..io import images
 from ..options import FramesOptions
 from . import frame_quality
 from .taken import ORIENTATION_RULE, Keep, Picture, Taken, keep_all

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo, VideoInfo
 from ..errors import BadInput, CaptureFailed
-from ..files import video
-from ..files.ffmpeg_text import VideoFacts
-from ..files.yuv import YuvFrame
+from ..io import video
+from ..io.ffmpeg_text import VideoFacts
+from ..io.yuv import YuvFrame
 from ..options import FramesOptions
 from . import frame_quality
 from .held_frames import HeldFrames, thin_out

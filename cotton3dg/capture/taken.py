@@ -14,7 +14,7 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.frames import FrameInfo, FramesInfo
 from ..errors import CaptureFailed
-from ..files.images import scale_down
+from ..io.images import scale_down
 from . import frame_quality
 
 Picture = NDArray[np.uint8]

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.images import scale_down
+from ..io.images import scale_down
 
 SIDE_PX: Final = 320
 """Frames are compared at this size."""

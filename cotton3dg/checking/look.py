@@ -16,9 +16,9 @@ from ..core.machine import on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
 from ..documents.frames import FramesInfo
-from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
-from ..files.images import read_image
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
+from ..io.images import read_image
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale

@@ -10,8 +10,8 @@ import numpy as np
 from .. import __version__
 from ..documents.check import CheckInfo
 from ..documents.frames import FramesInfo
-from ..files.images import read_image
 from ..geometry.camera_orbit import azimuths, evenly_spaced
+from ..io.images import read_image
 from ..report.figures import jpeg_uri, outline_masks
 from ..report.page import fill_template
 from ..report.scene import plant_frame

@@ -24,8 +24,8 @@ from ..documents.check import CheckInfo, film_of
 from ..documents.choices import Choices
 from ..documents.frames import FramesInfo
 from ..errors import CaptureFailed
-from ..files.colmap import read_cameras
-from ..files.saving import explain_disk_errors
+from ..io.colmap import read_cameras
+from ..io.saving import explain_disk_errors
 from ..pipeline import Watcher, begin, run
 from ..stages.stage import STAGES
 from ..stages.staleness import stale_reason

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from ..documents.dropped import DroppedFiles
-from ..files.saving import explain_disk_errors, file_sha256
+from ..io.saving import explain_disk_errors, file_sha256
 from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 

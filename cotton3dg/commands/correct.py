@@ -20,10 +20,10 @@ from ..documents.corrections import CORNER, ENDS, RULER, Correction, Corrections
 from ..documents.scale import ScaleInfo
 from ..documents.train import TrainMetrics
 from ..errors import BadInput, BadUsage, MissingInput
-from ..files.colmap import read_cameras
-from ..files.saving import explain_disk_errors
-from ..files.tables import parse_number, read_rows
 from ..geometry.picks import PickedPoint, point_of_picks
+from ..io.colmap import read_cameras
+from ..io.saving import explain_disk_errors
+from ..io.tables import parse_number, read_rows
 from ..options import recorded
 from ..stages.stage import STAGES
 from ..text import read_text

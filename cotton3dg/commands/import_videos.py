@@ -21,11 +21,13 @@ from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..documents.imported import ReadVideo, ReadVideos
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
-from ..files import video
-from ..files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
-from ..files.images import IMAGE_SUFFIXES, UNREAD_SUFFIXES, how_to_convert
-from ..files.listing import files_below, require_utf8
-from ..files.saving import (
+from ..identity.codes import LEAST_FRAMES, read_codes, whose
+from ..identity.names import folder_name, id_problem
+from ..io import video
+from ..io.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
+from ..io.images import IMAGE_SUFFIXES, UNREAD_SUFFIXES, how_to_convert
+from ..io.listing import files_below, require_utf8
+from ..io.saving import (
     copy,
     explain_disk_errors,
     fingerprint,
@@ -34,9 +36,7 @@ from ..files.saving import (
     replacing,
     write_text_atomically,
 )
-from ..files.tables import csv_text, read_rows, refuse_other_table
-from ..identity.codes import LEAST_FRAMES, read_codes, whose
-from ..identity.names import folder_name, id_problem
+from ..io.tables import csv_text, read_rows, refuse_other_table
 from ..plants import has_results
 from ..workspace import VIDEO_SUFFIXES, Workspace
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, BollSelection, LiftedMasks
 from ..errors import BadInput
-from ..files.arrays import read_array, read_arrays
+from ..io.arrays import read_array, read_arrays
 from .document import Document
 
 

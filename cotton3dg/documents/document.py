@@ -10,7 +10,7 @@ from types import UnionType
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from ..errors import BadInput
-from ..files.saving import json_text, write_text_atomically
+from ..io.saving import json_text, write_text_atomically
 from ..text import read_text
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..files.ffmpeg_text import VideoFacts
+from ..io.ffmpeg_text import VideoFacts
 from .document import Document
 
 

@@ -17,7 +17,7 @@ from ..core.measurements import PlantTraits, is_counted
 from ..core.plant_map import PlantMap
 from ..documents.skeleton import SkeletonInfo, read_map
 from ..errors import BadInput, Cotton3dgError
-from ..files.tables import flags_of, parse_number, read_rows
+from ..io.tables import flags_of, parse_number, read_rows
 from ..plants import plant_at
 from .align import Layout
 

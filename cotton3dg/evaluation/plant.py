@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..core.measurements import is_counted
 from ..documents.truth import Truth
 from ..errors import BadInput, MissingInput
-from ..files.cloud import read_cloud
-from ..files.tables import flags_of, parse_number, read_rows
+from ..io.cloud import read_cloud
+from ..io.tables import flags_of, parse_number, read_rows
 from ..mapping.summary import summarise_map
 from ..workspace import Workspace
 from .cloud import measure_cloud

@@ -17,8 +17,8 @@ from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..core.scene import Float64
 from ..documents.skeleton import SkeletonInfo, read_map
 from ..documents.truth import Truth
-from ..files.tables import parse_number, read_rows
 from ..geometry.polylines import angle_deg, direction, length_of, path_lengths
+from ..io.tables import parse_number, read_rows
 from ..mapping.order import base_angle_deg
 from ..mapping.summary import summarise_map
 from ..workspace import Workspace

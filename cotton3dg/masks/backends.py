@@ -15,8 +15,8 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput, BadUsage, CaptureFailed
-from ..files.annotations import read_masks, undistort_ids
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..io.annotations import read_masks, undistort_ids
 from ..options import MasksOptions
 from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from .bolls import open_bolls

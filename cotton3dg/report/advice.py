@@ -13,7 +13,7 @@ from ..documents.check import GREEN, VERDICTS, YELLOW, Finding
 from ..documents.frames import FramesInfo
 from ..documents.sfm import LensDecision
 from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
-from ..files.tables import flags_of
+from ..io.tables import flags_of
 from ..splat.exposure import ALIKE
 from .facts import Facts
 from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk

@@ -15,7 +15,7 @@ from ..documents.sfm import SfmInfo
 from ..documents.skeleton import SkeletonInfo
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput, Cotton3dgError
-from ..files.tables import read_rows
+from ..io.tables import read_rows
 from ..stages.staleness import StageState, recorded_states
 from ..workspace import Workspace
 

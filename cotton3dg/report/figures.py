@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
-from ..files.images import scale_down
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..io.images import scale_down
 from ..splat import rasterizer
 from ..splat.appearance import boll_colours
 from ..splat.metrics import to_uint8

@@ -21,9 +21,9 @@ from ..core.state import State
 from ..documents.check import RED
 from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
-from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
-from ..files.skeleton import draw_map
-from ..files.tables import flags_of, parse_number
+from ..io.saving import explain_disk_errors, file_sha256, write_text_atomically
+from ..io.skeleton import draw_map
+from ..io.tables import flags_of, parse_number
 from ..stages.stage import STAGES
 from ..workspace import Workspace
 from .advice import advise_on_capture, boll_doubts, meaning

@@ -17,7 +17,7 @@ from ..capture.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
 from ..documents.check import GREEN, YELLOW, Finding
 from ..documents.frames import FrameInfo
 from ..documents.scale import ScaleInfo
-from ..files.tables import parse_number
+from ..io.tables import parse_number
 from ..traits.error_model import blurs_bolls
 
 SMALL_BOLL_PX: Final = 10.0

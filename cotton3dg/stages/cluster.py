@@ -18,9 +18,9 @@ from ..core.progress import Progress, silent
 from ..documents.bolls import boll_labels, describe_bolls, read_lifted
 from ..documents.masks import MasksInfo
 from ..errors import BadInput
-from ..files.colmap import read_cameras
-from ..files.images import write_image
-from ..files.ply import read_gaussians, recolour, write_gaussians
+from ..io.colmap import read_cameras
+from ..io.images import write_image
+from ..io.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..splat.appearance import boll_colours
 from ..workspace import Workspace

@@ -12,7 +12,7 @@ from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import blame_capture
-from ..files.images import list_images, write_image
+from ..io.images import list_images, write_image
 from ..options import FramesOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work

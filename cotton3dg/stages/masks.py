@@ -16,11 +16,11 @@ from ..core.progress import Progress, silent
 from ..documents.masks import MaskedImage, MasksInfo
 from ..documents.scale import ScaleInfo
 from ..errors import BadInput
-from ..files.colmap import read_cameras, read_points
-from ..files.images import read_image, write_ids
-from ..files.ply import read_gaussians
-from ..files.saving import file_sha256
 from ..geometry.camera_orbit import fit_orbit
+from ..io.colmap import read_cameras, read_points
+from ..io.images import read_image, write_ids
+from ..io.ply import read_gaussians
+from ..io.saving import file_sha256
 from ..lifting.lift import within_orbit
 from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
 from ..masks.bolls import SHIPPED_FILE, seen_size

@@ -15,11 +15,11 @@ from ..core.progress import Progress, silent
 from ..documents.corrections import CORNER, Correction, Corrections
 from ..documents.patches import PatchesInfo
 from ..errors import BadInput, BadUsage, MissingInput, NoScale
-from ..files.colmap import read_cameras, read_points
-from ..files.images import read_image, write_image
-from ..files.picks import COLUMNS, read_picks
-from ..files.ply import read_gaussians
-from ..files.saving import file_sha256
+from ..io.colmap import read_cameras, read_points
+from ..io.images import read_image, write_image
+from ..io.picks import COLUMNS, read_picks
+from ..io.ply import read_gaussians
+from ..io.saving import file_sha256
 from ..options import ScaleOptions
 from ..scale.corners import move_corners, refuse_moves
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale

@@ -14,9 +14,9 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera
 from ..documents.bolls import write_lifted
 from ..errors import BadInput
-from ..files.colmap import read_cameras
-from ..files.images import fit_size, read_ids, write_image
-from ..files.ply import read_gaussians, write_gaussians
+from ..io.colmap import read_cameras
+from ..io.images import fit_size, read_ids, write_image
+from ..io.ply import read_gaussians, write_gaussians
 from ..lifting.lift import resize_ids
 from ..lifting.segment import segmented
 from ..options import SegmentOptions

@@ -28,9 +28,9 @@ from ..core.stopwatch import Stopwatch
 from ..documents.frames import FramesInfo
 from ..documents.record import Record
 from ..errors import BadInput
-from ..files import exports
-from ..files.colmap import read_cameras, read_points
-from ..files.saving import json_text
+from ..io import exports
+from ..io.colmap import read_cameras, read_points
+from ..io.saving import json_text
 from ..options import SfmOptions
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work

@@ -13,7 +13,7 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..documents.record import Record
 from ..errors import BadInput, MissingInput
-from ..files.images import fit_size
+from ..io.images import fit_size
 from ..option_rules import as_dict, places
 from ..options import STAGE_OPTIONS
 from ..workspace import Workspace

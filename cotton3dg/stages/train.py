@@ -17,11 +17,10 @@ from ..documents.frames import FramesInfo
 from ..documents.sfm import SfmInfo
 from ..documents.train import TrainMetrics
 from ..errors import BadInput
-from ..files.checkpoint import read_training, write_training
-from ..files.colmap import read_cameras, read_points, read_positions, read_tracks
-from ..files.images import read_image, write_image
-from ..files.ply import write_gaussians
-from ..files.saving import explain_disk_errors, json_text, replacing
+from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
+from ..io.images import read_image, write_image
+from ..io.ply import write_gaussians
+from ..io.saving import explain_disk_errors, json_text, replacing
 from ..option_rules import as_dict
 from ..options import TrainOptions
 from ..splat.densify import scheduled_count
@@ -31,6 +30,7 @@ from ..splat.rasterizer import Window
 from ..splat.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
 from ..splat.trainer import Fit, Training, fit
 from ..splat.views import View
+from ..train.checkpoint import read_training, write_training
 from ..training.foreign_model import as_fit, explained, read_foreign
 from ..training.photos import Capture, SparseModel, capture_of
 from ..training.quality import judged, outcome_of

@@ -29,13 +29,13 @@ from ..documents.skeleton import describe_map
 from ..documents.train import Effects, TrainMetrics
 from ..documents.weights import WeightModel
 from ..errors import BadInput
-from ..files.colmap import read_cameras
-from ..files.images import read_ids, read_image
-from ..files.ply import read_gaussians
-from ..files.saving import write_text_atomically
-from ..files.skeleton import draw_map, skeleton_ply
-from ..files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
 from ..geometry.camera_orbit import fit_orbit
+from ..io.colmap import read_cameras
+from ..io.images import read_ids, read_image
+from ..io.ply import read_gaussians
+from ..io.saving import write_text_atomically
+from ..io.skeleton import draw_map, skeleton_ply
+from ..io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
 from ..mapping.edges import edge_opacity
 from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map

@@ -17,10 +17,10 @@ from ..core.state import State
 from ..documents.document import Document
 from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
-from ..files.colmap import read_points
-from ..files.ply import read_gaussians
-from ..files.saving import file_sha256
-from ..files.tables import parse_number, read_rows
+from ..io.colmap import read_points
+from ..io.ply import read_gaussians
+from ..io.saving import file_sha256
+from ..io.tables import parse_number, read_rows
 from ..options import TrainOptions
 from ..splat.metrics import ViewQuality, mean_known, view_quality
 from ..splat.rasterizer import render

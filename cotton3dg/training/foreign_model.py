@@ -20,7 +20,7 @@ from ..core.scene import Float64, Gaussians
 from ..documents.nerfstudio import DataparserTransforms
 from ..documents.train import TrainMetrics
 from ..errors import BadInput, MissingInput
-from ..files.ply import read_gaussians
+from ..io.ply import read_gaussians
 from ..splat.harmonics import turned
 from ..splat.trainer import Fit
 from .quality import LOW_PSNR_DB

@@ -28,7 +28,7 @@ Found = TypeVar("Found", MotionBlurFound, RollingShutterFound)
 
 
 class SparseModel(NamedTuple):
-    """What structure from motion says of the undistorted images, as `files.colmap` reads it."""
+    """What structure from motion says of the undistorted images, as `io.colmap` reads it."""
 
     cameras: Sequence[Camera]
     """At the full size of the images."""

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from true_scene import TruePlant, true_masks, true_plant
 
 from cotton3dg.evaluation.masks import score_masks
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import read_image
-from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import read_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.lifting.lift import within_orbit
 from cotton3dg.masks import detect_bolls as detect_bolls_module
 from cotton3dg.masks import separate_bolls

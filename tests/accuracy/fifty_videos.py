@@ -30,8 +30,8 @@ from cotton3dg.commands.import_videos import DOUBT, IMPORTED
 from cotton3dg.commands.simulate import film_once
 from cotton3dg.documents.truth import Truth
 from cotton3dg.errors import SOME_FAILED
-from cotton3dg.files.tables import read_rows
-from cotton3dg.files.video import ffmpeg_binary
+from cotton3dg.io.tables import read_rows
+from cotton3dg.io.video import ffmpeg_binary
 from cotton3dg.options import resolve
 
 SIZE = (640, 360)

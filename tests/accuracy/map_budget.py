@@ -29,8 +29,8 @@ from true_scene import TruePlant, cm_from_scene, true_plant
 from cotton3dg.core.plant_map import PlantMap
 from cotton3dg.documents.truth import TrueAxis, Truth
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, evaluate_map, true_map
-from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.polylines import nearest_on
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.mapping.map_plant import BollPlace, map_places
 from cotton3dg.mapping.order import draw_map
 from cotton3dg.mapping.skeleton import (

@@ -16,8 +16,8 @@ from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.documents.scale import ScaleInfo
-from cotton3dg.files.saving import file_sha256
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.saving import file_sha256
 from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
 from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint

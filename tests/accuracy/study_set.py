@@ -32,7 +32,7 @@ from true_scene import TruePlant, true_plant, true_scale
 from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.evaluation.plant_map import MapScores, evaluate_map
-from cotton3dg.files.saving import write_text_atomically
+from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.options import PRESET_VALUES
 from cotton3dg.stages.stage import STAGES
 

@@ -155,9 +155,9 @@ def checkpoint_pct() -> float:
     """What saving a training of 150,000 Gaussians once in SAVED_EVERY_S costs, %."""
     from scenes.splat_scenes import scene
 
-    from cotton3dg.files.checkpoint import write_training
-    from cotton3dg.files.saving import replacing
+    from cotton3dg.io.saving import replacing
     from cotton3dg.splat.trainer import SAVED_EVERY_S, Training
+    from cotton3dg.train.checkpoint import write_training
 
     training = Training.of(scene(150_000, seed=0, coefficients=4))
     with tempfile.TemporaryDirectory(dir=ROOT) as folder:

@@ -24,7 +24,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from cotton3dg.files.colmap import read_points
+from cotton3dg.io.colmap import read_points
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
 from cotton3dg.splat import densify, initialise, schedule, trainer
 from cotton3dg.splat.metrics import view_quality

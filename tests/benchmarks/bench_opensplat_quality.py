@@ -28,8 +28,8 @@ from bench_opensplat import lay_out
 from numpy.typing import NDArray
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.colmap import read_points
-from cotton3dg.files.images import read_image
+from cotton3dg.io.colmap import read_points
+from cotton3dg.io.images import read_image
 from cotton3dg.options import resolve
 from cotton3dg.splat.initialise import start_gaussians
 from cotton3dg.splat.metrics import psnr_db, to_uint8

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.colmap import read_points
+from cotton3dg.io.colmap import read_points
 from cotton3dg.option_rules import as_dict
 from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
 from cotton3dg.splat.initialise import start_gaussians

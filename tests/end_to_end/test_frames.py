@@ -10,8 +10,8 @@ import pytest
 
 from cotton3dg import pipeline
 from cotton3dg.errors import CaptureFailed, MissingInput
-from cotton3dg.files import video
-from cotton3dg.files.images import read_image
+from cotton3dg.io import video
+from cotton3dg.io.images import read_image
 from cotton3dg.options import FramesOptions
 from cotton3dg.stages import frames
 from cotton3dg.stages.staleness import stale_reason

@@ -18,11 +18,11 @@ from cotton3dg.core.bolls import BollInstance
 from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import list_images, read_image
-from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.video import probe, read_frames
 from cotton3dg.geometry.camera_paths import reframe, walk
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import list_images, read_image
+from cotton3dg.io.ply import read_gaussians, write_gaussians
+from cotton3dg.io.video import probe, read_frames
 from cotton3dg.options import RenderOptions, TraitsOptions
 from cotton3dg.splat import rasterizer
 from cotton3dg.splat.appearance import boll_colours

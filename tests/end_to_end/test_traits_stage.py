@@ -14,9 +14,9 @@ from cotton3dg.documents.bolls import describe_bolls
 from cotton3dg.documents.record import Record
 from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.images import write_image
-from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
+from cotton3dg.io.images import write_image
+from cotton3dg.io.ply import read_gaussians, write_gaussians
+from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.mapping.thin_twigs import Trail
 from cotton3dg.options import TraitsOptions
 from cotton3dg.stages import traits

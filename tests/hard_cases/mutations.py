@@ -100,7 +100,7 @@ MUTATIONS = (
         "cotton3dg/geometry/convex_measures.py", "convex_volume", "if @reason: return Measured(np.nan, @reason)", ""
     )), ("tests/hard_cases/test_geometry.py",)),
     Mutation("checkpoint without the optimiser", (Change(
-        "cotton3dg/files/checkpoint.py", "write_training", '"adam_steps": @adam.steps', '"adam_steps": @adam.steps * 0'
+        "cotton3dg/train/checkpoint.py", "write_training", '"adam_steps": @adam.steps', '"adam_steps": @adam.steps * 0'
     ),), ("tests/hard_cases/test_resume.py",)),
 )  # fmt: skip
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.files.images import write_ids, write_image
-from cotton3dg.files.ply import write_gaussians
+from cotton3dg.io.images import write_ids, write_image
+from cotton3dg.io.ply import write_gaussians
 from cotton3dg.options import resolve
 from cotton3dg.pipeline import stage_options
 from cotton3dg.splat.metrics import to_uint8

@@ -24,7 +24,7 @@ from cotton3dg.cli_arguments import parse_overrides
 from cotton3dg.core.columns import columns_of
 from cotton3dg.evaluation.changes import BollChange, TraitChange
 from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
-from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
+from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.option_rules import places
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS

@@ -7,7 +7,7 @@ import pytest
 from scenes.boll_scene import cameras
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.ply import SH_CONSTANT
+from cotton3dg.io.ply import SH_CONSTANT
 from cotton3dg.mapping.edges import HALF, edge_opacity, opacity_at_half
 
 

@@ -24,7 +24,7 @@ from cotton3dg.errors import (
     blame_capture,
     unknown,
 )
-from cotton3dg.files.saving import explained
+from cotton3dg.io.saving import explained
 from cotton3dg.options import resolve
 from cotton3dg.pipeline import selected, stage_options
 from cotton3dg.workspace import Workspace

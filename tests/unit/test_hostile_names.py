@@ -24,9 +24,9 @@ from cotton3dg.documents.imported import ReadVideo
 from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, EnvironmentUnusable
 from cotton3dg.evaluation.repeats import _plants_of
-from cotton3dg.files.images import list_images
-from cotton3dg.files.listing import files_below, is_there
-from cotton3dg.files.saving import printable, write_text_atomically
+from cotton3dg.io.images import list_images
+from cotton3dg.io.listing import files_below, is_there
+from cotton3dg.io.saving import printable, write_text_atomically
 from cotton3dg.workspace import Workspace
 
 LATIN = os.fsdecode(b"pl\xfcnze")

@@ -11,7 +11,7 @@ import pytest
 from cotton3dg.capture.held_frames import HeldFrames, thin_out
 from cotton3dg.capture.take_video import _looked_at_every
 from cotton3dg.capture.way import WayMeter
-from cotton3dg.files import video
+from cotton3dg.io import video
 
 WIDTH, HEIGHT = 320, 180
 

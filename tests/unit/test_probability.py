@@ -11,7 +11,7 @@ from scenes.splat_scenes import arrays_of, native_view, round_gaussians
 
 from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.files.ply import SH_CONSTANT
+from cotton3dg.io.ply import SH_CONSTANT
 from cotton3dg.lifting.probability import (
     TrainingView,
     cross_entropy_gradient,

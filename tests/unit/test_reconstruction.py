@@ -12,7 +12,7 @@ import pytest
 
 from cotton3dg.capture.colours import colour_points
 from cotton3dg.capture.mapper import CAMERA_MODEL, settle, write_database
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
 
 
 @pytest.fixture

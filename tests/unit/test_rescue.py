@@ -20,7 +20,7 @@ from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_o
 from cotton3dg.capture.tracking import follow
 from cotton3dg.core.progress import silent
 from cotton3dg.documents.sfm import RescueStep
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
 
 OVERLAP, SEED = 6, 0
 FEATURES = FeatureSettings(1500, 1280, far_apart=False)

@@ -18,10 +18,6 @@ from .core.measurements import PlantTraits as PlantTraits
 from .core.measurements import Scale as Scale
 from .core.scene import Camera as Camera
 from .core.scene import Gaussians as Gaussians
-from .documents.bolls import boll_labels as boll_labels
-from .documents.bolls import read_bolls as read_bolls
-from .documents.bolls import read_lifted as read_lifted
-from .documents.scale import read_scale as read_scale
 from .errors import Cotton3dgError as Cotton3dgError
 from .evaluation.masks import score_masks as score_masks
 from .evaluation.plant import compare_bolls as compare_bolls
@@ -54,6 +50,10 @@ from .pipeline import status as status
 from .scale.table import TableFit as TableFit
 from .scale.table import find_table as find_table
 from .scale.table import scale_from_table as scale_from_table
+from .schemas.bolls import boll_labels as boll_labels
+from .schemas.bolls import read_bolls as read_bolls
+from .schemas.bolls import read_lifted as read_lifted
+from .schemas.scale import read_scale as read_scale
 from .splat.initialise import start_gaussians as start_gaussians
 from .splat.metrics import psnr_db as psnr_db
 from .splat.rasterizer import accumulate_weights as accumulate_weights

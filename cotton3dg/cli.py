@@ -227,8 +227,8 @@ def check(
     from . import display
     from .choices import Asked
     from .commands.check import check as look
-    from .documents.check import GREEN, RED
     from .errors import DOUBTFUL, CaptureFailed
+    from .schemas.check import GREEN, RED
 
     with report_errors(film):
         workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)

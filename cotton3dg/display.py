@@ -16,12 +16,12 @@ from rich.text import Text
 
 from .core.progress import Progress as StageProgress
 from .core.state import State
-from .documents.corrections import RULER
-from .documents.record import Record
-from .documents.scale import ScaleInfo
 from .io.tables import read_rows
 from .options import STANDARD
 from .pipeline import STAGES, Step, Watcher
+from .schemas.corrections import RULER
+from .schemas.record import Record
+from .schemas.scale import ScaleInfo
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from .commands.correct import Length, Outcome
     from .commands.doctor import Finding
     from .commands.import_videos import Row as ImportRow
-    from .documents.check import CheckInfo
     from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
     from .evaluation.plant_map import MapScores
+    from .schemas.check import CheckInfo
     from .stages.staleness import StageState
     from .workspace import Workspace
 

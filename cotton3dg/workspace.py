@@ -13,10 +13,6 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Final
 
-from .documents.corrections import Pick
-from .documents.document import Document
-from .documents.dropped import DroppedFiles
-from .documents.record import Record
 from .errors import BadInput, MissingInput
 from .io.listing import files_in, is_there, require_utf8
 from .io.lock import locked
@@ -29,6 +25,10 @@ from .io.saving import (
     link,
     partial_name,
 )
+from .schemas.corrections import Pick
+from .schemas.document import Document
+from .schemas.dropped import DroppedFiles
+from .schemas.record import Record
 
 VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK: Final = ".cotton3dg"

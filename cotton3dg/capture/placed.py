@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from ..core.outcome import StageOutcome
 from ..core.scene import Camera
-from ..documents.sfm import LensDecision, SfmInfo
 from ..errors import CaptureFailed
 from ..geometry.camera_orbit import find_out_of_view, fit_orbit
+from ..schemas.sfm import LensDecision, SfmInfo
 from .lens import NEEDLESS_RISE_PCT, straighten
 
 MIN_REGISTERED_PCT: Final = 40.0

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
-from ..documents.sfm import RescueStep
+from ..schemas.sfm import RescueStep
 from .agreement import contradicted_pct
 from .colours import colour_points
 from .features import Features, FeatureSettings, features_of_images

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..core.libraries import import_pycolmap
 from ..core.progress import Progress
-from ..documents.sfm import RescueStep
+from ..schemas.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs
 from .keyframes import will_do

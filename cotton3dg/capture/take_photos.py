@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Final
 
 from ..core.progress import Progress
-from ..documents.frames import FramesInfo
 from ..errors import BadInput, CaptureFailed
 from ..io import images
 from ..options import FramesOptions
+from ..schemas.frames import FramesInfo
 from . import frame_quality
 from .taken import ORIENTATION_RULE, Keep, Picture, Taken, keep_all
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.progress import Progress
-from ..documents.frames import FrameInfo, FramesInfo, VideoInfo
 from ..errors import BadInput, CaptureFailed
 from ..io import video
 from ..io.ffmpeg_text import VideoFacts
 from ..io.yuv import YuvFrame
 from ..options import FramesOptions
+from ..schemas.frames import FrameInfo, FramesInfo, VideoInfo
 from . import frame_quality
 from .held_frames import HeldFrames, thin_out
 from .taken import ORIENTATION_RULE, SCAN_SIDE, STANDS_STILL, Keep, Picture, Taken, keep_all

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..core.machine import stream_on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
-from ..documents.frames import FrameInfo, FramesInfo
 from ..errors import CaptureFailed
 from ..io.images import scale_down
+from ..schemas.frames import FrameInfo, FramesInfo
 from . import frame_quality
 
 Picture = NDArray[np.uint8]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..core.machine import on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
-from ..documents.frames import FramesInfo
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image
@@ -23,6 +22,7 @@ from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
 from ..scale.table import outlines_table
+from ..schemas.frames import FramesInfo
 from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..splat.views import View
 from ..stages.scale import load_plant

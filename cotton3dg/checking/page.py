@@ -8,14 +8,14 @@ from typing import Any, Final
 import numpy as np
 
 from .. import __version__
-from ..documents.check import CheckInfo
-from ..documents.frames import FramesInfo
 from ..geometry.camera_orbit import azimuths, evenly_spaced
 from ..io.images import read_image
 from ..report.figures import jpeg_uri, outline_masks
 from ..report.page import fill_template
 from ..report.scene import plant_frame
 from ..report.walk import draw_walk
+from ..schemas.check import CheckInfo
+from ..schemas.frames import FramesInfo
 from .first_count import find_sure
 from .look import Look
 

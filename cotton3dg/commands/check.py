@@ -20,13 +20,13 @@ from ..capture.placed import decide_distortion, describe_cameras
 from ..checking.judge import judge, refuse
 from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
-from ..documents.check import CheckInfo, film_of
-from ..documents.choices import Choices
-from ..documents.frames import FramesInfo
 from ..errors import CaptureFailed
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
 from ..pipeline import Watcher, begin, run
+from ..schemas.check import CheckInfo, film_of
+from ..schemas.choices import Choices
+from ..schemas.frames import FramesInfo
 from ..stages.stage import STAGES
 from ..stages.staleness import stale_reason
 from ..workspace import Workspace

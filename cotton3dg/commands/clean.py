@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ..documents.dropped import DroppedFiles
 from ..io.saving import explain_disk_errors, file_sha256
+from ..schemas.dropped import DroppedFiles
 from ..stages.stage import STAGES, stage_of
 from ..workspace import Workspace
 

@@ -19,7 +19,6 @@ from typing import Final
 from ..core.columns import Column
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
-from ..documents.imported import ReadVideo, ReadVideos
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem
@@ -38,6 +37,7 @@ from ..io.saving import (
 )
 from ..io.tables import csv_text, read_rows, refuse_other_table
 from ..plants import has_results
+from ..schemas.imported import ReadVideo, ReadVideos
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"

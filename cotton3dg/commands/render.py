@@ -20,9 +20,6 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
-from ..documents.bolls import boll_labels, read_bolls
-from ..documents.frames import FramesInfo
-from ..documents.scale import read_scale
 from ..errors import BadInput, BadUsage, NoBolls
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import reframe, turntable, walk
@@ -34,6 +31,9 @@ from ..io.ply import read_gaussians
 from ..io.saving import json_text
 from ..option_rules import as_dict
 from ..options import RenderOptions, TrainOptions
+from ..schemas.bolls import boll_labels, read_bolls
+from ..schemas.frames import FramesInfo
+from ..schemas.scale import read_scale
 from ..splat import rasterizer
 from ..splat.appearance import depth_colours, recolour_bolls
 from ..splat.metrics import to_uint8

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from .. import pipeline
-from ..documents.frames import FramesInfo
 from ..errors import BadUsage
 from ..evaluation.repeats import Repeats, repeat
 from ..evaluation.repeats_page import write_repeats
+from ..schemas.frames import FramesInfo
 from ..workspace import Workspace
 
 

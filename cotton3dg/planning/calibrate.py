@@ -18,8 +18,8 @@ import numpy as np
 from .. import _native
 from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
-from ..documents.document import Document
 from ..errors import BadInput
+from ..schemas.document import Document
 from ..splat.rasterizer import train_step
 from ..splat.state import AdamState, DensityStatistics, LearningRates
 from .cost import Machine

@@ -13,8 +13,6 @@ import numpy as np
 from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..documents.masks import MaskedImage, MasksInfo
-from ..documents.scale import ScaleInfo
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit
 from ..io.colmap import read_cameras, read_points
@@ -28,6 +26,8 @@ from ..masks.lint_edges import EDGES_FILE
 from ..masks.same_boll import SCORE_FILE
 from ..option_rules import as_dict
 from ..options import MasksOptions
+from ..schemas.masks import MaskedImage, MasksInfo
+from ..schemas.scale import ScaleInfo
 from ..workspace import Workspace
 from .stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from ..core.card import PATCH_LEVELS, printed_reflectance
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
-from ..documents.corrections import CORNER, Correction, Corrections
-from ..documents.patches import PatchesInfo
 from ..errors import BadInput, BadUsage, MissingInput, NoScale
 from ..io.colmap import read_cameras, read_points
 from ..io.images import read_image, write_image
@@ -23,6 +21,8 @@ from ..io.saving import file_sha256
 from ..options import ScaleOptions
 from ..scale.corners import move_corners, refuse_moves
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..schemas.corrections import CORNER, Correction, Corrections
+from ..schemas.patches import PatchesInfo
 from ..workspace import Workspace
 from .stage import Cost, Stage
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
-from ..documents.bolls import write_lifted
 from ..errors import BadInput
 from ..io.colmap import read_cameras
 from ..io.images import fit_size, read_ids, write_image
@@ -20,6 +19,7 @@ from ..io.ply import read_gaussians, write_gaussians
 from ..lifting.lift import resize_ids
 from ..lifting.segment import segmented
 from ..options import SegmentOptions
+from ..schemas.bolls import write_lifted
 from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work, twice_the_model

@@ -25,13 +25,13 @@ from ..capture.reconstruction import ReconstructionSettings, has_keyframes, plac
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.stopwatch import Stopwatch
-from ..documents.frames import FramesInfo
-from ..documents.record import Record
 from ..errors import BadInput
 from ..io import exports
 from ..io.colmap import read_cameras, read_points
 from ..io.saving import json_text
 from ..options import SfmOptions
+from ..schemas.frames import FramesInfo
+from ..schemas.record import Record
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 

@@ -11,11 +11,11 @@ from typing import Any, Final, cast
 from .. import __version__
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
-from ..documents.record import Record
 from ..errors import BadInput, MissingInput
 from ..io.images import fit_size
 from ..option_rules import as_dict, places
 from ..options import STAGE_OPTIONS
+from ..schemas.record import Record
 from ..workspace import Workspace
 
 STAGES: Final = tuple(STAGE_OPTIONS)

@@ -8,9 +8,9 @@ from pathlib import PurePath
 from typing import Any, Final
 
 from ..core.state import State
-from ..documents.record import Record
 from ..option_rules import as_dict
 from ..options import resolve
+from ..schemas.record import Record
 from ..workspace import Workspace
 from .stage import STAGES, stage_of
 

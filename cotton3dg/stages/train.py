@@ -13,9 +13,6 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..core.stopwatch import Stopwatch
-from ..documents.frames import FramesInfo
-from ..documents.sfm import SfmInfo
-from ..documents.train import TrainMetrics
 from ..errors import BadInput
 from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image, write_image
@@ -23,6 +20,9 @@ from ..io.ply import write_gaussians
 from ..io.saving import explain_disk_errors, json_text, replacing
 from ..option_rules import as_dict
 from ..options import TrainOptions
+from ..schemas.frames import FramesInfo
+from ..schemas.sfm import SfmInfo
+from ..schemas.train import TrainMetrics
 from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
 from ..splat.plant_windows import find_plant_windows

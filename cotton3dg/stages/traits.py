@@ -19,15 +19,6 @@ from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
-from ..documents.bolls import boll_labels, describe_bolls, read_bolls
-from ..documents.corrections import OF_BOLLS, Corrections
-from ..documents.masks import MasksInfo
-from ..documents.patches import PatchesInfo
-from ..documents.scale import ScaleInfo
-from ..documents.sfm import SfmInfo
-from ..documents.skeleton import describe_map
-from ..documents.train import Effects, TrainMetrics
-from ..documents.weights import WeightModel
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit
 from ..io.colmap import read_cameras
@@ -41,6 +32,15 @@ from ..mapping.map_plant import map_gaussians
 from ..mapping.summary import boll_rows, branch_rows, summarise_map
 from ..mapping.thin_twigs import Trail, follow_thin_twigs
 from ..options import TraitsOptions
+from ..schemas.bolls import boll_labels, describe_bolls, read_bolls
+from ..schemas.corrections import OF_BOLLS, Corrections
+from ..schemas.masks import MasksInfo
+from ..schemas.patches import PatchesInfo
+from ..schemas.scale import ScaleInfo
+from ..schemas.sfm import SfmInfo
+from ..schemas.skeleton import describe_map
+from ..schemas.train import Effects, TrainMetrics
+from ..schemas.weights import WeightModel
 from ..traits.corrections import Corrected, apply_corrections
 from ..traits.error_model import Filming
 from ..traits.isolate import Plant

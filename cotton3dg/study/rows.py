@@ -14,14 +14,14 @@ import numpy as np
 from ..core.machine import usable_cores
 from ..core.scene import Gaussians
 from ..core.state import State
-from ..documents.document import Document
-from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
 from ..io.colmap import read_points
 from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
 from ..io.tables import parse_number, read_rows
 from ..options import TrainOptions
+from ..schemas.document import Document
+from ..schemas.train import Effects, TrainMetrics
 from ..splat.metrics import ViewQuality, mean_known, view_quality
 from ..splat.rasterizer import render
 from ..splat.views import View, hold_out

@@ -17,7 +17,6 @@ from typing import Any
 from .. import pipeline
 from ..core.machine import usable_cores
 from ..core.state import State
-from ..documents.train import TrainMetrics
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..io.encode import crop_video
@@ -26,6 +25,7 @@ from ..io.tables import csv_text
 from ..pipeline import Step, Watcher
 from ..planning.cost import estimate_costs, examine_footage
 from ..planning.tradeoff import format_duration, typical_ratio
+from ..schemas.train import TrainMetrics
 from ..stages.stage import STAGES, stage_of
 from ..stages.staleness import stale_reason
 from ..workspace import Workspace

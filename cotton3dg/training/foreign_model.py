@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from ..core.outcome import StageOutcome
 from ..core.scene import Float64, Gaussians
-from ..documents.nerfstudio import DataparserTransforms
-from ..documents.train import TrainMetrics
 from ..errors import BadInput, MissingInput
 from ..io.ply import read_gaussians
+from ..schemas.nerfstudio import DataparserTransforms
+from ..schemas.train import TrainMetrics
 from ..splat.harmonics import turned
 from ..splat.trainer import Fit
 from .quality import LOW_PSNR_DB

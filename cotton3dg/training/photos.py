@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
-from ..documents.frames import FramesInfo
-from ..documents.sfm import SfmInfo
-from ..documents.train import Effects, ExposureDecision, MotionBlurFound, RollingShutterFound
 from ..options import TrainOptions
+from ..schemas.frames import FramesInfo
+from ..schemas.sfm import SfmInfo
+from ..schemas.train import Effects, ExposureDecision, MotionBlurFound, RollingShutterFound
 from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.exposure import VISIBLE, correct, estimate_exposure

@@ -21,8 +21,8 @@ import pandas as pd
 
 from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.train import Effects
 from cotton3dg.options import SimulateOptions, TrainOptions
+from cotton3dg.schemas.train import Effects
 from cotton3dg.stages.train import load_capture
 from cotton3dg.workspace import Workspace
 

@@ -27,7 +27,6 @@ from study_set import map_columns
 from true_scene import TruePlant, cm_from_scene, true_plant
 
 from cotton3dg.core.plant_map import PlantMap
-from cotton3dg.documents.truth import TrueAxis, Truth
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, evaluate_map, true_map
 from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.io.ply import read_gaussians
@@ -43,6 +42,7 @@ from cotton3dg.mapping.skeleton import (
     stem_radius,
 )
 from cotton3dg.mapping.wood import classify, wood_places
+from cotton3dg.schemas.truth import TrueAxis, Truth
 
 BESIDE_CM = 0.3
 """How far from a true surface the model's wood may lie."""

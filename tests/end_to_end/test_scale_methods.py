@@ -9,9 +9,9 @@ from scenes.marker_scene import photo_of_top, top_picture
 from scenes.table_scene import POSE, orbit
 from scenes.table_workspace import table_workspace
 
-from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.options import ScaleOptions, resolve
+from cotton3dg.schemas.scale import read_scale
 from cotton3dg.stages import scale
 
 CAMERAS = orbit(12, 960, 540)

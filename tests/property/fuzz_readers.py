@@ -29,7 +29,6 @@ import numpy as np
 from cotton3dg.choices import read_toml
 from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.documents import bolls
 from cotton3dg.errors import Cotton3dgError
 from cotton3dg.io import (
     annotations,
@@ -45,6 +44,7 @@ from cotton3dg.io import (
     yolo_labels,
 )
 from cotton3dg.options import resolve
+from cotton3dg.schemas import bolls
 from cotton3dg.splat.trainer import Training
 from cotton3dg.train import checkpoint
 

@@ -19,12 +19,12 @@ from cotton3dg.checking.sights import Sight
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
-from cotton3dg.documents.check import GREEN, RED, YELLOW, CheckInfo, Finding
-from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import ScaleOptions
 from cotton3dg.report.verdicts import of_placed, of_sharpness, of_walk
 from cotton3dg.scale.seek import FoundScale, Plant, no_scale
+from cotton3dg.schemas.check import GREEN, RED, YELLOW, CheckInfo, Finding
+from cotton3dg.schemas.scale import ScaleInfo
 
 WIDTH, HEIGHT, FOCAL_PX, RADIUS = 640, 360, 525.0, 1.4
 BOLLS = np.array([[0.0, 0.0, 0.5], [0.12, 0.02, 0.42], [-0.1, 0.08, 0.3], [0.05, -0.13, 0.22], [0.02, 0.05, 0.36]])

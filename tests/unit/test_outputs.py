@@ -14,11 +14,11 @@ from cotton3dg.commands.markers import print_markers
 from cotton3dg.commands.masks_export import export
 from cotton3dg.commands.masks_train import train
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.masks import MaskedImage, MasksInfo
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.evaluation.mask_table import add_to_table
 from cotton3dg.options import CardsOptions, MarkersOptions, MasksTrainOptions, SimulateOptions
 from cotton3dg.outputs import LIST, made_of, saving
+from cotton3dg.schemas.masks import MaskedImage, MasksInfo
 from cotton3dg.workspace import OWNER_MARK, Workspace
 
 

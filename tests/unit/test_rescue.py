@@ -19,8 +19,8 @@ from cotton3dg.capture.matching import PairMatches, match_pairs
 from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
 from cotton3dg.capture.tracking import follow
 from cotton3dg.core.progress import silent
-from cotton3dg.documents.sfm import RescueStep
 from cotton3dg.io.images import write_image
+from cotton3dg.schemas.sfm import RescueStep
 
 OVERLAP, SEED = 6, 0
 FEATURES = FeatureSettings(1500, 1280, far_apart=False)

@@ -21,6 +21,11 @@ from .core.scene import Gaussians as Gaussians
 from .errors import Cotton3dgError as Cotton3dgError
 from .evaluation.masks import score_masks as score_masks
 from .evaluation.plant import compare_bolls as compare_bolls
+from .gaussians.metrics import psnr_db as psnr_db
+from .gaussians.rasterizer import accumulate_weights as accumulate_weights
+from .gaussians.rasterizer import render as render
+from .gaussians.rasterizer import render_values as render_values
+from .gaussians.views import View as View
 from .geometry.camera_orbit import azimuths as azimuths
 from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit
@@ -55,12 +60,7 @@ from .schemas.bolls import read_bolls as read_bolls
 from .schemas.bolls import read_lifted as read_lifted
 from .schemas.scale import read_scale as read_scale
 from .splat.initialise import start_gaussians as start_gaussians
-from .splat.metrics import psnr_db as psnr_db
-from .splat.rasterizer import accumulate_weights as accumulate_weights
-from .splat.rasterizer import render as render
-from .splat.rasterizer import render_values as render_values
 from .splat.trainer import fit as fit
-from .splat.views import View as View
 from .traits.isolate import isolate_plant as isolate_plant
 from .traits.measure import measure_bolls as measure_bolls
 from .traits.measure import summarise_plant as summarise_plant

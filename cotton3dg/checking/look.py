@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ..core.machine import on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
+from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
+from ..gaussians.views import View
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
 from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image
@@ -23,8 +25,6 @@ from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
 from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo
-from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
-from ..splat.views import View
 from ..stages.scale import load_plant
 from ..training.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
+from ..gaussians.rasterizer import Window
 from ..masks.bolls import BollNetwork, Maps
 from ..masks.group_votes import group_votes
-from ..splat.rasterizer import Window
 
 SIDES: Final = ("top", "bottom", "left", "right")
 """Of an image."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
 from ..core.scene import Camera, Gaussians
+from ..gaussians.appearance import recolour_bolls
+from ..gaussians.metrics import to_uint8
+from ..gaussians.rasterizer import render
 from ..geometry.camera_orbit import azimuths, fit_orbit
-from ..splat.appearance import recolour_bolls
-from ..splat.metrics import to_uint8
-from ..splat.rasterizer import render
 from .view_objects import find_objects
 
 WIDTH_PX: Final = 640

@@ -21,6 +21,9 @@ from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage, NoBolls
+from ..gaussians import rasterizer
+from ..gaussians.appearance import depth_colours, recolour_bolls
+from ..gaussians.metrics import to_uint8
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import reframe, turntable, walk
 from ..io.arrays import read_array
@@ -34,9 +37,6 @@ from ..options import RenderOptions, TrainOptions
 from ..schemas.bolls import boll_labels, read_bolls
 from ..schemas.frames import FramesInfo
 from ..schemas.scale import read_scale
-from ..splat import rasterizer
-from ..splat.appearance import depth_colours, recolour_bolls
-from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 
 QUALITY: Final = 18

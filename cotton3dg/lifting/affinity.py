@@ -28,7 +28,7 @@ from scipy import sparse
 
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
-from ..splat.rasterizer import ray_weights
+from ..gaussians.rasterizer import ray_weights
 
 if TYPE_CHECKING:
     import torch

@@ -30,7 +30,7 @@ LEAST_WEIGHT_PX: Final = 0.05
 
 
 class ViewWeights(NamedTuple):
-    """Blending weights of one view, as `splat.rasterizer.accumulate_weights` gives them."""
+    """Blending weights of one view, as `gaussians.rasterizer.accumulate_weights` gives them."""
 
     view: str
     total: NDArray[np.float32]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..core.scene import Camera, Gaussians
-from ..splat.rasterizer import ray_weights
+from ..gaussians.rasterizer import ray_weights
 
 Float32 = NDArray[np.float32]
 

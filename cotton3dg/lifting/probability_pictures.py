@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
-from ..splat.metrics import to_uint8
-from ..splat.rasterizer import render, render_values
+from ..gaussians.metrics import to_uint8
+from ..gaussians.rasterizer import render, render_values
 
 Float32 = NDArray[np.float32]
 

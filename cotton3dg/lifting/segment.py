@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..core.bolls import LiftedMasks
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
+from ..gaussians.rasterizer import accumulate_weights, render_values
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import AffinityOptions, ProbabilityOptions, SegmentOptions
 from ..schemas.segment import MeanIous, ReachedIous, SegmentInfo
-from ..splat.rasterizer import accumulate_weights, render_values
 from .affinity import neighbour_means, sample_rays, train_features
 from .lift import (
     FOREGROUND_SHARE,

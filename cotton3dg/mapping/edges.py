@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
 from ..core.srgb import to_linear, to_srgb
-from ..splat.rasterizer import render
+from ..gaussians.rasterizer import render
 
 VIEWS: Final = 12
 LONGER_PX: Final = 320

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import _native
 from ..core.scene import Camera, Float64
-from ..splat.rasterizer import view_of
+from ..gaussians.rasterizer import view_of
 
 ASIDE_PX: Final = (2.5, 3.5)
 """Where, at either side of a line, the photo shows what is behind."""

@@ -19,8 +19,8 @@ from ..core.machine import on_all_cores
 from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Camera, Float64, Gaussians
+from ..gaussians.rasterizer import render
 from ..geometry.polylines import path_lengths, place_at, resampled
-from ..splat.rasterizer import render
 from .photo_lines import PhotoLines
 
 VIEWS: Final = 60

@@ -19,9 +19,9 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
+from ..gaussians.rasterizer import train_step
+from ..gaussians.state import AdamState, DensityStatistics, LearningRates
 from ..schemas.document import Document
-from ..splat.rasterizer import train_step
-from ..splat.state import AdamState, DensityStatistics, LearningRates
 from .cost import Machine
 
 VERSION: Final = 2

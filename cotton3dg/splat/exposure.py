@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
-from .views import View
+from ..gaussians.views import View
 
 DARKEST: Final = 15
 BRIGHTEST: Final = 235

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..core.machine import on_all_cores
 from ..core.scene import Camera
+from ..gaussians.views import View
 from .random_streams import open_stream
-from .views import View
 
 FLOW_SIDE_PX: Final = 480
 """Longer side of the images that flow is computed on."""

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Gaussians
 from ..errors import CaptureFailed
+from ..gaussians.harmonics import SH_CONSTANT
+from ..gaussians.views import View
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions
 from .densify import concatenate
 from .flow_points import find_dense_points
 from .random_streams import open_stream
-from .views import View
 
-SH_CONSTANT: Final = 0.28209479177387814
 START_OPACITY: Final = 0.5
 """Not the 0.1 of Kerbl et al. 2023: dense points lie on surfaces, so that less has to be found out (measured: +0.2 dB
 after 1000 steps)."""

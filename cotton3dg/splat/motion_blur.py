@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float64
+from ..gaussians.views import View
 from .motion import Tracks, measure_velocities
-from .views import View
 
 VISIBLE_PX: Final = 2.0
 """A line of this length wipes out the finest detail that an image can show, of one cycle in 2 px."""

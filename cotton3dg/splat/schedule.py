@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from ..core.scene import Camera
+from ..gaussians.metrics import PLANT_REGION
+from ..gaussians.rasterizer import Window
+from ..gaussians.state import NO_SURROUNDINGS, LearningRates, Surroundings
+from ..gaussians.views import View
 from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..options import TrainOptions
-from .metrics import PLANT_REGION
 from .random_streams import open_stream
-from .rasterizer import Window
-from .state import NO_SURROUNDINGS, LearningRates, Surroundings
-from .views import View
 
 COARSEST_SIDE_PX: Final = 200
 """Images are not reduced below this: there is nothing left to learn from."""

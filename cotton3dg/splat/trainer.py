@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from ..core.progress import Progress, silent
 from ..core.scene import Gaussians
 from ..errors import StageFailed
+from ..gaussians.metrics import PLANT_REGION
+from ..gaussians.rasterizer import StepReport, Window, train_step
+from ..gaussians.state import AdamState, DensityStatistics
+from ..gaussians.views import View
 from ..geometry.camera_orbit import Orbit
 from ..options import TrainOptions
 from . import densify
-from .metrics import PLANT_REGION
-from .rasterizer import StepReport, Window, train_step
 from .schedule import Schedule
-from .state import AdamState, DensityStatistics
-from .views import View
 
 MOST_REJECTED: Final = 0.02
 """Share of the steps that may be rejected for a non-finite loss before training counts as failed."""

@@ -16,13 +16,13 @@ from ..clustering.view_picture import draw_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput
+from ..gaussians.appearance import boll_colours
 from ..io.colmap import read_cameras
 from ..io.images import write_image
 from ..io.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..schemas.bolls import boll_labels, describe_bolls, read_lifted
 from ..schemas.masks import MasksInfo
-from ..splat.appearance import boll_colours
 from ..workspace import Workspace
 from .stage import Cost, Stage, twice_the_model
 

@@ -13,6 +13,7 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
 from ..errors import BadInput
+from ..gaussians.metrics import to_uint8
 from ..io.colmap import read_cameras
 from ..io.images import fit_size, read_ids, write_image
 from ..io.ply import read_gaussians, write_gaussians
@@ -20,7 +21,6 @@ from ..lifting.lift import resize_ids
 from ..lifting.segment import segmented
 from ..options import SegmentOptions
 from ..schemas.bolls import write_lifted
-from ..splat.metrics import to_uint8
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work, twice_the_model
 

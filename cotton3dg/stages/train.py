@@ -14,6 +14,9 @@ from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..core.stopwatch import Stopwatch
 from ..errors import BadInput
+from ..gaussians.plant_windows import find_plant_windows
+from ..gaussians.rasterizer import Window
+from ..gaussians.views import View
 from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image, write_image
 from ..io.ply import write_gaussians
@@ -25,11 +28,8 @@ from ..schemas.sfm import SfmInfo
 from ..schemas.train import TrainMetrics
 from ..splat.densify import scheduled_count
 from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
-from ..splat.plant_windows import find_plant_windows
-from ..splat.rasterizer import Window
 from ..splat.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
 from ..splat.trainer import Fit, Training, fit
-from ..splat.views import View
 from ..train.checkpoint import read_training, write_training
 from ..training.foreign_model import as_fit, explained, read_foreign
 from ..training.photos import Capture, SparseModel, capture_of

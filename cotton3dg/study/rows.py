@@ -15,6 +15,9 @@ from ..core.machine import usable_cores
 from ..core.scene import Gaussians
 from ..core.state import State
 from ..errors import BadInput
+from ..gaussians.metrics import ViewQuality, mean_known, view_quality
+from ..gaussians.rasterizer import render
+from ..gaussians.views import View, hold_out
 from ..io.colmap import read_points
 from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
@@ -22,9 +25,6 @@ from ..io.tables import parse_number, read_rows
 from ..options import TrainOptions
 from ..schemas.document import Document
 from ..schemas.train import Effects, TrainMetrics
-from ..splat.metrics import ViewQuality, mean_known, view_quality
-from ..splat.rasterizer import render
-from ..splat.views import View, hold_out
 from ..stages.stage import STAGES
 from ..stages.train import load_views
 from ..workspace import Workspace

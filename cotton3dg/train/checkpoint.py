@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ..core.scene import Gaussians
 from ..errors import BadInput
+from ..gaussians.state import AdamState, DensityStatistics
+from ..gaussians.views import View
 from ..io.arrays import read_arrays
-from ..splat.state import AdamState, DensityStatistics
 from ..splat.trainer import Fit, Training
-from ..splat.views import View
 
 log = logging.getLogger("cotton3dg")
 

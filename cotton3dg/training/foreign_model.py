@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput, MissingInput
+from ..gaussians.harmonics import turned
 from ..io.ply import read_gaussians
 from ..schemas.nerfstudio import DataparserTransforms
 from ..schemas.train import TrainMetrics
-from ..splat.harmonics import turned
 from ..splat.trainer import Fit
 from .quality import LOW_PSNR_DB
 

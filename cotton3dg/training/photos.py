@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
+from ..gaussians.views import View, hold_out
 from ..options import TrainOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import SfmInfo
@@ -18,7 +19,6 @@ from ..splat import motion_blur as blurring
 from ..splat import rolling_shutter as rolling
 from ..splat.exposure import VISIBLE, correct, estimate_exposure
 from ..splat.motion import Tracks, find_longest_tracks
-from ..splat.views import View, hold_out
 
 MOTION_POINTS: Final = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
+from ..gaussians.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..geometry.camera_orbit import fit_orbit
 from ..schemas.train import Effects, HeldOut, RejectedStep, TrainedSteps, TrainMetrics
-from ..splat.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..splat.trainer import Fit
 from .photos import Capture
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
 from cotton3dg.core.scene import Gaussians
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.io.saving import file_sha256
 from cotton3dg.masks.backends import VOTING_VIEWS
@@ -23,8 +25,6 @@ from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
 from cotton3dg.masks.meeting_votes import Votes, cast_votes
 from cotton3dg.options import MasksOptions
 from cotton3dg.schemas.scale import ScaleInfo
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.stages.masks import load_plant
 
 LINT_SHARE = 0.02

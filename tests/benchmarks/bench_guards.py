@@ -90,7 +90,7 @@ def work() -> None:
     importlib.import_module("conftest")  # puts the build under test in place
     from scenes.splat_scenes import RATES, camera_at, scene, target_of
 
-    from cotton3dg.splat import rasterizer
+    from cotton3dg.gaussians import rasterizer
 
     gaussians, camera = scene(N_GAUSSIANS, seed=0, coefficients=4), camera_at(WIDTH, HEIGHT)
     gaussians.log_scales[:] -= 1.5

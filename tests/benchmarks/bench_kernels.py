@@ -25,8 +25,8 @@ import numpy as np
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians import rasterizer
 from cotton3dg.io.ply import SH_CONSTANT, read_gaussians
-from cotton3dg.splat import rasterizer
 from cotton3dg.stages.train import load_views
 from cotton3dg.workspace import Workspace
 

@@ -18,12 +18,12 @@ from scenes.training_scene import OPTIONS, training_scene
 from cotton3dg import pipeline
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import StageFailed
+from cotton3dg.gaussians.rasterizer import train_step
 from cotton3dg.io.arrays import read_arrays
 from cotton3dg.io.images import read_image, write_image
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
 from cotton3dg.splat import trainer
-from cotton3dg.splat.rasterizer import train_step
 from cotton3dg.splat.schedule import densification_steps
 from cotton3dg.splat.trainer import Training, fit
 from cotton3dg.stages import train

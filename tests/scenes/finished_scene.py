@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.gaussians.metrics import to_uint8
+from cotton3dg.gaussians.rasterizer import render, render_values
 from cotton3dg.io.images import write_ids, write_image
 from cotton3dg.io.ply import write_gaussians
 from cotton3dg.options import resolve
 from cotton3dg.pipeline import stage_options
-from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.splat.rasterizer import render, render_values
 from cotton3dg.stages import cluster, segment, traits
 from cotton3dg.stages.stage import stage_of
 from cotton3dg.workspace import Workspace

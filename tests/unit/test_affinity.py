@@ -6,6 +6,7 @@ import pytest
 import torch
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
+from cotton3dg.gaussians.rasterizer import accumulate_weights, render_values
 from cotton3dg.lifting.affinity import (
     RAYS_PER_VIEW,
     affinity_loss,
@@ -16,7 +17,6 @@ from cotton3dg.lifting.affinity import (
 )
 from cotton3dg.lifting.lift import ViewWeights
 from cotton3dg.lifting.prompts import PromptView, grow, lift_prompts
-from cotton3dg.splat.rasterizer import accumulate_weights, render_values
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from scenes.training_scene import orbit_camera
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import CaptureFailed
+from cotton3dg.gaussians.views import View
 from cotton3dg.options import TrainOptions
 from cotton3dg.splat.flow_points import find_dense_points, find_neighbouring_pairs
 from cotton3dg.splat.initialise import (
@@ -20,7 +21,6 @@ from cotton3dg.splat.initialise import (
     starting_scales,
 )
 from cotton3dg.splat.schedule import image_order
-from cotton3dg.splat.views import View
 
 
 def grey(n: int) -> np.ndarray:

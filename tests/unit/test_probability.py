@@ -11,6 +11,7 @@ from scenes.splat_scenes import arrays_of, native_view, round_gaussians
 
 from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians.rasterizer import near_plane, render_values
 from cotton3dg.io.ply import SH_CONSTANT
 from cotton3dg.lifting.probability import (
     TrainingView,
@@ -21,7 +22,6 @@ from cotton3dg.lifting.probability import (
     train_probabilities,
 )
 from cotton3dg.lifting.probability_pictures import draw_lint, draw_training
-from cotton3dg.splat.rasterizer import near_plane, render_values
 
 SIZE = (60, 50)
 

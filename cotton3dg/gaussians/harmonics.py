@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
 from ..geometry.boxes import fibonacci_directions
+
+SH_CONSTANT: Final = 0.28209479177387814
+"""Value of the constant spherical harmonic, 1 / (2 sqrt(pi))."""
 
 
 def basis(directions: Float64, n_coefficients: int) -> Float64:
@@ -14,7 +19,7 @@ def basis(directions: Float64, n_coefficients: int) -> Float64:
     x, y, z = directions.T
     xx, yy, zz = x * x, y * y, z * z
     functions = [
-        np.full_like(x, 0.28209479177387814),
+        np.full_like(x, SH_CONSTANT),
         -0.4886025119029199 * y,
         0.4886025119029199 * z,
         -0.4886025119029199 * x,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Gaussians
-from .initialise import SH_CONSTANT
+from .harmonics import SH_CONSTANT
 
 FADED: Final = 0.35
 """What is left of the contrast of all that is no boll."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Float32, Gaussians
 from cotton3dg.errors import OutOfResources
-from cotton3dg.splat.state import AdamState, DensityStatistics, LearningRates, arrays_of
+from cotton3dg.gaussians.state import AdamState, DensityStatistics, LearningRates, arrays_of
 
 T = TypeVar("T")
 Background = tuple[float, float, float] | NDArray[Any]

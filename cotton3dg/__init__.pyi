@@ -29,6 +29,7 @@ from .gaussians.views import View as View
 from .geometry.camera_orbit import azimuths as azimuths
 from .geometry.camera_orbit import evenly_spaced as evenly_spaced
 from .geometry.camera_orbit import fit_orbit as fit_orbit
+from .geometry.camera_orbit import within_orbit as within_orbit
 from .io.annotations import read_masks as read_masks
 from .io.colmap import read_cameras as read_cameras
 from .io.colmap import read_points as read_points
@@ -39,11 +40,6 @@ from .io.images import write_image as write_image
 from .io.ply import read_gaussians as read_gaussians
 from .io.ply import recolour as recolour
 from .io.ply import write_gaussians as write_gaussians
-from .lifting.lift import ViewWeights as ViewWeights
-from .lifting.lift import lift as lift
-from .lifting.lift import mark_rim as mark_rim
-from .lifting.lift import rim_width_px as rim_width_px
-from .lifting.lift import within_orbit as within_orbit
 from .masks.bolls import open_bolls as open_bolls
 from .masks.detect_bolls import detect_bolls as detect_bolls
 from .masks.detect_lint import detect_lint as detect_lint
@@ -59,6 +55,10 @@ from .schemas.bolls import boll_labels as boll_labels
 from .schemas.bolls import read_bolls as read_bolls
 from .schemas.bolls import read_lifted as read_lifted
 from .schemas.scale import read_scale as read_scale
+from .segment.lift import ViewWeights as ViewWeights
+from .segment.lift import lift as lift
+from .segment.lift import mark_rim as mark_rim
+from .segment.lift import rim_width_px as rim_width_px
 from .splat.initialise import start_gaussians as start_gaussians
 from .splat.trainer import fit as fit
 from .traits.isolate import isolate_plant as isolate_plant

@@ -14,12 +14,11 @@ from ..core.machine import on_all_cores
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput
-from ..geometry.camera_orbit import fit_orbit
+from ..geometry.camera_orbit import fit_orbit, within_orbit
 from ..io.colmap import read_cameras, read_points
 from ..io.images import read_image, write_ids
 from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
-from ..lifting.lift import within_orbit
 from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
 from ..masks.bolls import SHIPPED_FILE, seen_size
 from ..masks.lint_edges import EDGES_FILE

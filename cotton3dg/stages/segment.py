@@ -17,10 +17,10 @@ from ..gaussians.metrics import to_uint8
 from ..io.colmap import read_cameras
 from ..io.images import fit_size, read_ids, write_image
 from ..io.ply import read_gaussians, write_gaussians
-from ..lifting.lift import resize_ids
-from ..lifting.segment import segmented
 from ..options import SegmentOptions
 from ..schemas.bolls import write_lifted
+from ..segment.lift import resize_ids
+from ..segment.segment import segmented
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work, twice_the_model
 

@@ -32,11 +32,10 @@ from true_scene import TruePlant, true_masks, true_plant
 
 from cotton3dg.evaluation.masks import score_masks
 from cotton3dg.gaussians.rasterizer import Window
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import read_image
 from cotton3dg.io.ply import read_gaussians
-from cotton3dg.lifting.lift import within_orbit
 from cotton3dg.masks import detect_bolls as detect_bolls_module
 from cotton3dg.masks import separate_bolls
 from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls

@@ -29,9 +29,8 @@ from cotton3dg.core.scene import Camera, Float32, Float64, Gaussians
 from cotton3dg.core.srgb import to_linear
 from cotton3dg.evaluation.masks import match_ious, score_masks
 from cotton3dg.gaussians.views import View
-from cotton3dg.geometry.camera_orbit import fit_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
 from cotton3dg.io.ply import read_gaussians, write_gaussians
-from cotton3dg.lifting.lift import within_orbit
 from cotton3dg.masks.bolls import BollNetwork, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.options import resolve

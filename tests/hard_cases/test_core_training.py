@@ -22,9 +22,9 @@ from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
 from cotton3dg.gaussians import rasterizer
 from cotton3dg.gaussians.state import Surroundings
+from cotton3dg.segment.losses import normalise
 from cotton3dg.splat import densify, trainer
 from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.losses import normalise
 from cotton3dg.splat.trainer import fit
 from cotton3dg.training.quality import metrics_of, outcome_of
 

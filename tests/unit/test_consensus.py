@@ -12,7 +12,7 @@ from cotton3dg.clustering.consensus import contract, join_halves, merge_views, m
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
-from cotton3dg.lifting.lift import ViewWeights, lift, mark_rim, rim_width_px
+from cotton3dg.segment.lift import ViewWeights, lift, mark_rim, rim_width_px
 
 UP = np.array([0, 0, 1.0])
 

@@ -125,7 +125,7 @@ def train_features(
     """
     import torch
 
-    from ..splat.losses import normalise
+    from .losses import normalise
 
     views = [view for view in views if view.ids.any()]
     if not views:
@@ -176,7 +176,7 @@ def affinity_loss(rendered: torch.Tensor, ids: torch.Tensor) -> torch.Tensor:
     import torch
     from torch.nn.functional import softplus
 
-    from ..splat.losses import normalise
+    from .losses import normalise
 
     unit = normalise(rendered)
     stray = (1 - rendered.norm(dim=1)).square().mean()

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollSelection, LiftedMasks
-from ..core.scene import Camera
-from ..geometry.camera_orbit import Orbit
 
 Float32 = NDArray[np.float32]
 
@@ -70,21 +68,6 @@ def mark_rim(ids: NDArray[np.uint16], width_px: int) -> NDArray[np.uint16]:
         rim[shift:] |= down
         rim[:-shift] |= down
     return np.where(rim, np.uint16(RIM_ID), ids)
-
-
-def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: Orbit) -> NDArray[np.bool_]:
-    """Which of the (N, 3) points lie inside the camera path, where the plant stands; walls and furniture do not.
-
-    Args:
-        means: (N, 3) su.
-        orbit: of the cameras.
-    Returns:
-        (N,) what is nearer to the centre than 0.8 of the cameras' distance; everything when they do not look inwards.
-    """
-    ahead = np.median([(orbit.centre - camera.centre) @ camera.forward for camera in cameras])
-    if not ahead > 0.5 * orbit.distance:
-        return np.ones(len(means), bool)
-    return np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
 
 
 def sum_seen_weights(views: Sequence[ViewWeights], n: int) -> Float32:

@@ -14,7 +14,7 @@ from ..core.bolls import LiftedMasks
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..gaussians.rasterizer import accumulate_weights, render_values
-from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
 from ..options import AffinityOptions, ProbabilityOptions, SegmentOptions
 from ..schemas.segment import MeanIous, ReachedIous, SegmentInfo
 from .affinity import neighbour_means, sample_rays, train_features
@@ -26,7 +26,6 @@ from .lift import (
     rim_width_px,
     sum_seen_weights,
     vote_foreground,
-    within_orbit,
 )
 from .probability import REPORTED_STEPS, THRESHOLDS, mean_binary_ious, sample_view, train_probabilities
 from .probability_pictures import PICTURED_STEPS, draw_lint, draw_training

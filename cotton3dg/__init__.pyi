@@ -59,8 +59,8 @@ from .segment.lift import ViewWeights as ViewWeights
 from .segment.lift import lift as lift
 from .segment.lift import mark_rim as mark_rim
 from .segment.lift import rim_width_px as rim_width_px
-from .splat.initialise import start_gaussians as start_gaussians
-from .splat.trainer import fit as fit
+from .train.initialise import start_gaussians as start_gaussians
+from .train.trainer import fit as fit
 from .traits.isolate import isolate_plant as isolate_plant
 from .traits.measure import measure_bolls as measure_bolls
 from .traits.measure import summarise_plant as summarise_plant

@@ -26,7 +26,7 @@ from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
 from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo
 from ..stages.scale import load_plant
-from ..training.photos import SparseModel, motion_blur_of
+from ..train.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace
 from .agreeing_places import find_agreeing_places
 from .first_count import FoundBoll, find_bolls_in_space

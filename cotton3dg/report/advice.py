@@ -14,7 +14,7 @@ from ..schemas.check import GREEN, VERDICTS, YELLOW, Finding
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import LensDecision
 from ..schemas.train import ExposureDecision, MotionBlurFound, RollingShutterFound
-from ..splat.exposure import ALIKE
+from ..train.effects.exposure import ALIKE
 from .facts import Facts
 from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 

@@ -34,7 +34,7 @@ class RejectedStep:
 
 @dataclass(frozen=True)
 class TrainedSteps:
-    """As `splat.trainer.Fit` keeps it; a training that only passed through the model says no width and loss."""
+    """As `train.trainer.Fit` keeps it; a training that only passed through the model says no width and loss."""
 
     step: int
     seconds: float

@@ -26,14 +26,14 @@ from ..options import TrainOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.train import TrainMetrics
-from ..splat.densify import scheduled_count
-from ..splat.initialise import FILL_SHARE, START_SHARE, start_gaussians
-from ..splat.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
-from ..splat.trainer import Fit, Training, fit
 from ..train.checkpoint import read_training, write_training
-from ..training.foreign_model import as_fit, explained, read_foreign
-from ..training.photos import Capture, SparseModel, capture_of
-from ..training.quality import judged, outcome_of
+from ..train.densify import scheduled_count
+from ..train.foreign_model import as_fit, explained, read_foreign
+from ..train.initialise import FILL_SHARE, START_SHARE, start_gaussians
+from ..train.photos import Capture, SparseModel, capture_of
+from ..train.quality import judged, outcome_of
+from ..train.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
+from ..train.trainer import Fit, Training, fit
 from ..workspace import Workspace
 from .stage import FILE, Cost, Stage, Work
 

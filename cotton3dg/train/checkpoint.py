@@ -16,7 +16,7 @@ from ..errors import BadInput
 from ..gaussians.state import AdamState, DensityStatistics
 from ..gaussians.views import View
 from ..io.arrays import read_arrays
-from ..splat.trainer import Fit, Training
+from .trainer import Fit, Training
 
 log = logging.getLogger("cotton3dg")
 

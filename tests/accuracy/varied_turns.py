@@ -40,8 +40,8 @@ from cotton3dg.simulate.mesh import unit
 from cotton3dg.simulate.plates import LitScene, light_scene
 from cotton3dg.simulate.rays import interpolate
 from cotton3dg.simulate.training_scenes import LINT, Crowd, TrainingScene, build_scene
-from cotton3dg.splat.initialise import start_gaussians
-from cotton3dg.splat.trainer import fit
+from cotton3dg.train.initialise import start_gaussians
+from cotton3dg.train.trainer import fit
 
 FIRST_SEED = 9_000_000
 """Far beyond the scenes that any network was trained on."""

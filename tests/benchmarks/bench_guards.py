@@ -156,8 +156,8 @@ def checkpoint_pct() -> float:
     from scenes.splat_scenes import scene
 
     from cotton3dg.io.saving import replacing
-    from cotton3dg.splat.trainer import SAVED_EVERY_S, Training
     from cotton3dg.train.checkpoint import write_training
+    from cotton3dg.train.trainer import SAVED_EVERY_S, Training
 
     training = Training.of(scene(150_000, seed=0, coefficients=4))
     with tempfile.TemporaryDirectory(dir=ROOT) as folder:

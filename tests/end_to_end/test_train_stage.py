@@ -16,8 +16,8 @@ from cotton3dg.gaussians.rasterizer import render
 from cotton3dg.io.images import read_image, write_image
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.initialise import place_gaussians
 from cotton3dg.stages import train
+from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.workspace import Workspace
 
 OPTIONS = TrainOptions(steps=250, max_gaussians=500, sh_degree=1, max_side=96)

@@ -23,11 +23,11 @@ from cotton3dg.io.arrays import read_arrays
 from cotton3dg.io.images import read_image, write_image
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import trainer
-from cotton3dg.splat.schedule import densification_steps
-from cotton3dg.splat.trainer import Training, fit
 from cotton3dg.stages import train
+from cotton3dg.train import trainer
 from cotton3dg.train.checkpoint import read_training, write_training
+from cotton3dg.train.schedule import densification_steps
+from cotton3dg.train.trainer import Training, fit
 from cotton3dg.workspace import Workspace
 
 LONG = replace(OPTIONS, steps=300, sh_degree=2)

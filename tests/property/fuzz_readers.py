@@ -45,8 +45,8 @@ from cotton3dg.io import (
 )
 from cotton3dg.options import resolve
 from cotton3dg.schemas import bolls
-from cotton3dg.splat.trainer import Training
 from cotton3dg.train import checkpoint
+from cotton3dg.train.trainer import Training
 
 LIMIT_S, LIMIT_BYTES = 2.0, 256 * 2**20
 TRACED_SHARE = 0.1

@@ -14,9 +14,10 @@ from cotton3dg.gaussians.metrics import PLANT_REGION, psnr_db, to_uint8
 from cotton3dg.gaussians.rasterizer import StepReport, render
 from cotton3dg.gaussians.views import View
 from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.splat import densify, trainer
-from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.schedule import (
+from cotton3dg.train import densify, trainer
+from cotton3dg.train.initialise import place_gaussians
+from cotton3dg.train.quality import metrics_of, outcome_of
+from cotton3dg.train.schedule import (
     DENSIFY_AFTER,
     DENSIFY_EVERY,
     DENSIFY_UNTIL,
@@ -29,8 +30,7 @@ from cotton3dg.splat.schedule import (
     resolutions,
     surroundings,
 )
-from cotton3dg.splat.trainer import fit
-from cotton3dg.training.quality import metrics_of, outcome_of
+from cotton3dg.train.trainer import fit
 
 
 def test_psnr_of_a_held_out_view_rises() -> None:

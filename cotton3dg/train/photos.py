@@ -15,10 +15,10 @@ from ..options import TrainOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.train import Effects, ExposureDecision, MotionBlurFound, RollingShutterFound
-from ..splat import motion_blur as blurring
-from ..splat import rolling_shutter as rolling
-from ..splat.exposure import VISIBLE, correct, estimate_exposure
-from ..splat.motion import Tracks, find_longest_tracks
+from .effects import motion_blur as blurring
+from .effects import rolling_shutter as rolling
+from .effects.exposure import VISIBLE, correct, estimate_exposure
+from .effects.motion import Tracks, find_longest_tracks
 
 MOTION_POINTS: Final = 600
 """The points seen in the most images suffice for what the camera's motion did to the images."""

@@ -13,8 +13,8 @@ from ..core.outcome import StageOutcome
 from ..gaussians.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..geometry.camera_orbit import fit_orbit
 from ..schemas.train import Effects, HeldOut, RejectedStep, TrainedSteps, TrainMetrics
-from ..splat.trainer import Fit
 from .photos import Capture
+from .trainer import Fit
 
 LOW_PSNR_DB: Final = 22.0
 """Below this the render is visibly blurred, and traits measured on it are doubtful."""

@@ -22,8 +22,8 @@ from ..gaussians.harmonics import turned
 from ..io.ply import read_gaussians
 from ..schemas.nerfstudio import DataparserTransforms
 from ..schemas.train import TrainMetrics
-from ..splat.trainer import Fit
 from .quality import LOW_PSNR_DB
+from .trainer import Fit
 
 RIGID: Final = 1e-3
 """How far a rotation that was saved in single precision may be off."""

@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float64
-from ..gaussians.views import View
+from ...core.scene import Float64
+from ...gaussians.views import View
 from .motion import Tracks, measure_velocities
 
 VISIBLE_PX: Final = 2.0

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Camera, Float64
+from ...core.scene import Camera, Float64
 
 Int64 = NDArray[np.int64]
 

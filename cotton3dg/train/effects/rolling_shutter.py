@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..core.scene import Float64
+from ...core.scene import Float64
 from .motion import Tracks, in_cameras, measure_velocities
 
 VISIBLE_PX: Final = 0.5

@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float64
-from ..gaussians.views import View
+from ...core.scene import Float64
+from ...gaussians.views import View
 
 DARKEST: Final = 15
 BRIGHTEST: Final = 235

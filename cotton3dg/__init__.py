@@ -13,11 +13,11 @@ from typing import Any, Final
 __version__ = "0.1.0"
 
 _HOMES: Final = {
-    "capture.frame_quality": ("blur", "sharpness"),
-    "capture.held_frames": ("thin_out",),
-    "capture.image_pairs": ("choose_pairs",),
-    "capture.lens": ("undistort",),
-    "capture.reconstruction": ("ReconstructionSettings", "reconstruct"),
+    "frames.frame_quality": ("blur", "sharpness"),
+    "frames.held_frames": ("thin_out",),
+    "sfm.image_pairs": ("choose_pairs",),
+    "sfm.lens": ("undistort",),
+    "sfm.reconstruction": ("ReconstructionSettings", "reconstruct"),
     "clustering.agglomerative": ("join_objects",),
     "clustering.consensus": ("merge_views",),
     "clustering.dbscan": ("cluster_objects",),

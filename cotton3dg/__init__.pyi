@@ -1,12 +1,5 @@
 """The public names with their types; `_HOMES` in __init__.py says the same at run time."""
 
-from .capture.frame_quality import blur as blur
-from .capture.frame_quality import sharpness as sharpness
-from .capture.held_frames import thin_out as thin_out
-from .capture.image_pairs import choose_pairs as choose_pairs
-from .capture.lens import undistort as undistort
-from .capture.reconstruction import ReconstructionSettings as ReconstructionSettings
-from .capture.reconstruction import reconstruct as reconstruct
 from .clustering.agglomerative import join_objects as join_objects
 from .clustering.consensus import merge_views as merge_views
 from .clustering.dbscan import cluster_objects as cluster_objects
@@ -21,6 +14,9 @@ from .core.scene import Gaussians as Gaussians
 from .errors import Cotton3dgError as Cotton3dgError
 from .evaluation.masks import score_masks as score_masks
 from .evaluation.plant import compare_bolls as compare_bolls
+from .frames.frame_quality import blur as blur
+from .frames.frame_quality import sharpness as sharpness
+from .frames.held_frames import thin_out as thin_out
 from .gaussians.metrics import psnr_db as psnr_db
 from .gaussians.rasterizer import accumulate_weights as accumulate_weights
 from .gaussians.rasterizer import render as render
@@ -59,6 +55,10 @@ from .segment.lift import ViewWeights as ViewWeights
 from .segment.lift import lift as lift
 from .segment.lift import mark_rim as mark_rim
 from .segment.lift import rim_width_px as rim_width_px
+from .sfm.image_pairs import choose_pairs as choose_pairs
+from .sfm.lens import undistort as undistort
+from .sfm.reconstruction import ReconstructionSettings as ReconstructionSettings
+from .sfm.reconstruction import reconstruct as reconstruct
 from .train.initialise import start_gaussians as start_gaussians
 from .train.trainer import fit as fit
 from .traits.isolate import isolate_plant as isolate_plant

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.frame_quality import BLURRED
+from ..frames.frame_quality import BLURRED
 from ..geometry.camera_orbit import find_out_of_view
 from ..report.verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 from ..schemas.check import GREEN, RED, VERDICTS, YELLOW, CheckInfo, Finding

@@ -14,9 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..capture.keyframes import Keyframes, will_do
-from ..capture.lens import undistort
-from ..capture.placed import decide_distortion, describe_cameras
 from ..checking.judge import judge, refuse
 from ..checking.look import Look, look_at
 from ..checking.page import check_page, strip_of
@@ -27,6 +24,9 @@ from ..pipeline import Watcher, begin, run
 from ..schemas.check import CheckInfo, film_of
 from ..schemas.choices import Choices
 from ..schemas.frames import FramesInfo
+from ..sfm.keyframes import Keyframes, will_do
+from ..sfm.lens import undistort
+from ..sfm.placed import decide_distortion, describe_cameras
 from ..stages.stage import STAGES
 from ..stages.staleness import stale_reason
 from ..workspace import Workspace

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from ..capture.take_photos import take_photos
-from ..capture.take_video import HELD_A_FRAME, take_video
-from ..capture.taken import Picture, outcome_of
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..errors import blame_capture
+from ..frames.take_photos import take_photos
+from ..frames.take_video import HELD_A_FRAME, take_video
+from ..frames.taken import Picture, outcome_of
 from ..io.images import list_images, write_image
 from ..options import FramesOptions
 from ..workspace import Workspace

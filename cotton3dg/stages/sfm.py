@@ -10,18 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from ..capture.image_pairs import choose_pairs
-from ..capture.keyframes import Keyframes, keyframe_spacing
-from ..capture.lens import undistort
-from ..capture.placed import (
-    decide_distortion,
-    describe_cameras,
-    outcome_of,
-    require_agreement,
-    require_images,
-    require_registered,
-)
-from ..capture.reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
 from ..core.stopwatch import Stopwatch
@@ -32,6 +20,18 @@ from ..io.saving import json_text
 from ..options import SfmOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.record import Record
+from ..sfm.image_pairs import choose_pairs
+from ..sfm.keyframes import Keyframes, keyframe_spacing
+from ..sfm.lens import undistort
+from ..sfm.placed import (
+    decide_distortion,
+    describe_cameras,
+    outcome_of,
+    require_agreement,
+    require_images,
+    require_registered,
+)
+from ..sfm.reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
 from ..workspace import Workspace
 from .stage import Cost, Stage, Work
 

@@ -16,10 +16,10 @@ from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
-from cotton3dg.capture import reconstruction
-from cotton3dg.capture.placed import require_registered
 from cotton3dg.errors import BadInput, CaptureFailed
 from cotton3dg.io.images import write_image
+from cotton3dg.sfm import reconstruction
+from cotton3dg.sfm.placed import require_registered
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"sfm": {"max_features": 1500, "overlap": 6}}

@@ -1,8 +1,8 @@
 """The public names with their types; `_HOMES` in __init__.py says the same at run time."""
 
-from .clustering.agglomerative import join_objects as join_objects
-from .clustering.consensus import merge_views as merge_views
-from .clustering.dbscan import cluster_objects as cluster_objects
+from .cluster.agglomerative import join_objects as join_objects
+from .cluster.consensus import merge_views as merge_views
+from .cluster.dbscan import cluster_objects as cluster_objects
 from .core.bolls import BollInstance as BollInstance
 from .core.bolls import LiftedMasks as LiftedMasks
 from .core.bolls import MaskSet as MaskSet

@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from ..clustering.agglomerative import join_objects
-from ..clustering.boll_masks import assign_masks, weigh_scores
-from ..clustering.boll_shape import flag_close
-from ..clustering.consensus import merge_views
-from ..clustering.dbscan import cluster_objects
-from ..clustering.view_picture import draw_views
+from ..cluster.agglomerative import join_objects
+from ..cluster.boll_masks import assign_masks, weigh_scores
+from ..cluster.boll_shape import flag_close
+from ..cluster.consensus import merge_views
+from ..cluster.dbscan import cluster_objects
+from ..cluster.view_picture import draw_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes.table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
 
-from cotton3dg.clustering.agglomerative import join_objects
-from cotton3dg.clustering.dbscan import cluster_objects
+from cotton3dg.cluster.agglomerative import join_objects
+from cotton3dg.cluster.dbscan import cluster_objects
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput

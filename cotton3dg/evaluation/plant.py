@@ -17,7 +17,7 @@ from ..core.measurements import is_counted
 from ..errors import BadInput, MissingInput
 from ..io.cloud import read_cloud
 from ..io.tables import flags_of, parse_number, read_rows
-from ..mapping.summary import summarise_map
+from ..plant_map.summary import summarise_map
 from ..schemas.truth import Truth
 from ..workspace import Workspace
 from .cloud import measure_cloud

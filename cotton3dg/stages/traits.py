@@ -27,11 +27,11 @@ from ..io.ply import read_gaussians
 from ..io.saving import write_text_atomically
 from ..io.skeleton import draw_map, skeleton_ply
 from ..io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
-from ..mapping.edges import edge_opacity
-from ..mapping.map_plant import map_gaussians
-from ..mapping.summary import boll_rows, branch_rows, summarise_map
-from ..mapping.thin_twigs import Trail, follow_thin_twigs
 from ..options import TraitsOptions
+from ..plant_map.edges import edge_opacity
+from ..plant_map.map_plant import map_gaussians
+from ..plant_map.summary import boll_rows, branch_rows, summarise_map
+from ..plant_map.thin_twigs import Trail, follow_thin_twigs
 from ..schemas.bolls import boll_labels, describe_bolls, read_bolls
 from ..schemas.corrections import OF_BOLLS, Corrections
 from ..schemas.masks import MasksInfo

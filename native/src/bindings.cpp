@@ -1,5 +1,5 @@
 // The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/gaussians/rasterizer.py; those of
-// the matching of descriptors and of thin lines in photos are cotton3dg/sfm/matching.py and mapping/photo_lines.py.
+// the matching of descriptors and of thin lines in photos are cotton3dg/sfm/matching.py and plant_map/photo_lines.py.
 #include "bindings.h"
 
 #include "dispatch.h"

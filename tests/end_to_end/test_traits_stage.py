@@ -14,8 +14,8 @@ from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.io.images import write_image
 from cotton3dg.io.ply import read_gaussians, write_gaussians
 from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
-from cotton3dg.mapping.thin_twigs import Trail
 from cotton3dg.options import TraitsOptions
+from cotton3dg.plant_map.thin_twigs import Trail
 from cotton3dg.schemas.bolls import describe_bolls
 from cotton3dg.schemas.record import Record
 from cotton3dg.schemas.scale import ScaleInfo

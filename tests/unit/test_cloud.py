@@ -10,7 +10,7 @@ from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.cloud import find_table_height, measure_cloud
 from cotton3dg.evaluation.plant import evaluate_cloud
 from cotton3dg.io.cloud import read_cloud
-from cotton3dg.mapping.summary import summarise_map
+from cotton3dg.plant_map.summary import summarise_map
 from cotton3dg.workspace import Workspace
 
 BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3

@@ -16,9 +16,9 @@ from cotton3dg.display import print_map_scores
 from cotton3dg.evaluation.plant_map import compare_maps, match_branches, true_map
 from cotton3dg.geometry.polylines import length_of
 from cotton3dg.io.skeleton import draw_map, skeleton_ply
-from cotton3dg.mapping.map_plant import map_places
-from cotton3dg.mapping.wood import thinned
 from cotton3dg.options import SimulateOptions
+from cotton3dg.plant_map.map_plant import map_places
+from cotton3dg.plant_map.wood import thinned
 from cotton3dg.schemas.skeleton import SkeletonInfo, describe_map, read_map
 from cotton3dg.schemas.truth import Truth
 from cotton3dg.simulate.plant import grow_plant

@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..checking.judge import judge, refuse
-from ..checking.look import Look, look_at
-from ..checking.page import check_page, strip_of
+from ..capture_check.judge import judge, refuse
+from ..capture_check.look import Look, look_at
+from ..capture_check.page import check_page, strip_of
 from ..errors import CaptureFailed
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors

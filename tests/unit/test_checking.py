@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scenes.documents import frame_info, frames_info
 
-from cotton3dg.checking import look
-from cotton3dg.checking.agreeing_places import find_agreeing_places
-from cotton3dg.checking.first_count import FoundBoll, find_bolls_in_space, find_sure
-from cotton3dg.checking.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
-from cotton3dg.checking.judge import conclude, judge, refuse
-from cotton3dg.checking.look import Look
-from cotton3dg.checking.sights import Sight
+from cotton3dg.capture_check import look
+from cotton3dg.capture_check.agreeing_places import find_agreeing_places
+from cotton3dg.capture_check.first_count import FoundBoll, find_bolls_in_space, find_sure
+from cotton3dg.capture_check.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
+from cotton3dg.capture_check.judge import conclude, judge, refuse
+from cotton3dg.capture_check.look import Look
+from cotton3dg.capture_check.sights import Sight
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera

@@ -42,7 +42,7 @@ from .io.saving import printable, write_text_atomically
 from .io.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
 from .plants import is_empty, may_be_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
-from .stages.stage import STAGES, stage_of
+from .stage import STAGES, stage_of
 from .workspace import Workspace
 
 RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")

@@ -29,8 +29,8 @@ from .options import (
     resolve,
 )
 from .schemas.choices import Choices
-from .stages.stage import STAGES
-from .stages.staleness import changed_options
+from .stage import STAGES
+from .staleness import changed_options
 from .text import read_text
 from .workspace import Workspace
 

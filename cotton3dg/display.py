@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .evaluation.plant import BollMatches, TraitError
     from .evaluation.plant_map import MapScores
     from .schemas.check import CheckInfo
-    from .stages.staleness import StageState
+    from .staleness import StageState
     from .workspace import Workspace
 
 PLAIN_INTERVAL_S: Final = 30.0

@@ -30,8 +30,8 @@ from .options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .schemas.choices import Choices
 from .schemas.record import Record
-from .stages.stage import STAGES, stage_of
-from .stages.staleness import StageState, stale_reason, state_of
+from .stage import STAGES, stage_of
+from .staleness import StageState, stale_reason, state_of
 from .workspace import Workspace
 
 log = logging.getLogger("cotton3dg")

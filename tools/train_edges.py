@@ -25,8 +25,8 @@ from cotton3dg.masks.bolls import open_bolls
 from cotton3dg.masks.edge_training import EdgePicture, to_onnx, train_edges
 from cotton3dg.masks.lint_edges import SHOWN
 from cotton3dg.masks.lint_in_space import gather_lint
+from cotton3dg.masks.stage import load_plant
 from cotton3dg.options import MasksOptions
-from cotton3dg.stages.masks import load_plant
 from cotton3dg.workspace import Workspace
 
 PICTURES = 12

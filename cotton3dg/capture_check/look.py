@@ -23,9 +23,9 @@ from ..io.images import read_image
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
 from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..scale.stage import load_plant
 from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo
-from ..stages.scale import load_plant
 from ..train.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace
 from .agreeing_places import find_agreeing_places

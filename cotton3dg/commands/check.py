@@ -27,8 +27,8 @@ from ..schemas.frames import FramesInfo
 from ..sfm.keyframes import Keyframes, will_do
 from ..sfm.lens import undistort
 from ..sfm.placed import decide_distortion, describe_cameras
-from ..stages.stage import STAGES
-from ..stages.staleness import stale_reason
+from ..stage import STAGES
+from ..staleness import stale_reason
 from ..workspace import Workspace
 
 

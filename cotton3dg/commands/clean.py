@@ -14,7 +14,7 @@ from typing import Final
 
 from ..io.saving import explain_disk_errors, file_sha256
 from ..schemas.dropped import DroppedFiles
-from ..stages.stage import STAGES, stage_of
+from ..stage import STAGES, stage_of
 from ..workspace import Workspace
 
 LEFT: Final = re.compile(r"\.(.+)\.(partial|old)")

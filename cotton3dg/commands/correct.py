@@ -25,7 +25,7 @@ from ..schemas.choices import Choices
 from ..schemas.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
 from ..schemas.scale import ScaleInfo
 from ..schemas.train import TrainMetrics
-from ..stages.stage import STAGES
+from ..stage import STAGES
 from ..text import read_text
 from ..workspace import Workspace
 

@@ -15,8 +15,8 @@ from typing import Any, Final
 from ..core.machine import usable_cores
 from ..errors import blame_capture
 from ..io.images import image_size, list_images
-from ..stages.sfm import VIDEO_FEATURE_SIDE
-from ..stages.stage import STAGES, Cost, Footage, Work, stage_of
+from ..sfm.stage import VIDEO_FEATURE_SIDE
+from ..stage import STAGES, Cost, Footage, Work, stage_of
 from ..workspace import Workspace
 
 USUAL_FRAMES: Final = 900

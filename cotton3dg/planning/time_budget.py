@@ -16,7 +16,7 @@ from ..errors import BadUsage
 from ..options import PRESET_VALUES
 from ..pipeline import Watcher
 from ..schemas.document import Document
-from ..stages.stage import STAGES, Footage
+from ..stage import STAGES, Footage
 from ..workspace import Workspace
 from .cost import Machine, estimate_costs, examine_footage, sum_seconds
 from .tradeoff import format_duration

@@ -16,7 +16,7 @@ from ..schemas.scale import ScaleInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.skeleton import SkeletonInfo
 from ..schemas.train import Effects, TrainMetrics
-from ..stages.staleness import StageState, recorded_states
+from ..staleness import StageState, recorded_states
 from ..workspace import Workspace
 
 T = TypeVar("T", bound=Document)

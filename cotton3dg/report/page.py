@@ -24,7 +24,7 @@ from ..io.skeleton import draw_map
 from ..io.tables import flags_of, parse_number
 from ..schemas.check import RED
 from ..schemas.document import Document
-from ..stages.stage import STAGES
+from ..stage import STAGES
 from ..workspace import Workspace
 from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts

@@ -25,8 +25,8 @@ from ..io.tables import parse_number, read_rows
 from ..options import TrainOptions
 from ..schemas.document import Document
 from ..schemas.train import Effects, TrainMetrics
-from ..stages.stage import STAGES
-from ..stages.train import load_views
+from ..stage import STAGES
+from ..train.stage import load_views
 from ..workspace import Workspace
 from .lpips import measure_lpips
 from .plant_region import PlantRegions, resized

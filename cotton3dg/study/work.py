@@ -26,8 +26,8 @@ from ..pipeline import Step, Watcher
 from ..planning.cost import estimate_costs, examine_footage
 from ..planning.tradeoff import format_duration, typical_ratio
 from ..schemas.train import TrainMetrics
-from ..stages.stage import STAGES, stage_of
-from ..stages.staleness import stale_reason
+from ..stage import STAGES, stage_of
+from ..staleness import stale_reason
 from ..workspace import Workspace
 from .passing_models import save_passing_models
 from .plant_region import PlantRegions

@@ -40,7 +40,7 @@ from cotton3dg.io.saving import file_sha256, json_text, write_text_atomically
 from cotton3dg.options import recorded
 from cotton3dg.schemas.scale import ScaleInfo
 from cotton3dg.sfm.lens import undistort
-from cotton3dg.stages.stage import stage_of
+from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
 
 TRUTHS = ("scale", "masks", "cameras", "all")

@@ -28,7 +28,7 @@ from cotton3dg.io.ply import read_gaussians
 from cotton3dg.io.saving import file_sha256
 from cotton3dg.io.tables import parse_number, read_rows
 from cotton3dg.options import PRESET_VALUES
-from cotton3dg.stages.stage import STAGES
+from cotton3dg.stage import STAGES
 from cotton3dg.workspace import Workspace
 
 LIBRARIES = {

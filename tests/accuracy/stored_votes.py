@@ -23,9 +23,9 @@ from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
 from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
 from cotton3dg.masks.meeting_votes import Votes, cast_votes
+from cotton3dg.masks.stage import load_plant
 from cotton3dg.options import MasksOptions
 from cotton3dg.schemas.scale import ScaleInfo
-from cotton3dg.stages.masks import load_plant
 
 LINT_SHARE = 0.02
 """Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""

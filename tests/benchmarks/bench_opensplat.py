@@ -24,7 +24,7 @@ from cotton3dg.gaussians.rasterizer import train_step
 from cotton3dg.gaussians.state import AdamState, DensityStatistics
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import resolve
-from cotton3dg.stages.train import load_views
+from cotton3dg.train.stage import load_views
 from cotton3dg.workspace import Workspace
 
 LAST = 29_990

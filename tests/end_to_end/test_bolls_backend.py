@@ -16,10 +16,10 @@ from cotton3dg.io.images import read_ids, write_image
 from cotton3dg.io.onnx import read_constants
 from cotton3dg.io.ply import write_gaussians
 from cotton3dg.io.yolo_labels import write_yolo_labels
+from cotton3dg.masks import stage as masks
 from cotton3dg.masks.bolls import BollNetwork
 from cotton3dg.masks.imagenet_weights import FILE, PACKAGE
 from cotton3dg.options import MasksTrainOptions, resolve
-from cotton3dg.stages import masks
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from cotton3dg.io import video
 from cotton3dg.options import resolve
 from cotton3dg.schemas.check import CheckInfo
 from cotton3dg.sfm import reconstruction
-from cotton3dg.stages import sfm
+from cotton3dg.sfm import stage as sfm
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"frames": {"count": 60}, "sfm": {"max_features": 1000, "overlap": 4}}

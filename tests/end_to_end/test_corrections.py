@@ -20,10 +20,10 @@ from cotton3dg.io.ply import read_gaussians
 from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
+from cotton3dg.scale import stage as scale_stage
 from cotton3dg.schemas.bolls import read_bolls
 from cotton3dg.schemas.corrections import Correction, Corrections, Pick, Place
 from cotton3dg.schemas.scale import ScaleInfo, read_scale
-from cotton3dg.stages import scale as scale_stage
 from cotton3dg.traits.corrections import apply_corrections
 from cotton3dg.workspace import Workspace
 

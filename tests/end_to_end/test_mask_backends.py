@@ -16,8 +16,8 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.io.annotations import read_masks
 from cotton3dg.io.images import read_ids
 from cotton3dg.io.saving import file_sha256
+from cotton3dg.masks import stage as masks
 from cotton3dg.options import MasksOptions, MasksTrainOptions, resolve
-from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
 

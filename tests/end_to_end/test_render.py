@@ -27,7 +27,7 @@ from cotton3dg.io.video import probe, read_frames
 from cotton3dg.options import RenderOptions, TraitsOptions
 from cotton3dg.schemas.bolls import describe_bolls
 from cotton3dg.schemas.record import Record
-from cotton3dg.stages import traits
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 SMALL = RenderOptions(frames=6, width=160, height=120)

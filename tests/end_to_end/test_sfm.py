@@ -142,7 +142,7 @@ def frames_only(tmp_path, pictures, ordered=True):
 
 
 def run_sfm(workspace, **overrides):
-    from cotton3dg.stages import sfm
+    from cotton3dg.sfm import stage as sfm
 
     chosen = {**OPTIONS, "sfm": {**OPTIONS["sfm"], **overrides}}
     options = pipeline.stage_options(workspace, overrides=chosen)["sfm"]

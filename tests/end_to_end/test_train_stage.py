@@ -16,7 +16,7 @@ from cotton3dg.gaussians.rasterizer import render
 from cotton3dg.io.images import read_image, write_image
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.stages import train
+from cotton3dg.train import stage as train
 from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.workspace import Workspace
 

@@ -19,7 +19,7 @@ from cotton3dg.plant_map.thin_twigs import Trail
 from cotton3dg.schemas.bolls import describe_bolls
 from cotton3dg.schemas.record import Record
 from cotton3dg.schemas.scale import ScaleInfo
-from cotton3dg.stages import traits
+from cotton3dg.traits import stage as traits
 from cotton3dg.traits.error_model import SHAPE
 from cotton3dg.workspace import Workspace
 

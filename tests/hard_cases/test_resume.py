@@ -23,7 +23,7 @@ from cotton3dg.io.arrays import read_arrays
 from cotton3dg.io.images import read_image, write_image
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.stages import train
+from cotton3dg.train import stage as train
 from cotton3dg.train import trainer
 from cotton3dg.train.checkpoint import read_training, write_training
 from cotton3dg.train.schedule import densification_steps

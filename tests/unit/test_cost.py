@@ -10,7 +10,7 @@ from cotton3dg.planning import time_budget
 from cotton3dg.planning.cost import Machine, estimate_costs, sum_seconds
 from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, explain
 from cotton3dg.schemas.record import Record
-from cotton3dg.stages.stage import Cost, Footage
+from cotton3dg.stage import Cost, Footage
 from cotton3dg.workspace import Workspace
 
 VIDEO = Footage(120, 1280, 720)

@@ -21,6 +21,7 @@ from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
 from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.columns import columns_of
 from cotton3dg.evaluation.changes import BollChange, TraitChange
 from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
@@ -28,7 +29,8 @@ from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.option_rules import places
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
-from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.segment import stage as segment
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 FILE_ENDINGS = ("json", "csv", "npy", "npz", "ply", "png", "jpg", "py", "bin")

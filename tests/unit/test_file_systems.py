@@ -22,7 +22,7 @@ from cotton3dg.errors import EnvironmentUnusable, OutOfResources
 from cotton3dg.io import lock
 from cotton3dg.io.saving import copy, explain_disk_errors, fsync, link, replacing, write_text_atomically
 from cotton3dg.plants import plant_at
-from cotton3dg.stages.stage import Cost, Stage
+from cotton3dg.stage import Cost, Stage
 from cotton3dg.workspace import Workspace
 
 

@@ -19,16 +19,16 @@ from ..io.colmap import read_cameras, read_points
 from ..io.images import read_image, write_ids
 from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
-from ..masks.backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
-from ..masks.bolls import SHIPPED_FILE, seen_size
-from ..masks.lint_edges import EDGES_FILE
-from ..masks.same_boll import SCORE_FILE
 from ..option_rules import as_dict
 from ..options import MasksOptions
 from ..schemas.masks import MaskedImage, MasksInfo
 from ..schemas.scale import ScaleInfo
+from ..stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 from ..workspace import Workspace
-from .stage import EITHER, FILE, FOLDER, Cost, Stage, Work
+from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
+from .bolls import SHIPPED_FILE, seen_size
+from .lint_edges import EDGES_FILE
+from .same_boll import SCORE_FILE
 
 SIZE_STEP: Final = 1.05
 """Ratio of the steps in which a size in centimetres is known to the back ends. Bolls differ by far more, and a scale

@@ -41,15 +41,15 @@ from ..schemas.sfm import SfmInfo
 from ..schemas.skeleton import describe_map
 from ..schemas.train import Effects, TrainMetrics
 from ..schemas.weights import WeightModel
-from ..traits.corrections import Corrected, apply_corrections
-from ..traits.error_model import Filming
-from ..traits.isolate import Plant
-from ..traits.lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
-from ..traits.measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
-from ..traits.plant_size import TIP_OPACITY
-from ..traits.weight import predict_weight
+from ..stage import FILE, STAGES, Cost, Stage, Work
 from ..workspace import Workspace
-from .stage import FILE, STAGES, Cost, Stage, Work
+from .corrections import Corrected, apply_corrections
+from .error_model import Filming
+from .isolate import Plant
+from .lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
+from .measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
+from .plant_size import TIP_OPACITY
+from .weight import predict_weight
 
 NO_MAP: Final = "no_map"
 UNMAPPED: Final = (

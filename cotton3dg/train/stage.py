@@ -26,16 +26,16 @@ from ..options import TrainOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.train import TrainMetrics
-from ..train.checkpoint import read_training, write_training
-from ..train.densify import scheduled_count
-from ..train.foreign_model import as_fit, explained, read_foreign
-from ..train.initialise import FILL_SHARE, START_SHARE, start_gaussians
-from ..train.photos import Capture, SparseModel, capture_of
-from ..train.quality import judged, outcome_of
-from ..train.schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
-from ..train.trainer import Fit, Training, fit
+from ..stage import FILE, Cost, Stage, Work
 from ..workspace import Workspace
-from .stage import FILE, Cost, Stage, Work
+from .checkpoint import read_training, write_training
+from .densify import scheduled_count
+from .foreign_model import as_fit, explained, read_foreign
+from .initialise import FILL_SHARE, START_SHARE, start_gaussians
+from .photos import Capture, SparseModel, capture_of
+from .quality import judged, outcome_of
+from .schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
+from .trainer import Fit, Training, fit
 
 COST_SLICES: Final = 20
 """Parts of a training over which its cost takes the number of Gaussians as constant."""

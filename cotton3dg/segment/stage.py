@@ -19,10 +19,10 @@ from ..io.images import fit_size, read_ids, write_image
 from ..io.ply import read_gaussians, write_gaussians
 from ..options import SegmentOptions
 from ..schemas.bolls import write_lifted
-from ..segment.lift import resize_ids
-from ..segment.segment import segmented
+from ..stage import Cost, Stage, Work, twice_the_model
 from ..workspace import Workspace
-from .stage import Cost, Stage, Work, twice_the_model
+from .lift import resize_ids
+from .segment import segmented
 
 LEAST_LIFTED: Final = 0.75
 """Share of the masks that hold Gaussians which other views' masks hold too; nearly all if they are right."""

@@ -19,12 +19,12 @@ from ..io.picks import COLUMNS, read_picks
 from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
 from ..options import ScaleOptions
-from ..scale.corners import move_corners, refuse_moves
-from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
 from ..schemas.corrections import CORNER, Correction, Corrections
 from ..schemas.patches import PatchesInfo
+from ..stage import Cost, Stage
 from ..workspace import Workspace
-from .stage import Cost, Stage
+from .corners import move_corners, refuse_moves
+from .seek import FoundScale, Plant, no_scale, seek_scale
 
 
 def inputs(workspace: Workspace) -> list[Path]:

@@ -7,12 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from ..cluster.agglomerative import join_objects
-from ..cluster.boll_masks import assign_masks, weigh_scores
-from ..cluster.boll_shape import flag_close
-from ..cluster.consensus import merge_views
-from ..cluster.dbscan import cluster_objects
-from ..cluster.view_picture import draw_views
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..errors import BadInput
@@ -23,8 +17,14 @@ from ..io.ply import read_gaussians, recolour, write_gaussians
 from ..options import ClusterOptions
 from ..schemas.bolls import boll_labels, describe_bolls, read_lifted
 from ..schemas.masks import MasksInfo
+from ..stage import Cost, Stage, twice_the_model
 from ..workspace import Workspace
-from .stage import Cost, Stage, twice_the_model
+from .agglomerative import join_objects
+from .boll_masks import assign_masks, weigh_scores
+from .boll_shape import flag_close
+from .consensus import merge_views
+from .dbscan import cluster_objects
+from .view_picture import draw_views
 
 
 def inputs(workspace: Workspace) -> list[Path]:

@@ -1,4 +1,8 @@
-"""What a stage is: everything that the rest of the program knows of it, declared in its module as STAGE."""
+"""What a stage is: everything that the rest of the program knows of it, declared in its room's `stage.py` as STAGE.
+
+`stage.py` loads the inputs, calls the pure functions of the room, and saves the outputs through `workspace.writing`.
+Stages meet in files only. `pipeline.py` runs them; `staleness.py` decides what is to be made again.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
-from .. import __version__
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress
-from ..errors import BadInput, MissingInput
-from ..io.images import fit_size
-from ..option_rules import as_dict, places
-from ..options import STAGE_OPTIONS
-from ..schemas.record import Record
-from ..workspace import Workspace
+from . import __version__
+from .core.outcome import StageOutcome
+from .core.progress import Progress
+from .errors import BadInput, MissingInput
+from .io.images import fit_size
+from .option_rules import as_dict, places
+from .options import STAGE_OPTIONS
+from .schemas.record import Record
+from .workspace import Workspace
 
 STAGES: Final = tuple(STAGE_OPTIONS)
 """Names, in the order in which they run."""
@@ -92,7 +96,7 @@ class Stage:
     """One stage."""
 
     name: str
-    """Also of its module, its command and its folder; its options stand under it in `options.STAGE_OPTIONS`."""
+    """Also of its room, its command and its folder; its options stand under it in `options.STAGE_OPTIONS`."""
     version: int
     """Raised when the same inputs give another result."""
     inputs: Callable[[Workspace], list[Path]]
@@ -194,5 +198,5 @@ def twice_the_model(workspace: Workspace, _: Any) -> float:
 
 
 def stage_of(name: str) -> Stage:
-    """A stage by its name; its module is imported when needed, because some pull in large libraries."""
-    return cast("Stage", importlib.import_module(f"cotton3dg.stages.{name}").STAGE)
+    """A stage by its name; its room is opened when needed, because some pull in large libraries."""
+    return cast("Stage", importlib.import_module(f"cotton3dg.{name}.stage").STAGE)

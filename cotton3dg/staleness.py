@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final
 
-from ..core.state import State
-from ..option_rules import as_dict
-from ..options import resolve
-from ..schemas.record import Record
-from ..workspace import Workspace
+from .core.state import State
+from .option_rules import as_dict
+from .options import resolve
+from .schemas.record import Record
 from .stage import STAGES, stage_of
+from .workspace import Workspace
 
 UP_TO_DATE: Final = ""
 

@@ -20,10 +20,12 @@ from ..io.saving import json_text
 from ..options import SfmOptions
 from ..schemas.frames import FramesInfo
 from ..schemas.record import Record
-from ..sfm.image_pairs import choose_pairs
-from ..sfm.keyframes import Keyframes, keyframe_spacing
-from ..sfm.lens import undistort
-from ..sfm.placed import (
+from ..stage import Cost, Stage, Work
+from ..workspace import Workspace
+from .image_pairs import choose_pairs
+from .keyframes import Keyframes, keyframe_spacing
+from .lens import undistort
+from .placed import (
     decide_distortion,
     describe_cameras,
     outcome_of,
@@ -31,9 +33,7 @@ from ..sfm.placed import (
     require_images,
     require_registered,
 )
-from ..sfm.reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
-from ..workspace import Workspace
-from .stage import Cost, Stage, Work
+from .reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
 
 RECORD: Final = "record.json"
 """Of what was begun."""

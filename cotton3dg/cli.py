@@ -111,7 +111,7 @@ def run(
         if "traits" in stages:
             display.print_traits(workspace)
         if repeat:
-            from .commands.repeat_runs import repeat_runs
+            from .commands.run import repeat_runs
             from .evaluation.repeats import repeats_text
 
             with display.ProgressDisplay() as watcher:

@@ -33,7 +33,7 @@ def import_(
 ) -> None:
     """A folder for each plant from videos that show its card; what is in doubt is told and never guessed."""
     from . import display
-    from .commands.import_videos import DOUBT, Import, import_videos
+    from .commands.import_ import DOUBT, Import, import_videos
 
     with report_errors(into), display.ProgressDisplay() as watcher:
         asked = Import(into, fieldbook, id_column, names, how, dry_run)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .choices import Chosen
     from .commands.correct import Length, Outcome
     from .commands.doctor import Finding
-    from .commands.import_videos import Row as ImportRow
+    from .commands.import_ import Row as ImportRow
     from .evaluation.masks import MaskCounts
     from .evaluation.plant import BollMatches, TraitError
     from .evaluation.plant_map import MapScores

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from scenes.card_scene import card_sheet, film_card
 
 from cotton3dg.commands.export import FORMATS
-from cotton3dg.commands.import_videos import DOUBT, IMPORTED
+from cotton3dg.commands.import_ import DOUBT, IMPORTED
 from cotton3dg.commands.simulate import film_once
 from cotton3dg.errors import SOME_FAILED
 from cotton3dg.io.tables import read_rows

@@ -16,7 +16,7 @@ import pytest
 from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.commands.import_videos import _take
+from cotton3dg.commands.import_ import _take
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.errors import EnvironmentUnusable, OutOfResources
 from cotton3dg.io import lock

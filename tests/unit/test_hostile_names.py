@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 from cotton3dg import pipeline
 from cotton3dg.batch import Batch, find_plants
 from cotton3dg.cli import app
-from cotton3dg.commands import import_videos as module
-from cotton3dg.commands.import_videos import DOUBT, TABLE, Import, import_videos
+from cotton3dg.commands import import_ as module
+from cotton3dg.commands.import_ import DOUBT, TABLE, Import, import_videos
 from cotton3dg.errors import BadInput, EnvironmentUnusable
 from cotton3dg.evaluation.repeats import _plants_of
 from cotton3dg.io.images import list_images

@@ -9,7 +9,7 @@ from scenes.finished_scene import finished_workspace
 
 from cotton3dg.commands.bug_report import pack
 from cotton3dg.commands.cards import print_cards
-from cotton3dg.commands.import_videos import Import, import_videos
+from cotton3dg.commands.import_ import Import, import_videos
 from cotton3dg.commands.markers import print_markers
 from cotton3dg.commands.masks_export import export
 from cotton3dg.commands.masks_train import train

@@ -1,4 +1,4 @@
-"""One film measured several times: how much of a row hangs on the choice of frames and on chance in training."""
+"""`run --repeat`: one film measured several times; how much of a row hangs on frames and on chance in training."""
 
 from __future__ import annotations
 

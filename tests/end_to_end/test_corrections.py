@@ -10,7 +10,7 @@ from scenes.measured_plant import measure_plant
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, POSE
 from typer.testing import CliRunner
 
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.correct import Asked, correct
 from cotton3dg.core.columns import columns_of
 from cotton3dg.core.measurements import BollTraits, PlantFrame

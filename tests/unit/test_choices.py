@@ -11,7 +11,7 @@ from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_st
 from cotton3dg import pipeline, slurm
 from cotton3dg.batch import Batch
 from cotton3dg.choices import Asked, choose, option_files
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.check import _where_to_work
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS

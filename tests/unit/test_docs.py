@@ -20,7 +20,7 @@ from scenes.doc_commands import (
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.columns import columns_of
 from cotton3dg.evaluation.changes import BollChange, TraitChange

@@ -11,8 +11,8 @@ from scenes.tiny_plant import ROOT
 from typer.testing import CliRunner
 
 from cotton3dg.choices import read_toml
-from cotton3dg.cli import app
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.app import app
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.errors import (
     EXIT_CODES,
     BadInput,

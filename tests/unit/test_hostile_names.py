@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from cotton3dg import pipeline
 from cotton3dg.batch import Batch, find_plants
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands import import_ as module
 from cotton3dg.commands.import_ import DOUBT, TABLE, Import, import_videos
 from cotton3dg.errors import BadInput, EnvironmentUnusable

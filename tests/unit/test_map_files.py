@@ -11,8 +11,8 @@ import open3d as o3d
 import pytest
 from scenes.branch_scene import branch_scene
 
+from cotton3dg.cli.display import print_map_scores
 from cotton3dg.core.plant_map import Axis, PlantMap
-from cotton3dg.display import print_map_scores
 from cotton3dg.evaluation.plant_map import compare_maps, match_branches, true_map
 from cotton3dg.geometry.polylines import length_of
 from cotton3dg.io.skeleton import draw_map, skeleton_ply

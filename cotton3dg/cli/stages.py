@@ -1,4 +1,4 @@
-"""The command line: parse, call, print; no logic."""
+"""Commands on one plant: the run, its stages one by one, and what is made of them; parse, call, print, no logic."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import cli_accuracy, cli_field, cli_install
-from .cli_arguments import (
-    CardFiles,
+from ..core.state import State
+from ..errors import SOME_FAILED, BadUsage, MissingInput, unknown
+from ..options import STAGE_OPTIONS
+from .arguments import (
     Force,
-    ModelDir,
-    NewFile,
-    NewFolder,
     NoReport,
     PlantDir,
     Preset,
@@ -29,47 +27,13 @@ from .cli_arguments import (
     parse_overrides,
     report_errors,
 )
-from .core.state import State
-from .errors import SOME_FAILED, BadUsage, MissingInput, unknown
-from .options import (
-    STAGE_OPTIONS,
-    CardsOptions,
-    MarkersOptions,
-    MasksTrainOptions,
-    RenderOptions,
-    SimulateOptions,
-)
-from .process import orderly
 
 if TYPE_CHECKING:
-    from .choices import Asked, Chosen
-    from .planning.time_budget import Budget
-    from .workspace import Workspace
-
-app = typer.Typer(
-    help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+    from ..choices import Asked, Chosen
+    from ..planning.time_budget import Budget
+    from ..workspace import Workspace
 
 
-def main() -> None:
-    """Entry point of the console script."""
-    with orderly():
-        app()
-
-
-@app.callback(invoke_without_command=True)
-def _root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
-    if version:
-        from .core.version import version_text
-
-        typer.echo(f"cotton3dg {version_text()}")
-        raise typer.Exit
-
-
-@app.command(rich_help_panel="Everything")
 def run(
     plant_dir: PlantDir,
     from_: Annotated[str, typer.Option("--from", metavar="STAGE", help="first stage")] = next(iter(STAGE_OPTIONS)),
@@ -85,8 +49,9 @@ def run(
     set_: Set = None,
 ) -> None:
     """From the video to traits.csv; only what is stale is made again."""
-    from . import display, pipeline
-    from .choices import Asked
+    from .. import pipeline
+    from ..choices import Asked
+    from . import display
 
     with report_errors(plant_dir):
         asked, stages = Asked(preset, reset, parse_overrides(set_)), pipeline.selected(from_, until)
@@ -111,8 +76,8 @@ def run(
         if "traits" in stages:
             display.print_traits(workspace)
         if repeat:
-            from .commands.run import repeat_runs
-            from .evaluation.repeats import repeats_text
+            from ..commands.run import repeat_runs
+            from ..evaluation.repeats import repeats_text
 
             with display.ProgressDisplay() as watcher:
                 repeats = repeat_runs(workspace, chosen.options, repeat, partial(typer.echo, err=True), watcher)
@@ -121,8 +86,8 @@ def run(
 
 def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tuple[Workspace, Chosen]:
     """The plant at a folder or film, and its options; these are refused before a film gets a folder."""
-    from .choices import choose
-    from .plants import plant_at
+    from ..choices import choose
+    from ..plants import plant_at
 
     try:
         workspace = plant_at(given)
@@ -135,15 +100,14 @@ def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tupl
 
 
 def _budget(workspace: Workspace, time: str, asked: Asked) -> Budget:
-    from .planning.calibrate import read_or_calibrate
-    from .planning.time_budget import Budget
-    from .planning.tradeoff import parse_duration
+    from ..planning.calibrate import read_or_calibrate
+    from ..planning.time_budget import Budget
+    from ..planning.tradeoff import parse_duration
 
     tell = partial(typer.echo, err=True)
     return Budget(workspace, parse_duration(time), read_or_calibrate(tell), asked, tell)
 
 
-@app.command(rich_help_panel="Everything")
 def batch(
     folder: Annotated[Path, given(help="folder with a folder for each plant")],
     jobs: Annotated[int, typer.Option(help="plants side by side; 0 = as many as cores and memory allow")] = 0,
@@ -160,9 +124,10 @@ def batch(
     set_: Set = None,
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
-    from . import display, slurm
-    from .batch import TABLE, Batch, default_jobs, find_plants, require_named, saved_results
-    from .choices import Asked, choose
+    from .. import slurm
+    from ..batch import TABLE, Batch, default_jobs, find_plants, require_named, saved_results
+    from ..choices import Asked, choose
+    from . import display
 
     with report_errors(folder):
         plants, asked = find_plants(folder), Asked(preset, reset, parse_overrides(set_))
@@ -191,7 +156,6 @@ def batch(
         raise typer.Exit(SOME_FAILED)
 
 
-@app.command(rich_help_panel="Everything")
 def status(
     plant_dir: PlantDir,
     preset: Preset = None,
@@ -200,8 +164,9 @@ def status(
     set_: Set = None,
 ) -> None:
     """What is done, what is stale and why, with seconds and memory of each stage."""
-    from . import display, pipeline
-    from .choices import Asked
+    from .. import pipeline
+    from ..choices import Asked
+    from . import display
 
     with report_errors(plant_dir):
         workspace, chosen = _plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
@@ -213,7 +178,6 @@ def status(
             display.print_status(states, chosen)
 
 
-@app.command(rich_help_panel="Everything")
 def check(
     film: Annotated[Path, given(help="video, or folder of one plant")],
     preset: Preset = None,
@@ -224,11 +188,11 @@ def check(
     """Will this film do? Green, yellow (exit code 9) or red (4), in half a minute; run goes on from it."""
     from dataclasses import asdict
 
+    from ..choices import Asked
+    from ..commands.check import check as look
+    from ..errors import DOUBTFUL, CaptureFailed
+    from ..schemas.check import GREEN, RED
     from . import display
-    from .choices import Asked
-    from .commands.check import check as look
-    from .errors import DOUBTFUL, CaptureFailed
-    from .schemas.check import GREEN, RED
 
     with report_errors(film):
         workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
@@ -243,11 +207,10 @@ def check(
         raise typer.Exit(CaptureFailed.exit_code if info.verdict == RED else DOUBTFUL)
 
 
-@app.command(rich_help_panel="Everything")
 def clean(plant_dir: PlantDir) -> None:
     """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
-    from .commands.clean import clean as drop
-    from .plants import plant_at
+    from ..commands.clean import clean as drop
+    from ..plants import plant_at
 
     with report_errors(plant_dir):
         dropped = drop(plant_at(plant_dir))
@@ -255,11 +218,10 @@ def clean(plant_dir: PlantDir) -> None:
         typer.echo(f"{dropped.n_files} files dropped, {dropped.n_bytes / 2**20:.1f} MiB free{rest}")
 
 
-@app.command(rich_help_panel="Everything")
 def report(plant_dir: PlantDir) -> None:
     """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
-    from .plants import plant_at
-    from .report.page import is_stale, make_report
+    from ..plants import plant_at
+    from ..report.page import is_stale, make_report
 
     with report_errors(plant_dir):
         workspace = plant_at(plant_dir)
@@ -268,12 +230,13 @@ def report(plant_dir: PlantDir) -> None:
             typer.echo(f"saved as {make_report(workspace)}" if is_stale(workspace) else f"{page} is up to date")
 
 
-def _stage_command(stage: str) -> Callable[..., None]:
+def stage_command(stage: str) -> Callable[..., None]:
     """A command that runs one stage."""
 
     def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, **flags: Any) -> None:
-        from . import display, pipeline
-        from .choices import Asked
+        from .. import pipeline
+        from ..choices import Asked
+        from . import display
 
         with report_errors(plant_dir):
             asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
@@ -294,29 +257,23 @@ def _stage_command(stage: str) -> Callable[..., None]:
     )
 
 
-def _simulate(folder: Path, **flags: Any) -> None:
-    from . import display, options
-    from .commands.simulate import simulate
-
-    with report_errors(folder), display.ProgressDisplay() as watcher:
-        simulate(folder, options.resolve("simulate", keep_given(flags)), watcher.watched("simulate"))
-
-
-def _render(plant_dir: Path, **flags: Any) -> None:
-    from . import display, options
-    from .commands.render import render
-    from .plants import plant_at
+def render(plant_dir: Path, **flags: Any) -> None:
+    from .. import options
+    from ..commands.render import render as make_film
+    from ..plants import plant_at
+    from . import display
 
     with report_errors(plant_dir):
         workspace, chosen = plant_at(plant_dir), options.resolve("render", keep_given(flags))
         with display.ProgressDisplay() as watcher:
-            record = render(workspace, chosen, watcher.watched("render"))
+            record = make_film(workspace, chosen, watcher.watched("render"))
         display.print_render(record, workspace.root)
 
 
-def _masks_train(folder: Path, **flags: Any) -> None:
-    from . import display, options
-    from .commands.masks_train import train
+def masks_train(folder: Path, **flags: Any) -> None:
+    from .. import options
+    from ..commands.masks_train import train
+    from . import display
 
     with report_errors(folder):
         chosen = options.resolve("masks-train", keep_given(flags))
@@ -325,43 +282,10 @@ def _masks_train(folder: Path, **flags: Any) -> None:
 
 
 # `masks PLANT_DIR` takes a folder, so a sub-command of it could not be told from a folder of that name.
-@app.command("masks-export", rich_help_panel="Own masks")
 def masks_export(plant_dir: PlantDir) -> None:
     """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
-    from .commands.masks_export import export
-    from .plants import plant_at
+    from ..commands.masks_export import export
+    from ..plants import plant_at
 
     with report_errors(plant_dir):
         typer.echo(f"saved as {export(plant_at(plant_dir))}")
-
-
-def _markers(file: Path, **flags: Any) -> None:
-    from . import options
-    from .commands.markers import print_markers
-
-    with report_errors(file):
-        typer.echo(print_markers(file, options.resolve("markers", keep_given(flags))))
-
-
-app.command("evaluate", rich_help_panel="Trying it out")(cli_accuracy.evaluate)
-app.command("evaluate-weights", rich_help_panel="Trying it out")(cli_accuracy.evaluate_weights)
-app.command("study", rich_help_panel="Trying it out")(cli_accuracy.study)
-for _stage in STAGE_OPTIONS:
-    app.command(_stage, rich_help_panel="Single stages")(_stage_command(_stage))
-app.command("render", rich_help_panel="Everything")(add_flags(_render, RenderOptions, plant_dir=PlantDir))
-app.command("masks-train", rich_help_panel="Own masks")(add_flags(_masks_train, MasksTrainOptions, folder=ModelDir))
-app.command("markers", rich_help_panel="Trying it out")(add_flags(_markers, MarkersOptions, file=NewFile))
-app.command("cards", rich_help_panel="Everything")(add_flags(cli_field.cards, CardsOptions, files=CardFiles))
-app.command("import", rich_help_panel="Everything")(cli_field.import_)
-app.command("correct", rich_help_panel="Everything")(cli_field.correct)
-app.command("export", rich_help_panel="Everything")(cli_field.export)
-app.command("compare", rich_help_panel="Everything")(cli_field.compare)
-app.command("repeat", rich_help_panel="Trying it out")(cli_field.repeat)
-app.command("demo", rich_help_panel="Trying it out")(cli_install.demo)
-app.command("doctor", rich_help_panel="Trying it out")(cli_install.doctor)
-app.command("bug-report", rich_help_panel="Trying it out")(cli_install.bug_report)
-app.command("simulate", rich_help_panel="Trying it out")(add_flags(_simulate, SimulateOptions, folder=NewFolder))
-
-
-if __name__ == "__main__":
-    main()

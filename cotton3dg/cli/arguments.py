@@ -11,10 +11,10 @@ from typing import Annotated, Any, Final, NoReturn
 
 import typer
 
-from .errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
-from .io.saving import explained
-from .option_rules import flags
-from .options import PRESETS, STAGE_OPTIONS, STANDARD
+from ..errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
+from ..io.saving import explained
+from ..option_rules import flags
+from ..options import PRESETS, STAGE_OPTIONS, STANDARD
 
 given = partial(typer.Argument, readable=False)
 """A file or folder; one that cannot be read is explained where it is read, and not with typer's page of help."""

@@ -1,15 +1,24 @@
-"""Commands about the installation itself: does it work, what does it lack; parse, call, print, no logic."""
+"""Commands to try the program out: a simulated plant, does the installation work; parse, call, print, no logic."""
 
 from __future__ import annotations
 
 import json
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from .cli_arguments import OwnPreset, PlantDir, report_errors
+from .arguments import OwnPreset, PlantDir, keep_given, report_errors
+
+
+def simulate(folder: Path, **flags: Any) -> None:
+    from .. import options
+    from ..commands.simulate import simulate as film
+    from . import display
+
+    with report_errors(folder), display.ProgressDisplay() as watcher:
+        film(folder, options.resolve("simulate", keep_given(flags)), watcher.watched("simulate"))
 
 
 def demo(
@@ -17,11 +26,12 @@ def demo(
     preset: OwnPreset = "draft",
 ) -> None:
     """A simulated plant from its film to its row, and that beside the truth: simulate, run, evaluate."""
-    from . import display, pipeline
-    from .choices import Asked, choose
-    from .commands.simulate import film_once
-    from .options import SimulateOptions
-    from .workspace import Workspace
+    from .. import pipeline
+    from ..choices import Asked, choose
+    from ..commands.simulate import film_once
+    from ..options import SimulateOptions
+    from ..workspace import Workspace
+    from . import display
 
     with report_errors(folder):
         with display.ProgressDisplay() as watcher:
@@ -44,14 +54,14 @@ def doctor(
     """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
     from dataclasses import asdict
 
+    from ..commands.doctor import conclude, examine, is_ready, mend
+    from ..errors import EnvironmentUnusable
     from . import display
-    from .commands.doctor import conclude, examine, is_ready, mend
-    from .errors import EnvironmentUnusable
 
     with report_errors(folder):
         if calibrate:
-            from .planning.calibrate import calibrate as measure
-            from .planning.calibrate import describe
+            from ..planning.calibrate import calibrate as measure
+            from ..planning.calibrate import describe
 
             typer.echo(describe(measure()), err=as_json)
         findings = examine(folder)
@@ -73,9 +83,9 @@ def bug_report(
     images: Annotated[bool, typer.Option("--images", help="with the frames and the pictures of every stage")] = False,
 ) -> None:
     """What a developer needs to see of a failed plant, as one file: log, records, options, versions; no images."""
-    from .commands.bug_report import pack
-    from .commands.doctor import examine
-    from .plants import plant_at
+    from ..commands.bug_report import pack
+    from ..commands.doctor import examine
+    from ..plants import plant_at
 
     with report_errors(plant_dir):
         workspace = plant_at(plant_dir)

@@ -14,29 +14,29 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from .core.progress import Progress as StageProgress
-from .core.state import State
-from .io.tables import read_rows
-from .options import STANDARD
-from .pipeline import STAGES, Step, Watcher
-from .schemas.corrections import RULER
-from .schemas.record import Record
-from .schemas.scale import ScaleInfo
+from ..core.progress import Progress as StageProgress
+from ..core.state import State
+from ..io.tables import read_rows
+from ..options import STANDARD
+from ..pipeline import STAGES, Step, Watcher
+from ..schemas.corrections import RULER
+from ..schemas.record import Record
+from ..schemas.scale import ScaleInfo
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from .batch import Result
-    from .choices import Chosen
-    from .commands.correct import Length, Outcome
-    from .commands.doctor import Finding
-    from .commands.import_ import Row as ImportRow
-    from .evaluation.masks import MaskCounts
-    from .evaluation.plant import BollMatches, TraitError
-    from .evaluation.plant_map import MapScores
-    from .schemas.check import CheckInfo
-    from .staleness import StageState
-    from .workspace import Workspace
+    from ..batch import Result
+    from ..choices import Chosen
+    from ..commands.correct import Length, Outcome
+    from ..commands.doctor import Finding
+    from ..commands.import_ import Row as ImportRow
+    from ..evaluation.masks import MaskCounts
+    from ..evaluation.plant import BollMatches, TraitError
+    from ..evaluation.plant_map import MapScores
+    from ..schemas.check import CheckInfo
+    from ..staleness import StageState
+    from ..workspace import Workspace
 
 PLAIN_INTERVAL_S: Final = 30.0
 """How often a line is printed where there is no terminal."""
@@ -241,8 +241,8 @@ def print_render(record: dict[str, Any], root: Path) -> None:
 
 def print_comparison(workspace: Workspace, truth_json: Path) -> None:
     """A plant's results beside its truth: traits, bolls and, where the truth has a skeleton, the plant map."""
-    from .evaluation.plant import evaluate
-    from .evaluation.plant_map import evaluate_map
+    from ..evaluation.plant import evaluate
+    from ..evaluation.plant_map import evaluate_map
 
     print_evaluation(*evaluate(workspace, truth_json))
     if map_scores := evaluate_map(workspace, truth_json):

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from .cli_arguments import OwnPreset, PlantDir, Set, TimeBudget, given, parse_overrides, report_errors
-from .errors import BadUsage, MissingInput, unknown
+from ..errors import BadUsage, MissingInput, unknown
+from .arguments import OwnPreset, PlantDir, Set, TimeBudget, given, parse_overrides, report_errors
 
 
 def evaluate(
@@ -23,19 +23,19 @@ def evaluate(
     ),
 ) -> None:
     """Measured beside true: errors of a plant's traits and its bolls, or scores and plots over many plants."""
-    from . import display
-    from .evaluation.mask_table import add_to_table
-    from .evaluation.masks import MaskCounts, evaluate_masks
-    from .evaluation.plant import CM_PER_UNIT, evaluate_cloud
-    from .evaluation.tables import (
+    from ..evaluation.mask_table import add_to_table
+    from ..evaluation.masks import MaskCounts, evaluate_masks
+    from ..evaluation.plant import CM_PER_UNIT, evaluate_cloud
+    from ..evaluation.tables import (
         evaluate_boll_tables,
         evaluate_tables,
         evaluation_text,
         is_boll_table,
         write_evaluation,
     )
-    from .outputs import made_of, saving
-    from .plants import plant_at
+    from ..outputs import made_of, saving
+    from ..plants import plant_at
+    from . import display
 
     with report_errors(measured):
         if measured.is_file():
@@ -67,8 +67,8 @@ def evaluate_weights(
     out: Annotated[Path, typer.Option(help="folder for weights.json and the plots")] = Path("evaluation"),
 ) -> None:
     """Seed-cotton weight by boll volume and count, fitted to weighed plants, for traits --weight-model."""
-    from .evaluation.weights import fit_weights, weights_text, write_weights
-    from .outputs import made_of, saving
+    from ..evaluation.weights import fit_weights, weights_text, write_weights
+    from ..outputs import made_of, saving
 
     with report_errors(measured):
         model, points = fit_weights(measured, truth or measured)
@@ -91,15 +91,15 @@ def study(
     set_: Set = None,
 ) -> None:
     """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
+    from ..commands.simulate import STANDARD_PLANT, film_once
+    from ..options import resolve
+    from ..planning.tradeoff import parse_duration
+    from ..plants import plant_at
+    from ..study.settings import sweeps_of
+    from ..study.tables import summary
+    from ..study.work import Study
+    from ..workspace import Workspace
     from . import display
-    from .commands.simulate import STANDARD_PLANT, film_once
-    from .options import resolve
-    from .planning.tradeoff import parse_duration
-    from .plants import plant_at
-    from .study.settings import sweeps_of
-    from .study.tables import summary
-    from .study.work import Study
-    from .workspace import Workspace
 
     with report_errors(plant_dir), display.ProgressDisplay() as watcher:
         sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")

@@ -1,4 +1,4 @@
-"""Commands on many plants besides `batch`: cards, import, corrections, exports; parse, call, print, no logic."""
+"""Commands on many plants besides `batch`, and what is printed for a field; parse, call, print, no logic."""
 
 from __future__ import annotations
 
@@ -7,19 +7,27 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_arguments import PlantDir, given, keep_given, report_errors
-from .errors import SOME_FAILED, BadUsage
+from ..errors import SOME_FAILED, BadUsage
+from .arguments import PlantDir, given, keep_given, report_errors
 
 
 def cards(files: list[Path], **flags: Any) -> None:
-    from . import options
-    from .commands.cards import print_cards
+    from .. import options
+    from ..commands.cards import print_cards
 
     with report_errors(files[-1]):
         if len(files) > 2:
             raise BadUsage(f"{len(files)} files; give the field book, if any, and the cards to write (.pdf)")
         fieldbook = files[0] if len(files) > 1 else None
         typer.echo(print_cards(fieldbook, files[-1], options.resolve("cards", keep_given(flags))))
+
+
+def markers(file: Path, **flags: Any) -> None:
+    from .. import options
+    from ..commands.markers import print_markers
+
+    with report_errors(file):
+        typer.echo(print_markers(file, options.resolve("markers", keep_given(flags))))
 
 
 def import_(
@@ -32,8 +40,8 @@ def import_(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="change nothing: only say what would happen")] = False,
 ) -> None:
     """A folder for each plant from videos that show its card; what is in doubt is told and never guessed."""
+    from ..commands.import_ import DOUBT, Import, import_videos
     from . import display
-    from .commands.import_ import DOUBT, Import, import_videos
 
     with report_errors(into), display.ProgressDisplay() as watcher:
         asked = Import(into, fieldbook, id_column, names, how, dry_run)
@@ -63,10 +71,10 @@ def correct(
     undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
 ) -> None:
     """Mend bolls and the scale, for good: what is said is kept in corrections.json and applied by every run."""
+    from ..commands.correct import Asked
+    from ..commands.correct import correct as mend
+    from ..plants import plant_at
     from . import display
-    from .commands.correct import Asked
-    from .commands.correct import correct as mend
-    from .plants import plant_at
 
     with report_errors(plant_dir), display.ProgressDisplay() as watcher:
         picked = (add or (), corner or (), ruler or ())
@@ -85,7 +93,7 @@ def export(
     out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
 ) -> None:
     """A field's tables for breeding databases and spreadsheets."""
-    from .commands.export import export as write
+    from ..commands.export import export as write
 
     with report_errors(folder):
         typer.echo(write(folder, format_, out))
@@ -106,11 +114,11 @@ def compare(
     turn_deg: TurnDeg = None,
 ) -> None:
     """What changed between films of one plant: each boll and each trait of the others against the first."""
-    from .evaluation.changes import compare as lay_beside
-    from .evaluation.changes import comparison_text
-    from .evaluation.changes_page import write_comparisons
-    from .evaluation.filmed import find_same_films
-    from .outputs import made_of, saving
+    from ..evaluation.changes import compare as lay_beside
+    from ..evaluation.changes import comparison_text
+    from ..evaluation.changes_page import write_comparisons
+    from ..evaluation.filmed import find_same_films
+    from ..outputs import made_of, saving
 
     with report_errors(films[0]):
         comparisons = lay_beside(films, reach_cm, turn_deg)
@@ -130,11 +138,11 @@ def repeat(
     turn_deg: TurnDeg = None,
 ) -> None:
     """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
-    from .evaluation.filmed import find_same_films
-    from .evaluation.repeats import repeat as lay_beside
-    from .evaluation.repeats import repeats_text
-    from .evaluation.repeats_page import write_repeats
-    from .outputs import made_of, saving
+    from ..evaluation.filmed import find_same_films
+    from ..evaluation.repeats import repeat as lay_beside
+    from ..evaluation.repeats import repeats_text
+    from ..evaluation.repeats_page import write_repeats
+    from ..outputs import made_of, saving
 
     with report_errors(films[0]):
         repeats = lay_beside(films, reach_cm, turn_deg)

@@ -115,11 +115,10 @@ def workspace(tmp_path: Path) -> Workspace:
 KILLED = """
 import sys
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import trainer
-from cotton3dg.stages import train
+from cotton3dg.train import stage, trainer
 from cotton3dg.workspace import Workspace
 trainer.SAVED_EVERY_S = 0.05
-train.run(Workspace(sys.argv[1]), TrainOptions(steps=400, max_gaussians=400, sh_degree=1, max_side=64))
+stage.run(Workspace(sys.argv[1]), TrainOptions(steps=400, max_gaussians=400, sh_degree=1, max_side=64))
 """
 
 

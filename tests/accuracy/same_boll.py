@@ -162,6 +162,14 @@ def move_constant(score: Score, plants: Sequence[Begun]) -> Score:
     return max(moved, key=lambda one: round(float(np.mean([judge(plant, one)["F1"] for plant in plants])), 4))
 
 
+def is_measured(folder: Path) -> bool:
+    """Whether a plant has its model and its scale."""
+    if not folder.is_dir():
+        return False
+    plant = Workspace(folder)
+    return plant.gaussians_ply.is_file() and plant.scale_json.is_file()
+
+
 def write_score(path: Path, score: Score, plants: int, examples: Sequence[Example]) -> None:
     """As a person reads it: a line a term."""
     same = sum(so for _, so in examples)
@@ -186,15 +194,14 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true")
     wanted = parser.parse_args()
     films = {name: film for name, film in (FITTED | UNSEEN).items() if name in wanted.only}
-    runs = {name: Workspace(wanted.folder / name) for name in films}
-    fresh = [name for name, run in runs.items() if not (run.gaussians_ply.is_file() and run.scale_json.is_file())]
+    fresh = [name for name in films if not is_measured(wanted.folder / name)]
 
     def film_one(name: str) -> int:
-        return film_and_run(runs[name].root, films[name], "draft", until="scale")
+        return film_and_run(wanted.folder / name, films[name], "draft", until="scale")
 
     if failed := [n for n, code in zip(fresh, side_by_side(wanted.jobs, film_one, fresh), strict=True) if code]:
         sys.exit(f"failed: {', '.join(failed)}; see their logs in {wanted.folder}")
-    plants = {name: true_plant(str(run.root)) for name, run in runs.items()}
+    plants = {name: true_plant(str(wanted.folder / name)) for name in films}
     plants |= {plant.run.plant_id: plant for plant in wanted.judge}
     stored = {name: open_votes(plant, wanted.folder / "votes") for name, plant in plants.items()}
     begun = {name: begin(one) for name, one in stored.items()}

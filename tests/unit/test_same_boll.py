@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from same_boll import is_measured
 from scenes.seen_balls import Ball, see
 
 from cotton3dg.masks.boll_parts import gather_borders, gather_parts, join_two, mean_width, measure_pair
@@ -12,6 +13,7 @@ from cotton3dg.masks.join_parts import join_parts
 from cotton3dg.masks.meeting_votes import Middles, drop_unlikely
 from cotton3dg.masks.same_boll import PairMeasures, Score, Term, read_score
 from cotton3dg.masks.separate_bolls import separate_bolls
+from cotton3dg.workspace import Workspace
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
 BUR = (0.0, 0.0, 0.0)
@@ -33,6 +35,15 @@ def parts_of(balls: list[Ball], border: float = 0.4):
     votes, lint = see(balls, border)
     middles = middles_of(balls)
     return gather_parts(middles, votes, lint), gather_borders(middles, votes)
+
+
+def test_a_plant_that_was_never_filmed_has_no_measures_yet(tmp_path):
+    assert not is_measured(tmp_path / "separate-1")
+    for path in (Workspace(tmp_path).gaussians_ply, Workspace(tmp_path).scale_json):
+        assert not is_measured(tmp_path)
+        path.parent.mkdir()
+        path.touch()
+    assert is_measured(tmp_path)
 
 
 def test_two_balls_are_measured_as_they_are():

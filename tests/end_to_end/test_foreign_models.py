@@ -43,7 +43,7 @@ def measured(workspace: Workspace) -> list[float]:
 def run_with(workspace: Workspace, **options: object) -> tuple[str, ...]:
     outcome = train.run(workspace, resolve("train", {"exposure": "off", **options}))
     for stage in (segment, cluster, traits):
-        stage.run(workspace, resolve(stage.__name__.rpartition(".")[2]))
+        stage.run(workspace, resolve(stage.STAGE.name))
     return outcome.flags
 
 

@@ -90,7 +90,7 @@ def test_without_scale_and_without_bolls_the_page_says_so(reported_copy):
         cv2.imwrite(str(path), np.zeros((240, 320), np.uint16))
     record(reported_copy, "masks", ("no_masks",))
     for module in (segment, cluster, traits):
-        stage = module.__name__.rpartition(".")[2]
+        stage = module.STAGE.name
         outcome = module.run(reported_copy, resolve(stage))
         record(reported_copy, stage, outcome.flags)
         if stage == "cluster":

@@ -82,7 +82,7 @@ def finished_workspace(folder: Path) -> Workspace:
             write_ids(made / f"{Path(view.name).stem}.png", ids)
     record(workspace, "masks")
     for module in (segment, cluster):
-        stage = module.__name__.rpartition(".")[2]
+        stage = module.STAGE.name
         module.run(workspace, resolve(stage))
         record(workspace, stage)
     traits.run(workspace, resolve("traits"))

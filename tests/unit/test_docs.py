@@ -267,7 +267,7 @@ def test_cells_are_blank_when_csv_md_says_so(finished):
     with finished.writing("masks"):
         pass
     for module in (segment, cluster, traits):
-        module.run(finished, resolve(module.__name__.rpartition(".")[2]))
+        module.run(finished, resolve(module.STAGE.name))
     no_bolls = said_blank(
         "traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls", "no boll has a position"
     )

@@ -125,7 +125,7 @@ def test_a_stream_that_is_closed_is_none() -> None:
 
 
 def test_the_command_line_is_orderly() -> None:
-    program = "import sys\nfrom cotton3dg import cli\nsys.argv[1:] = ['--help']\ncli.main()"
+    program = "import sys\nfrom cotton3dg.cli.app import main\nsys.argv[1:] = ['--help']\nmain()"
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as pipe:

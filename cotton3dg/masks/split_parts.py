@@ -27,7 +27,7 @@ LEAST_VOTES: Final = 60
 DEPTH_SPREAD: Final = 2.5
 FREEDOM: Final = 3.0
 """Degrees of freedom of the t distributions: the fewer, the heavier their tails."""
-ITERATIONS: Final = 20
+ITERATIONS: Final = 12
 _ALONG: Final = 1 - DEPTH_SPREAD**-2
 START: Final = 0.3
 """Distance from the one middle, in diameters, of the two that the fit starts with."""

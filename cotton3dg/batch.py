@@ -36,13 +36,13 @@ from .errors import (
 from .field.columns import book_cells, table_columns
 from .field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, Fit, Mean, Trial, compare_genotypes
 from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, KNOWN, MEANS_TABLE, TABLE
-from .files.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
-from .files.saving import printable, write_text_atomically
-from .files.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
 from .identity.names import folder_name
+from .io.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
+from .io.saving import printable, write_text_atomically
+from .io.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
 from .plants import is_empty, may_be_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
-from .stages.stage import STAGES, stage_of
+from .stage import STAGES, stage_of
 from .workspace import Workspace
 
 RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")

@@ -16,7 +16,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from .documents.choices import Choices
 from .errors import BadInput, BadUsage, unknown
 from .option_rules import Place, counting, differences
 from .options import (
@@ -29,8 +28,9 @@ from .options import (
     recorded,
     resolve,
 )
-from .stages.stage import STAGES
-from .stages.staleness import changed_options
+from .schemas.choices import Choices
+from .stage import STAGES
+from .staleness import changed_options
 from .text import read_text
 from .workspace import Workspace
 

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from .documents.made import MadeFile, MadeFiles
 from .errors import BadUsage
-from .files.saving import explain_disk_errors, file_sha256
+from .io.saving import explain_disk_errors, file_sha256
 from .options import STAGE_OPTIONS
+from .schemas.made import MadeFile, MadeFiles
 from .workspace import OWNER_MARK
 
 LIST: Final = ".cotton3dg.made"

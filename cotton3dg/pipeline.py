@@ -17,8 +17,6 @@ from typing import Any, Final
 
 from .choices import Asked, choices_of, choose
 from .core.progress import Progress, silent
-from .documents.choices import Choices
-from .documents.record import Record
 from .errors import (
     BadInput,
     BadUsage,
@@ -30,8 +28,10 @@ from .errors import (
 )
 from .options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
-from .stages.stage import STAGES, stage_of
-from .stages.staleness import StageState, stale_reason, state_of
+from .schemas.choices import Choices
+from .schemas.record import Record
+from .stage import STAGES, stage_of
+from .staleness import StageState, stale_reason, state_of
 from .workspace import Workspace
 
 log = logging.getLogger("cotton3dg")

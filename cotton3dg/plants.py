@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from .errors import BadInput, BadUsage, Cotton3dgError, MissingInput
-from .files.listing import folders_in, is_litter, is_there
-from .files.saving import explain_disk_errors, fingerprint, link
+from .io.listing import folders_in, is_litter, is_there
+from .io.saving import explain_disk_errors, fingerprint, link
 from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
 

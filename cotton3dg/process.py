@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, Final, TextIO
 
 from .errors import HUNG_UP, TERMINATED, UNREAD
-from .files.saving import explained
+from .io.saving import explained
 
 ENDING: Final = {signal.SIGTERM: TERMINATED, signal.SIGHUP: HUNG_UP}
 """Signals that end a command as Ctrl-C does, which is Python's KeyboardInterrupt, and their exit codes."""

@@ -9,7 +9,7 @@ import shutil
 from typing import Any, Final
 
 from .errors import OutOfResources
-from .stages.stage import stage_of
+from .stage import stage_of
 from .workspace import Workspace
 
 MIB: Final = 2**20

@@ -19,10 +19,10 @@ from typing import Any, Final
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .choices import Asked, choose
 from .core.state import State
-from .documents.batch import Jobs, PlantOutcome
 from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable
-from .files.saving import explain_disk_errors
+from .io.saving import explain_disk_errors
 from .pipeline import status as plant_status
+from .schemas.batch import Jobs, PlantOutcome
 from .workspace import Workspace
 
 JOBS_FOLDER: Final = ".slurm"

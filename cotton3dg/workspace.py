@@ -13,14 +13,10 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Final
 
-from .documents.corrections import Pick
-from .documents.document import Document
-from .documents.dropped import DroppedFiles
-from .documents.record import Record
 from .errors import BadInput, MissingInput
-from .files.listing import files_in, is_there, require_utf8
-from .files.lock import locked
-from .files.saving import (
+from .io.listing import files_in, is_there, require_utf8
+from .io.lock import locked
+from .io.saving import (
     FULL_BELOW_BYTES,
     explain_disk_errors,
     file_sha256,
@@ -29,6 +25,10 @@ from .files.saving import (
     link,
     partial_name,
 )
+from .schemas.corrections import Pick
+from .schemas.document import Document
+from .schemas.dropped import DroppedFiles
+from .schemas.record import Record
 
 VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK: Final = ".cotton3dg"
@@ -375,7 +375,7 @@ class Workspace:
 
     # ------------------------------------------------------------------ lock
     def locked(self, *, wait: bool = False) -> AbstractContextManager[None]:
-        """Hold the plant's folder for this process, as `files.lock.locked` explains."""
+        """Hold the plant's folder for this process, as `io.lock.locked` explains."""
         return locked(self.root / ".lock", wait=wait)
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import read_ids, read_image, write_image
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.gaussians.rasterizer import render
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import read_ids, read_image, write_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.masks.detect_lint import draw_overlay
-from cotton3dg.splat.rasterizer import render
 from cotton3dg.workspace import Workspace
 
 

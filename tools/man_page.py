@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from cotton3dg import __version__
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.errors import EXIT_CODES
 
 

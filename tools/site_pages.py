@@ -18,7 +18,7 @@ import typer
 from mkdocs.structure.files import File, Files
 
 import cotton3dg
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md"}

@@ -17,16 +17,16 @@ import cv2
 import numpy as np
 
 from cotton3dg.evaluation.masks import read_true_masks
-from cotton3dg.files.annotations import undistort_ids
+from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.annotations import undistort_ids
 from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import open_bolls
 from cotton3dg.masks.edge_training import EdgePicture, to_onnx, train_edges
 from cotton3dg.masks.lint_edges import SHOWN
 from cotton3dg.masks.lint_in_space import gather_lint
+from cotton3dg.masks.stage import load_plant
 from cotton3dg.options import MasksOptions
-from cotton3dg.splat.plant_windows import SEEN_MARGIN, find_plant_windows
-from cotton3dg.stages.masks import load_plant
 from cotton3dg.workspace import Workspace
 
 PICTURES = 12

@@ -13,7 +13,7 @@ from typing import Final
 from ..core.version import version_text
 from ..errors import BadUsage
 from ..outputs import made_of, saving
-from ..stages.stage import STAGES
+from ..stage import STAGES
 from ..workspace import Workspace
 
 PICTURES: Final = (".jpg", ".png", ".svg")

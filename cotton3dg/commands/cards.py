@@ -8,12 +8,12 @@ from typing import Final
 
 from ..core.card import PAPER_CM
 from ..errors import BadInput, BadUsage
-from ..files.fieldbook import FieldBook, read_fieldbook
-from ..files.sheet import pdf_of
 from ..identity.card import Picture, draw_card
 from ..identity.codes import code_picture
 from ..identity.fonts import unprintable
 from ..identity.names import card_text, id_problem
+from ..io.fieldbook import FieldBook, read_fieldbook
+from ..io.sheet import pdf_of
 from ..options import CardsOptions
 from ..outputs import made_of, saving
 

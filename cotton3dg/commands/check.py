@@ -14,21 +14,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..capture.keyframes import Keyframes, will_do
-from ..capture.lens import undistort
-from ..capture.placed import decide_distortion, describe_cameras
-from ..checking.judge import judge, refuse
-from ..checking.look import Look, look_at
-from ..checking.page import check_page, strip_of
-from ..documents.check import CheckInfo, film_of
-from ..documents.choices import Choices
-from ..documents.frames import FramesInfo
+from ..capture_check.judge import judge, refuse
+from ..capture_check.look import Look, look_at
+from ..capture_check.page import check_page, strip_of
 from ..errors import CaptureFailed
-from ..files.colmap import read_cameras
-from ..files.saving import explain_disk_errors
+from ..io.colmap import read_cameras
+from ..io.saving import explain_disk_errors
 from ..pipeline import Watcher, begin, run
-from ..stages.stage import STAGES
-from ..stages.staleness import stale_reason
+from ..schemas.check import CheckInfo, film_of
+from ..schemas.choices import Choices
+from ..schemas.frames import FramesInfo
+from ..sfm.keyframes import Keyframes, will_do
+from ..sfm.lens import undistort
+from ..sfm.placed import decide_distortion, describe_cameras
+from ..stage import STAGES
+from ..staleness import stale_reason
 from ..workspace import Workspace
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ..documents.dropped import DroppedFiles
-from ..files.saving import explain_disk_errors, file_sha256
-from ..stages.stage import STAGES, stage_of
+from ..io.saving import explain_disk_errors, file_sha256
+from ..schemas.dropped import DroppedFiles
+from ..stage import STAGES, stage_of
 from ..workspace import Workspace
 
 LEFT: Final = re.compile(r"\.(.+)\.(partial|old)")

@@ -14,18 +14,18 @@ from .. import pipeline
 from ..choices import choose
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64
-from ..documents.bolls import read_bolls
-from ..documents.choices import Choices
-from ..documents.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
-from ..documents.scale import ScaleInfo
-from ..documents.train import TrainMetrics
 from ..errors import BadInput, BadUsage, MissingInput
-from ..files.colmap import read_cameras
-from ..files.saving import explain_disk_errors
-from ..files.tables import parse_number, read_rows
 from ..geometry.picks import PickedPoint, point_of_picks
+from ..io.colmap import read_cameras
+from ..io.saving import explain_disk_errors
+from ..io.tables import parse_number, read_rows
 from ..options import recorded
-from ..stages.stage import STAGES
+from ..schemas.bolls import read_bolls
+from ..schemas.choices import Choices
+from ..schemas.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
+from ..schemas.scale import ScaleInfo
+from ..schemas.train import TrainMetrics
+from ..stage import STAGES
 from ..text import read_text
 from ..workspace import Workspace
 

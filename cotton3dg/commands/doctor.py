@@ -21,7 +21,7 @@ from ..core.libraries import missing_library, remedy_of
 from ..core.machine import usable_cores
 from ..core.version import version_text
 from ..errors import Cotton3dgError, MissingInput
-from ..files.video import ffmpeg_binary
+from ..io.video import ffmpeg_binary
 
 MODULE_OF: Final = {
     "ffmpeg-python": "ffmpeg",

@@ -11,8 +11,8 @@ from ..field.miappe import DATA_FILE, data_file, miappe_sheets, missing
 from ..field.other_formats import cottongen_sheets, data_package, fieldbook_files, workbook_sheets
 from ..field.study import STUDY_FILE, read_study
 from ..field.tables import Sheets, read_field
-from ..files.saving import json_text, write_text_atomically
-from ..files.workbook import write_workbook
+from ..io.saving import json_text, write_text_atomically
+from ..io.workbook import write_workbook
 from ..outputs import made_of, saving
 from ..text import read_text
 from ..workspace import OWNER_MARK

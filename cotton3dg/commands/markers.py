@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import BadUsage
-from ..files.sheet import write_sheet
+from ..io.sheet import write_sheet
 from ..option_rules import as_dict
 from ..options import MarkersOptions
 from ..outputs import made_of, saving

@@ -11,13 +11,13 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from ..documents.masks import MasksInfo
 from ..errors import MissingInput
-from ..files.coco import coco_document
-from ..files.colmap import read_cameras
-from ..files.images import read_ids
-from ..files.saving import json_text
+from ..io.coco import coco_document
+from ..io.colmap import read_cameras
+from ..io.images import read_ids
+from ..io.saving import json_text
 from ..outputs import made_of, note_all, refuse_changed
+from ..schemas.masks import MasksInfo
 from ..workspace import Workspace
 
 

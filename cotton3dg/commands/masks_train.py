@@ -20,10 +20,10 @@ from ..core.progress import Progress, silent
 from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
 from ..evaluation.masks import score_masks
-from ..files.annotations import find_annotated_images, read_whole_masks
-from ..files.images import read_image, write_image
-from ..files.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
-from ..files.yolo_labels import write_yolo_labels
+from ..io.annotations import find_annotated_images, read_whole_masks
+from ..io.images import read_image, write_image
+from ..io.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
+from ..io.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import SHIPPED_FILE, BollNetwork, seen_size
 from ..masks.group_votes import group_votes

@@ -20,23 +20,23 @@ from .. import _native
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
-from ..documents.bolls import boll_labels, read_bolls
-from ..documents.frames import FramesInfo
-from ..documents.scale import read_scale
 from ..errors import BadInput, BadUsage, NoBolls
-from ..files.arrays import read_array
-from ..files.colmap import read_cameras
-from ..files.encode import video_encoder
-from ..files.images import fit_size, write_image
-from ..files.ply import read_gaussians
-from ..files.saving import json_text
+from ..gaussians import rasterizer
+from ..gaussians.appearance import depth_colours, recolour_bolls
+from ..gaussians.metrics import to_uint8
 from ..geometry.camera_orbit import azimuths, fit_orbit
 from ..geometry.camera_paths import reframe, turntable, walk
+from ..io.arrays import read_array
+from ..io.colmap import read_cameras
+from ..io.encode import video_encoder
+from ..io.images import fit_size, write_image
+from ..io.ply import read_gaussians
+from ..io.saving import json_text
 from ..option_rules import as_dict
 from ..options import RenderOptions, TrainOptions
-from ..splat import rasterizer
-from ..splat.appearance import depth_colours, recolour_bolls
-from ..splat.metrics import to_uint8
+from ..schemas.bolls import boll_labels, read_bolls
+from ..schemas.frames import FramesInfo
+from ..schemas.scale import read_scale
 from ..workspace import Workspace
 
 QUALITY: Final = 18

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from ..core.card import PAPER_CM, printed_reflectance
 from ..core.progress import Progress, silent
 from ..core.srgb import to_srgb
-from ..documents.truth import TrueMasks, TruthOrigin
 from ..errors import BadInput, BadUsage
-from ..files.encode import video_encoder
-from ..files.images import write_ids
-from ..files.saving import explain_disk_errors, json_text, write_text_atomically
 from ..identity.card import draw_card
 from ..identity.codes import code_picture
 from ..identity.names import card_text, id_problem
+from ..io.encode import video_encoder
+from ..io.images import write_ids
+from ..io.saving import explain_disk_errors, json_text, write_text_atomically
 from ..options import SimulateOptions
 from ..plants import has_results
+from ..schemas.truth import TrueMasks, TruthOrigin
 from ..simulate.camera import Orbit, orbit
 from ..simulate.film import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..core.columns import cells_of, columns_of
-from ..files.saving import explain_disk_errors, write_text_atomically
-from ..files.tables import csv_text
+from ..io.saving import explain_disk_errors, write_text_atomically
+from ..io.tables import csv_text
 from ..report.figures import png_uri
 from ..report.page import fill_template, write_page
 from .changes import GONE, NEW, SAME, BollChange, Comparison, TraitChange

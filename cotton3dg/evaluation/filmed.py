@@ -15,10 +15,10 @@ from ..core.lint_colour import LintColour
 from ..core.map_measurements import MapTraits
 from ..core.measurements import PlantTraits, is_counted
 from ..core.plant_map import PlantMap
-from ..documents.skeleton import SkeletonInfo, read_map
 from ..errors import BadInput, Cotton3dgError
-from ..files.tables import flags_of, parse_number, read_rows
+from ..io.tables import flags_of, parse_number, read_rows
 from ..plants import plant_at
+from ..schemas.skeleton import SkeletonInfo, read_map
 from .align import Layout
 
 NO_TRAIT: Final = ("corrections", "boll_count_odd", "boll_count_even")

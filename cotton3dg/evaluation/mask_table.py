@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..core.columns import Column
-from ..files.saving import explain_disk_errors, write_text_atomically
-from ..files.tables import csv_text, parse_number, read_rows, refuse_other_table
+from ..io.saving import explain_disk_errors, write_text_atomically
+from ..io.tables import csv_text, parse_number, read_rows, refuse_other_table
 from .masks import THRESHOLDS, MaskCounts
 
 ALL: Final = "all"

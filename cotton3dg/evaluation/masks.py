@@ -24,12 +24,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.frames import FramesInfo
-from ..documents.truth import TrueMasks
 from ..errors import BadInput
-from ..files.annotations import read_whole_masks, undistort_ids
-from ..files.colmap import read_cameras
-from ..files.images import read_ids
+from ..io.annotations import read_whole_masks, undistort_ids
+from ..io.colmap import read_cameras
+from ..io.images import read_ids
+from ..schemas.frames import FramesInfo
+from ..schemas.truth import TrueMasks
 from ..workspace import Workspace
 
 THRESHOLDS: Final = (0.25, 0.5, 0.75)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import is_counted
-from ..documents.truth import Truth
 from ..errors import BadInput, MissingInput
-from ..files.cloud import read_cloud
-from ..files.tables import flags_of, parse_number, read_rows
-from ..mapping.summary import summarise_map
+from ..io.cloud import read_cloud
+from ..io.tables import flags_of, parse_number, read_rows
+from ..plant_map.summary import summarise_map
+from ..schemas.truth import Truth
 from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import match_bolls

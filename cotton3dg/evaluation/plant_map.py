@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..core.scene import Float64
-from ..documents.skeleton import SkeletonInfo, read_map
-from ..documents.truth import Truth
-from ..files.tables import parse_number, read_rows
 from ..geometry.polylines import angle_deg, direction, length_of, path_lengths
-from ..mapping.order import base_angle_deg
-from ..mapping.summary import summarise_map
+from ..io.tables import parse_number, read_rows
+from ..plant_map.order import base_angle_deg
+from ..plant_map.summary import summarise_map
+from ..schemas.skeleton import SkeletonInfo, read_map
+from ..schemas.truth import Truth
 from ..workspace import Workspace
 from .match import match_bolls
 

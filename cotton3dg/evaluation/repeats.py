@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.columns import column
 from ..errors import BadInput, BadUsage, Cotton3dgError
-from ..files.listing import folders_in, is_there
+from ..io.listing import folders_in, is_there
 from ..workspace import Workspace
 from .changes import REACH_CM, compare_films
 from .filmed import Filmed, comparable_traits, read_filmed

@@ -11,8 +11,8 @@ import numpy as np
 from .. import __version__
 from ..core.columns import cells_of, columns_of
 from ..errors import Cotton3dgError
-from ..files.saving import explain_disk_errors, write_text_atomically
-from ..files.tables import csv_text
+from ..io.saving import explain_disk_errors, write_text_atomically
+from ..io.tables import csv_text
 from ..report.facts import read_facts
 from ..report.figures import png_uri
 from ..report.page import fill_template, write_page

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from ..core.columns import Column
 from ..errors import BadInput, MissingInput
-from ..files.saving import explain_disk_errors
-from ..files.scatter import write_scatter
-from ..files.spreadsheet import Table, read_table
-from ..files.tables import BOLLS, TRAITS, csv_text
+from ..io.saving import explain_disk_errors
+from ..io.scatter import write_scatter
+from ..io.spreadsheet import Table, read_table
+from ..io.tables import BOLLS, TRAITS, csv_text
 from .match import match_bolls
 from .plant import MATCH_DISTANCE_CM
 

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.weights import Line, WeightModel
 from ..errors import BadInput
-from ..files.saving import explain_disk_errors
-from ..files.scatter import write_fit
+from ..io.saving import explain_disk_errors
+from ..io.scatter import write_fit
+from ..schemas.weights import Line, WeightModel
 from ..traits.weight import predict
 from .tables import VOLUME, WEIGHT, predict_left_out, read_by_plant, score
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
 from ..core.columns import Column
-from ..files.fieldbook import FieldBook, plain_name
+from ..io.fieldbook import FieldBook, plain_name
 
 ROLES: Final = {
     "genotype": ("genotype", "germplasm", "germplasmname", "line", "accession", "variety", "cultivar", "entry",

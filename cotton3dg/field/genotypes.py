@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import Column
-from ..files.tables import parse_number
+from ..io.tables import parse_number
 from .columns import find_roles
 
 TRAITS: Final = ("boll_count", "boll_volume_cm3", "boll_volume_mean_cm3", "plant_height_cm", "canopy_size_cm")

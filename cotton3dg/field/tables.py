@@ -12,7 +12,7 @@ from typing import Any, Final
 from ..core.columns import Column, columns_of
 from ..core.measurements import PlantTraits
 from ..errors import MissingInput
-from ..files.tables import BOLLS, TRAITS, read_rows, value_of
+from ..io.tables import BOLLS, TRAITS, read_rows, value_of
 from ..plants import refuse_plant
 from .columns import find_roles
 from .genotypes import FIT_COLUMNS, MEANS_COLUMNS

@@ -119,5 +119,20 @@ def find_out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
     return lost
 
 
+def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: Orbit) -> NDArray[np.bool_]:
+    """Which of the (N, 3) points lie inside the camera path, where the plant stands; walls and furniture do not.
+
+    Args:
+        means: (N, 3) su.
+        orbit: of the cameras.
+    Returns:
+        (N,) what is nearer to the centre than 0.8 of the cameras' distance; everything when they do not look inwards.
+    """
+    ahead = np.median([(orbit.centre - camera.centre) @ camera.forward for camera in cameras])
+    if not ahead > 0.5 * orbit.distance:
+        return np.ones(len(means), bool)
+    return np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
+
+
 def _gap(angles: Float64, other: float) -> Float64:
     return np.abs(np.mod(angles - other + np.pi, 2 * np.pi) - np.pi)

@@ -15,10 +15,10 @@ from ..core.bolls import MaskSet
 from ..core.progress import Progress
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput, BadUsage, CaptureFailed
-from ..files.annotations import read_masks, undistort_ids
+from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from ..io.annotations import read_masks, undistort_ids
 from ..options import MasksOptions
-from ..splat.plant_windows import SEEN_MARGIN, find_plant_windows
 from .bolls import open_bolls
 from .detect_bolls import detect_bolls
 from .detect_lint import detect_lint

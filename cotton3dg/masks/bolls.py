@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES, LINT, OTHER
 from ..errors import BadInput, MissingInput
-from ..splat.rasterizer import Window
+from ..gaussians.rasterizer import Window
 from .shipped import read_shipped
 
 Float32 = NDArray[np.float32]

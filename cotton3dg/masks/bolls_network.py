@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ..errors import BadInput
-from ..files import onnx
+from ..io import onnx
 from .bolls import CHANNELS, REMEDY
 
 STEM: Final = 32

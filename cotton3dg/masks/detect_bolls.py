@@ -12,7 +12,7 @@ from ..core.bolls import MaskSet
 from ..core.machine import on_all_cores, stream_on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
-from ..splat.rasterizer import Window
+from ..gaussians.rasterizer import Window
 from .bolls import BollNetwork
 from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint

@@ -18,7 +18,7 @@ from torch import nn
 from torch.nn import functional
 
 from ..core.scene import Float32
-from ..files import onnx
+from ..io import onnx
 from .lint_edges import CHANNELS, describe
 from .paint_bolls import nearest_silhouettes
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Gaussians
-from ..splat import rasterizer
+from ..gaussians import rasterizer
 from .bolls import Maps
 
 LEVELS: Final = 64

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float32, Float64
 from ..errors import BadInput
-from ..files.prompt_table import read_prompts
+from ..io.prompt_table import read_prompts
 from .candidates import Candidate, crop, paint_candidates, resolve_overlaps, tiles
 from .transformer_models import load_model, model_kind, normalise
 

@@ -18,10 +18,10 @@ import numpy as np
 from .. import _native
 from ..core.machine import usable_cores
 from ..core.scene import Camera, Gaussians
-from ..documents.document import Document
 from ..errors import BadInput
-from ..splat.rasterizer import train_step
-from ..splat.state import AdamState, DensityStatistics, LearningRates
+from ..gaussians.rasterizer import train_step
+from ..gaussians.state import AdamState, DensityStatistics, LearningRates
+from ..schemas.document import Document
 from .cost import Machine
 
 VERSION: Final = 2

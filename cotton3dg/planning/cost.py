@@ -14,9 +14,9 @@ from typing import Any, Final
 
 from ..core.machine import usable_cores
 from ..errors import blame_capture
-from ..files.images import image_size, list_images
-from ..stages.sfm import VIDEO_FEATURE_SIDE
-from ..stages.stage import STAGES, Cost, Footage, Work, stage_of
+from ..io.images import image_size, list_images
+from ..sfm.stage import VIDEO_FEATURE_SIDE
+from ..stage import STAGES, Cost, Footage, Work, stage_of
 from ..workspace import Workspace
 
 USUAL_FRAMES: Final = 900
@@ -41,7 +41,7 @@ def examine_footage(workspace: Workspace) -> Footage:
     Raises:
         MissingInput: there is none. CaptureFailed: it cannot be read.
     """
-    from ..files import video
+    from ..io import video
 
     source = workspace.capture()
     if source.is_dir():

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 from .. import choices, pipeline
 from ..choices import Asked, Chosen
-from ..documents.document import Document
 from ..errors import BadUsage
 from ..options import PRESET_VALUES
 from ..pipeline import Watcher
-from ..stages.stage import STAGES, Footage
+from ..schemas.document import Document
+from ..stage import STAGES, Footage
 from ..workspace import Workspace
 from .cost import Machine, estimate_costs, examine_footage, sum_seconds
 from .tradeoff import format_duration

@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from ..documents.check import GREEN, VERDICTS, YELLOW, Finding
-from ..documents.frames import FramesInfo
-from ..documents.sfm import LensDecision
-from ..documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
-from ..files.tables import flags_of
-from ..splat.exposure import ALIKE
+from ..io.tables import flags_of
+from ..schemas.check import GREEN, VERDICTS, YELLOW, Finding
+from ..schemas.frames import FramesInfo
+from ..schemas.sfm import LensDecision
+from ..schemas.train import ExposureDecision, MotionBlurFound, RollingShutterFound
+from ..train.effects.exposure import ALIKE
 from .facts import Facts
 from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..core.state import State
-from ..documents.check import RED, CheckInfo, Finding, film_of
 from ..errors import BadInput, CaptureFailed, MissingInput, NoScale
 from ..field.columns import find_roles
 from ..field.genotypes import Trial
+from ..schemas.check import RED, CheckInfo, Finding, film_of
 from ..workspace import Workspace
 from .advice import meaning
 

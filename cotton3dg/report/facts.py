@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..core.state import State
-from ..documents.corrections import Corrections
-from ..documents.document import Document
-from ..documents.frames import FramesInfo
-from ..documents.scale import ScaleInfo
-from ..documents.sfm import SfmInfo
-from ..documents.skeleton import SkeletonInfo
-from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput, Cotton3dgError
-from ..files.tables import read_rows
-from ..stages.staleness import StageState, recorded_states
+from ..io.tables import read_rows
+from ..schemas.corrections import Corrections
+from ..schemas.document import Document
+from ..schemas.frames import FramesInfo
+from ..schemas.scale import ScaleInfo
+from ..schemas.sfm import SfmInfo
+from ..schemas.skeleton import SkeletonInfo
+from ..schemas.train import Effects, TrainMetrics
+from ..staleness import StageState, recorded_states
 from ..workspace import Workspace
 
 T = TypeVar("T", bound=Document)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from ..core.measurements import Scale
 from ..core.scene import Camera, Gaussians
-from ..files.images import scale_down
+from ..gaussians import rasterizer
+from ..gaussians.appearance import boll_colours
+from ..gaussians.metrics import to_uint8
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from ..splat import rasterizer
-from ..splat.appearance import boll_colours
-from ..splat.metrics import to_uint8
+from ..io.images import scale_down
 
 Picture = NDArray[np.uint8]
 UNNAMED: Final = (255, 255, 255)

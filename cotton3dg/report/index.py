@@ -12,11 +12,11 @@ import numpy as np
 
 from .. import __version__
 from ..core.state import State
-from ..documents.check import GREEN, RED, VERDICTS, YELLOW
 from ..errors import Cotton3dgError
 from ..field.genotypes import Fit, Mean, Trial
-from ..files.images import read_image
-from ..files.tables import flags_of, parse_number, read_rows
+from ..io.images import read_image
+from ..io.tables import flags_of, parse_number, read_rows
+from ..schemas.check import GREEN, RED, VERDICTS, YELLOW
 from ..workspace import Workspace
 from .checklist import to_film
 from .figures import jpeg_uri

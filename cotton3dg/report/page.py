@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..core.measurements import is_counted
 from ..core.state import State
-from ..documents.check import RED
-from ..documents.document import Document
 from ..errors import BadInput, Cotton3dgError
-from ..files.saving import explain_disk_errors, file_sha256, write_text_atomically
-from ..files.skeleton import draw_map
-from ..files.tables import flags_of, parse_number
-from ..stages.stage import STAGES
+from ..io.saving import explain_disk_errors, file_sha256, write_text_atomically
+from ..io.skeleton import draw_map
+from ..io.tables import flags_of, parse_number
+from ..schemas.check import RED
+from ..schemas.document import Document
+from ..stage import STAGES
 from ..workspace import Workspace
 from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts

@@ -13,15 +13,15 @@ from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Camera, Gaussians
-from ..documents.bolls import boll_labels, read_bolls
-from ..documents.scale import read_scale
-from ..documents.skeleton import read_map
-from ..files.arrays import read_array
-from ..files.colmap import read_cameras
-from ..files.images import read_ids, read_image
-from ..files.ply import read_gaussians
-from ..files.tables import parse_number
 from ..geometry.camera_orbit import Orbit, azimuths, evenly_spaced, fit_orbit
+from ..io.arrays import read_array
+from ..io.colmap import read_cameras
+from ..io.images import read_ids, read_image
+from ..io.ply import read_gaussians
+from ..io.tables import parse_number
+from ..schemas.bolls import boll_labels, read_bolls
+from ..schemas.scale import read_scale
+from ..schemas.skeleton import read_map
 from ..traits.surface import as_drawn
 from ..workspace import Workspace
 from .facts import Facts

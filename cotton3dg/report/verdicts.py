@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..capture.frame_quality import BLURRED, raise_concerns
-from ..capture.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
-from ..documents.check import GREEN, YELLOW, Finding
-from ..documents.frames import FrameInfo
-from ..documents.scale import ScaleInfo
-from ..files.tables import parse_number
+from ..frames.frame_quality import BLURRED, raise_concerns
+from ..io.tables import parse_number
+from ..schemas.check import GREEN, YELLOW, Finding
+from ..schemas.frames import FrameInfo
+from ..schemas.scale import ScaleInfo
+from ..sfm.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
 from ..traits.error_model import blurs_bolls
 
 SMALL_BOLL_PX: Final = 10.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..core.measurements import Scale
 from ..core.scene import Camera
-from ..documents.frames import FrameInfo
 from ..geometry.camera_orbit import fit_orbit
+from ..schemas.frames import FrameInfo
 from .scene import Frame
 
 FARTHEST: Final = 138.0

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..core.measurements import Scale
 from ..core.outcome import StageOutcome
 from ..core.scene import Camera, Float64
-from ..documents.scale import ScaleInfo
 from ..geometry.picks import point_of_picks
 from ..options import ScaleOptions
+from ..schemas.scale import ScaleInfo
 from .rectangle import Rectangle
 from .references import LEAST_ERROR, Reference, reconcile, scale_on
 from .seek import PICTURES, TABLE_SOURCES, FoundScale, Plant, doubts_of, facts_of, summary_of, table_of

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Camera
-from ..documents.scale import NO_SOURCE, ScaleInfo
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
+from ..schemas.scale import NO_SOURCE, ScaleInfo
 from .card import CARD_MARKERS, scale_from_card
 from .markers import Corner, MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
 from .patches import read_patches

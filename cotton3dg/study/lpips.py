@@ -15,8 +15,8 @@ import numpy as np
 
 from ..core.scene import Gaussians
 from ..errors import BadInput
-from ..splat.rasterizer import render
-from ..splat.views import View
+from ..gaussians.rasterizer import render
+from ..gaussians.views import View
 
 MOST_VIEWS: Final = 8
 """Held-out images that are judged; a network looks at one for seconds."""

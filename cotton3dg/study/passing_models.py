@@ -9,8 +9,8 @@ from ..core.outcome import StageOutcome
 from ..core.progress import Progress, silent
 from ..core.scene import Gaussians
 from ..options import TrainOptions
-from ..splat.trainer import Fit, fit
-from ..stages.train import load_capture, load_start, load_windows, save_model
+from ..train.stage import load_capture, load_start, load_windows, save_model
+from ..train.trainer import Fit, fit
 from ..workspace import Workspace
 
 

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gaussians.plant_windows import find_plant_windows
+from ..gaussians.rasterizer import Window
+from ..gaussians.views import View, hold_out
 from ..masks.bolls import open_bolls
-from ..splat.plant_windows import find_plant_windows
-from ..splat.rasterizer import Window
-from ..splat.views import View, hold_out
 
 PLANT: Final = 0.25
 """Probability of lint, bur, wood or leaf from which a pixel is the plant's: of thin twigs the network is never sure."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files.tradeoff_plot import Dot, Panel, write_tradeoff
+from ..io.tradeoff_plot import Dot, Panel, write_tradeoff
 from .tables import MEASURES, Row, clock_of, front, judged, machine_was_busy
 
 

@@ -14,19 +14,19 @@ import numpy as np
 from ..core.machine import usable_cores
 from ..core.scene import Gaussians
 from ..core.state import State
-from ..documents.document import Document
-from ..documents.train import Effects, TrainMetrics
 from ..errors import BadInput
-from ..files.colmap import read_points
-from ..files.ply import read_gaussians
-from ..files.saving import file_sha256
-from ..files.tables import parse_number, read_rows
+from ..gaussians.metrics import ViewQuality, mean_known, view_quality
+from ..gaussians.rasterizer import render
+from ..gaussians.views import View, hold_out
+from ..io.colmap import read_points
+from ..io.ply import read_gaussians
+from ..io.saving import file_sha256
+from ..io.tables import parse_number, read_rows
 from ..options import TrainOptions
-from ..splat.metrics import ViewQuality, mean_known, view_quality
-from ..splat.rasterizer import render
-from ..splat.views import View, hold_out
-from ..stages.stage import STAGES
-from ..stages.train import load_views
+from ..schemas.document import Document
+from ..schemas.train import Effects, TrainMetrics
+from ..stage import STAGES
+from ..train.stage import load_views
 from ..workspace import Workspace
 from .lpips import measure_lpips
 from .plant_region import PlantRegions, resized

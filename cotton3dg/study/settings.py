@@ -9,7 +9,7 @@ from typing import Any, Final
 from .. import pipeline
 from ..errors import unknown
 from ..options import FINER_PRESETS, PRESETS, resolve
-from ..stages.stage import Footage
+from ..stage import Footage
 from ..workspace import Workspace
 from .tables import TITLES
 

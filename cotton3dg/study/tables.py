@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ..core.columns import Column
 from ..core.state import State
-from ..files.tables import TRAITS
+from ..io.tables import TRAITS
 from ..planning.tradeoff import format_duration, pareto_front
 
 Row = Mapping[str, Any]

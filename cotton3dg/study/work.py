@@ -17,17 +17,17 @@ from typing import Any
 from .. import pipeline
 from ..core.machine import usable_cores
 from ..core.state import State
-from ..documents.train import TrainMetrics
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
-from ..files.encode import crop_video
-from ..files.saving import explain_disk_errors, replacing, write_text_atomically
-from ..files.tables import csv_text
+from ..io.encode import crop_video
+from ..io.saving import explain_disk_errors, replacing, write_text_atomically
+from ..io.tables import csv_text
 from ..pipeline import Step, Watcher
 from ..planning.cost import estimate_costs, examine_footage
 from ..planning.tradeoff import format_duration, typical_ratio
-from ..stages.stage import STAGES, stage_of
-from ..stages.staleness import stale_reason
+from ..schemas.train import TrainMetrics
+from ..stage import STAGES, stage_of
+from ..staleness import stale_reason
 from ..workspace import Workspace
 from .passing_models import save_passing_models
 from .plant_region import PlantRegions

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..core.bolls import BollInstance
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64, Gaussians
-from ..documents.corrections import Correction, Place
 from ..geometry.point_sets import find_compact_part, measure_extent
+from ..schemas.corrections import Correction, Place
 
 NEAR: Final = 0.5
 """A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""

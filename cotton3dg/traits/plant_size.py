@@ -32,7 +32,7 @@ LOST_SHARE: Final = 0.01
 """Of height or canopy, by which ends of twigs that the model lacks make the plant larger, from which on it has a
 flag."""
 END_CM: Final = 1.0
-"""Standard error of where a twig ends that only the photos show (mapping/thin_twigs.py)."""
+"""Standard error of where a twig ends that only the photos show (plant_map/thin_twigs.py)."""
 END_SPACING_CM: Final = 0.25
 TURNED_AREA: Final = 0.01
 """Two rectangles around the plant whose areas differ by less, as a share, may both be the least, ..."""

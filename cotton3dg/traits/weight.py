@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ..documents.weights import Line, WeightModel
+from ..schemas.weights import Line, WeightModel
 
 COVERAGE: Final = 0.95
 """Of the prediction interval."""

@@ -1,5 +1,5 @@
-// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/splat/rasterizer.py; those of
-// the matching of descriptors and of thin lines in photos are cotton3dg/capture/matching.py and mapping/photo_lines.py.
+// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/gaussians/rasterizer.py; those of
+// the matching of descriptors and of thin lines in photos are cotton3dg/sfm/matching.py and plant_map/photo_lines.py.
 #include "bindings.h"
 
 #include "dispatch.h"
@@ -152,7 +152,7 @@ py::tuple ray_weights_of(const py::tuple& gaussians, const View& view, const py:
 
 PYBIND11_MODULE(_native, m) {
     using namespace cotton;
-    m.doc() = "C++ core of cotton3dg; use cotton3dg.splat.rasterizer instead.";
+    m.doc() = "C++ core of cotton3dg; use cotton3dg.gaussians.rasterizer instead.";
     for (const std::string& name : instruction_sets()) {
         use_instruction_set(name);
         if (!kernels<float>().self_test() || !kernels<double>().self_test()) {

@@ -1,4 +1,4 @@
-// Thin lines in photos. Its face is cotton3dg/mapping/photo_lines.py.
+// Thin lines in photos. Its face is cotton3dg/plant_map/photo_lines.py.
 #include "bindings.h"
 #include "lines.h"
 #include "threads.h"

@@ -1,4 +1,4 @@
-// Matching of descriptors. Its face is cotton3dg/capture/matching.py.
+// Matching of descriptors. Its face is cotton3dg/sfm/matching.py.
 #include "bindings.h"
 #include "kernels.h"
 

@@ -1,5 +1,5 @@
 // What photos show along thin lines: how much of each piece something of a known colour covers. What it is for, and the
-// equation, stand in cotton3dg/mapping/photo_lines.py.
+// equation, stand in cotton3dg/plant_map/photo_lines.py.
 #pragma once
 
 #include <cstdint>

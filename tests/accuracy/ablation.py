@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 from true_scene import TruePlant, true_masks, true_plant
 
 from cotton3dg.evaluation.masks import score_masks
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import read_image
-from cotton3dg.files.ply import read_gaussians
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
-from cotton3dg.lifting.lift import within_orbit
+from cotton3dg.gaussians.rasterizer import Window
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import read_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.masks import detect_bolls as detect_bolls_module
 from cotton3dg.masks import separate_bolls
 from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
@@ -43,7 +43,6 @@ from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.detect_lint import lint_score
 from cotton3dg.masks.group_votes import weighted_median
 from cotton3dg.masks.same_boll import Term, read_score
-from cotton3dg.splat.rasterizer import Window
 
 PARTS = ("classes", "offsets", "borders", "sizes", "prior", "things", "space")
 

@@ -19,10 +19,10 @@ from true_scene import TruePlant, true_scale
 
 from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.files.colmap import read_points
+from cotton3dg.io.colmap import read_points
 from cotton3dg.options import resolve
 from cotton3dg.scale.seek import seek_scale
-from cotton3dg.stages.scale import load_plant
+from cotton3dg.scale.stage import load_plant
 from cotton3dg.workspace import Workspace
 
 FILM = {"frames": 60, "width": 1280, "height": 720, "supersampling": 1, "mask_interval": 60}

@@ -27,12 +27,12 @@ from markdown_tables import markdown
 from numpy.typing import NDArray
 from simulated_runs import film_and_run, side_by_side
 
-from cotton3dg.documents.truth import Truth
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
-from cotton3dg.files.saving import write_text_atomically
-from cotton3dg.files.tables import parse_number, read_rows
+from cotton3dg.io.saving import write_text_atomically
+from cotton3dg.io.tables import parse_number, read_rows
 from cotton3dg.options import PRESET_VALUES
+from cotton3dg.schemas.truth import Truth
 from cotton3dg.traits.error_model import COVERED
 from cotton3dg.workspace import Workspace
 

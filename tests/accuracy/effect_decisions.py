@@ -21,9 +21,9 @@ import pandas as pd
 
 from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.train import Effects
 from cotton3dg.options import SimulateOptions, TrainOptions
-from cotton3dg.stages.train import load_capture
+from cotton3dg.schemas.train import Effects
+from cotton3dg.train.stage import load_capture
 from cotton3dg.workspace import Workspace
 
 CLIP = SimulateOptions(bolls=8, frames=60, width=480, height=270, mask_interval=60, noise=2.0)

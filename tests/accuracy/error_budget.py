@@ -33,14 +33,14 @@ from segmentation_sweep import spread
 from study_set import AIMS_PCT, judged, means
 from true_scene import TruePlant, cm_from_scene, true_cameras, true_masks, true_plant, true_points, true_scale
 
-from cotton3dg.capture.lens import undistort
 from cotton3dg.core.progress import silent
-from cotton3dg.documents.scale import ScaleInfo
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import write_ids
-from cotton3dg.files.saving import file_sha256, json_text, write_text_atomically
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import write_ids
+from cotton3dg.io.saving import file_sha256, json_text, write_text_atomically
 from cotton3dg.options import recorded
-from cotton3dg.stages.stage import stage_of
+from cotton3dg.schemas.scale import ScaleInfo
+from cotton3dg.sfm.lens import undistort
+from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
 
 TRUTHS = ("scale", "masks", "cameras", "all")

@@ -26,13 +26,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from scenes.card_scene import card_sheet, film_card
 
 from cotton3dg.commands.export import FORMATS
-from cotton3dg.commands.import_videos import DOUBT, IMPORTED
+from cotton3dg.commands.import_ import DOUBT, IMPORTED
 from cotton3dg.commands.simulate import film_once
-from cotton3dg.documents.truth import Truth
 from cotton3dg.errors import SOME_FAILED
-from cotton3dg.files.tables import read_rows
-from cotton3dg.files.video import ffmpeg_binary
+from cotton3dg.io.tables import read_rows
+from cotton3dg.io.video import ffmpeg_binary
 from cotton3dg.options import resolve
+from cotton3dg.schemas.truth import Truth
 
 SIZE = (640, 360)
 WALK = {"frames": 75, "width": SIZE[0], "height": SIZE[1], "supersampling": 1, "mask_interval": 75}

@@ -25,9 +25,9 @@ from markdown_tables import markdown
 from cotton3dg import pipeline
 from cotton3dg.commands.check import check
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.check import GREEN, RED, YELLOW
 from cotton3dg.errors import Cotton3dgError
 from cotton3dg.options import resolve
+from cotton3dg.schemas.check import GREEN, RED, YELLOW
 from cotton3dg.workspace import Workspace
 
 FILM = {"frames": 96, "width": 640, "height": 360, "supersampling": 1, "mask_interval": 48}

@@ -27,13 +27,12 @@ from study_set import map_columns
 from true_scene import TruePlant, cm_from_scene, true_plant
 
 from cotton3dg.core.plant_map import PlantMap
-from cotton3dg.documents.truth import TrueAxis, Truth
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, evaluate_map, true_map
-from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.polylines import nearest_on
-from cotton3dg.mapping.map_plant import BollPlace, map_places
-from cotton3dg.mapping.order import draw_map
-from cotton3dg.mapping.skeleton import (
+from cotton3dg.io.ply import read_gaussians
+from cotton3dg.plant_map.map_plant import BollPlace, map_places
+from cotton3dg.plant_map.order import draw_map
+from cotton3dg.plant_map.skeleton import (
     CENTRE_REACH_CM,
     SMOOTHING,
     STEM_REACH_CM,
@@ -42,7 +41,8 @@ from cotton3dg.mapping.skeleton import (
     centred,
     stem_radius,
 )
-from cotton3dg.mapping.wood import classify, wood_places
+from cotton3dg.plant_map.wood import classify, wood_places
+from cotton3dg.schemas.truth import TrueAxis, Truth
 
 BESIDE_CM = 0.3
 """How far from a true surface the model's wood may lie."""

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from map_budget import surface_places
 
-from cotton3dg.documents.truth import Truth
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, true_map
-from cotton3dg.mapping.map_plant import map_places
-from cotton3dg.mapping.wood import thinned
 from cotton3dg.options import SimulateOptions
+from cotton3dg.plant_map.map_plant import map_places
+from cotton3dg.plant_map.wood import thinned
+from cotton3dg.schemas.truth import Truth
 from cotton3dg.simulate.plant import grow_plant
 from cotton3dg.simulate.truth import plant_truth
 

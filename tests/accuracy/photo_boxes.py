@@ -25,7 +25,7 @@ import pandas as pd
 from markdown_tables import markdown
 from numpy.typing import NDArray
 
-from cotton3dg.files.images import list_images, read_image, write_image
+from cotton3dg.io.images import list_images, read_image, write_image
 from cotton3dg.masks.detect_lint import lint_score
 
 Find = Callable[[NDArray[np.uint8]], NDArray[np.uint16]]

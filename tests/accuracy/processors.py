@@ -23,12 +23,12 @@ import pandas as pd
 from markdown_tables import markdown
 
 from cotton3dg.core.machine import usable_cores
-from cotton3dg.files.colmap import read_cameras, read_points
-from cotton3dg.files.ply import read_gaussians
-from cotton3dg.files.saving import file_sha256
-from cotton3dg.files.tables import parse_number, read_rows
+from cotton3dg.io.colmap import read_cameras, read_points
+from cotton3dg.io.ply import read_gaussians
+from cotton3dg.io.saving import file_sha256
+from cotton3dg.io.tables import parse_number, read_rows
 from cotton3dg.options import PRESET_VALUES
-from cotton3dg.stages.stage import STAGES
+from cotton3dg.stage import STAGES
 from cotton3dg.workspace import Workspace
 
 LIBRARIES = {

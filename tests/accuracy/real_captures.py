@@ -32,15 +32,15 @@ from markdown_tables import markdown
 
 from cotton3dg import pipeline
 from cotton3dg.core.scene import Camera, Float64
-from cotton3dg.documents.frames import FramesInfo
-from cotton3dg.documents.sfm import SfmInfo
-from cotton3dg.documents.train import TrainMetrics
 from cotton3dg.errors import Cotton3dgError
-from cotton3dg.files.colmap import read_cameras, read_points
-from cotton3dg.files.images import list_images, read_image
-from cotton3dg.files.video import probe
+from cotton3dg.io.colmap import read_cameras, read_points
+from cotton3dg.io.images import list_images, read_image
+from cotton3dg.io.video import probe
 from cotton3dg.scale.markers import Corner, MarkerKind, find_markers, scale_from_markers
 from cotton3dg.scale.references import NoReference
+from cotton3dg.schemas.frames import FramesInfo
+from cotton3dg.schemas.sfm import SfmInfo
+from cotton3dg.schemas.train import TrainMetrics
 from cotton3dg.workspace import Workspace
 
 BOARD = MarkerKind("7x7_1000", 3.3)

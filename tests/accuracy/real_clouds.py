@@ -26,7 +26,7 @@ from cotton3dg.core.libraries import import_open3d
 from cotton3dg.core.plant_map import PlantMap
 from cotton3dg.evaluation.cloud import find_foot, measure_cloud
 from cotton3dg.geometry.polylines import length_of, resampled
-from cotton3dg.mapping.summary import summarise_map
+from cotton3dg.plant_map.summary import summarise_map
 
 TRUNK = 0
 LINT_RED = 0.65

@@ -22,10 +22,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cotton3dg.core.scene import Float64
-from cotton3dg.files.ply import read_gaussians
 from cotton3dg.geometry.polylines import length_of, nearest_on
-from cotton3dg.mapping.map_plant import map_places
-from cotton3dg.mapping.wood import wood_places
+from cotton3dg.io.ply import read_gaussians
+from cotton3dg.plant_map.map_plant import map_places
+from cotton3dg.plant_map.wood import wood_places
 from cotton3dg.workspace import Workspace
 
 LARGER = 3.0

@@ -30,7 +30,7 @@ from true_scene import true_plant
 
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
-from cotton3dg.files.saving import write_text_atomically
+from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.masks.boll_parts import Borders, Part, gather_borders, gather_parts, join_two, measure_pair
 from cotton3dg.masks.join_parts import REACH_CM, find_near
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds

@@ -40,15 +40,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from scenes.orbit_scene import degraded_masks
 
-from cotton3dg.documents.bolls import read_bolls
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import read_ids, write_ids
-from cotton3dg.files.saving import file_sha256, write_text_atomically
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import read_ids, write_ids
+from cotton3dg.io.saving import file_sha256, write_text_atomically
 from cotton3dg.options import ClusterOptions, ProbabilityOptions, SegmentOptions
-from cotton3dg.stages import cluster, segment
+from cotton3dg.schemas.bolls import read_bolls
+from cotton3dg.segment import stage as segment
 from cotton3dg.workspace import Workspace
 
 METHODS = {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}

@@ -16,9 +16,9 @@ import pandas as pd
 from segmentation_sweep import MASKS, masks_of, spread, with_masks
 from true_scene import true_plant
 
-from cotton3dg.documents.segment import SegmentInfo
 from cotton3dg.options import ProbabilityOptions, resolve
-from cotton3dg.stages import segment
+from cotton3dg.schemas.segment import SegmentInfo
+from cotton3dg.segment import stage as segment
 
 
 def main() -> None:

@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.documents.scale import ScaleInfo
-from cotton3dg.files.saving import file_sha256
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.io.saving import file_sha256
 from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
 from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
 from cotton3dg.masks.meeting_votes import Votes, cast_votes
+from cotton3dg.masks.stage import load_plant
 from cotton3dg.options import MasksOptions
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.plant_windows import SEEN_MARGIN, find_plant_windows
-from cotton3dg.stages.masks import load_plant
+from cotton3dg.schemas.scale import ScaleInfo
 
 LINT_SHARE = 0.02
 """Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""

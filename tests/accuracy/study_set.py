@@ -29,12 +29,12 @@ from markdown_tables import markdown
 from simulated_runs import film_and_run, side_by_side
 from true_scene import TruePlant, true_plant, true_scale
 
-from cotton3dg.documents.scale import read_scale
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.evaluation.plant_map import MapScores, evaluate_map
-from cotton3dg.files.saving import write_text_atomically
+from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.options import PRESET_VALUES
-from cotton3dg.stages.stage import STAGES
+from cotton3dg.schemas.scale import read_scale
+from cotton3dg.stage import STAGES
 
 PLANTS: dict[str, str] = {
     "plain-1": "--seed 101 --bolls 8 --stem-cm 44",

@@ -11,10 +11,10 @@ import numpy as np
 
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.scene import Camera
-from cotton3dg.documents.frames import FramesInfo
-from cotton3dg.files.annotations import undistort_ids
-from cotton3dg.files.colmap import read_tracks
-from cotton3dg.files.images import read_ids
+from cotton3dg.io.annotations import undistort_ids
+from cotton3dg.io.colmap import read_tracks
+from cotton3dg.io.images import read_ids
+from cotton3dg.schemas.frames import FramesInfo
 from cotton3dg.workspace import Workspace
 
 CM_PER_M = 100.0

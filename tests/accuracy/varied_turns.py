@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from cotton3dg.core.scene import Camera, Float32, Float64, Gaussians
 from cotton3dg.core.srgb import to_linear
 from cotton3dg.evaluation.masks import match_ious, score_masks
-from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.lifting.lift import within_orbit
+from cotton3dg.gaussians.views import View
+from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
+from cotton3dg.io.ply import read_gaussians, write_gaussians
 from cotton3dg.masks.bolls import BollNetwork, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.options import resolve
@@ -40,9 +40,8 @@ from cotton3dg.simulate.mesh import unit
 from cotton3dg.simulate.plates import LitScene, light_scene
 from cotton3dg.simulate.rays import interpolate
 from cotton3dg.simulate.training_scenes import LINT, Crowd, TrainingScene, build_scene
-from cotton3dg.splat.initialise import start_gaussians
-from cotton3dg.splat.trainer import fit
-from cotton3dg.splat.views import View
+from cotton3dg.train.initialise import start_gaussians
+from cotton3dg.train.trainer import fit
 
 FIRST_SEED = 9_000_000
 """Far beyond the scenes that any network was trained on."""

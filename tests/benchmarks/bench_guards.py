@@ -90,7 +90,7 @@ def work() -> None:
     importlib.import_module("conftest")  # puts the build under test in place
     from scenes.splat_scenes import RATES, camera_at, scene, target_of
 
-    from cotton3dg.splat import rasterizer
+    from cotton3dg.gaussians import rasterizer
 
     gaussians, camera = scene(N_GAUSSIANS, seed=0, coefficients=4), camera_at(WIDTH, HEIGHT)
     gaussians.log_scales[:] -= 1.5
@@ -155,9 +155,9 @@ def checkpoint_pct() -> float:
     """What saving a training of 150,000 Gaussians once in SAVED_EVERY_S costs, %."""
     from scenes.splat_scenes import scene
 
-    from cotton3dg.files.checkpoint import write_training
-    from cotton3dg.files.saving import replacing
-    from cotton3dg.splat.trainer import SAVED_EVERY_S, Training
+    from cotton3dg.io.saving import replacing
+    from cotton3dg.train.checkpoint import write_training
+    from cotton3dg.train.trainer import SAVED_EVERY_S, Training
 
     training = Training.of(scene(150_000, seed=0, coefficients=4))
     with tempfile.TemporaryDirectory(dir=ROOT) as folder:

@@ -24,14 +24,14 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from cotton3dg.files.colmap import read_points
+from cotton3dg.gaussians.metrics import view_quality
+from cotton3dg.gaussians.views import View
+from cotton3dg.io.colmap import read_points
 from cotton3dg.options import PRESET_VALUES, PRESETS, TrainOptions, resolve
-from cotton3dg.splat import densify, initialise, schedule, trainer
-from cotton3dg.splat.metrics import view_quality
-from cotton3dg.splat.views import View
-from cotton3dg.stages.train import load_capture, load_windows
 from cotton3dg.study.plant_region import PlantRegions
-from cotton3dg.training.photos import Capture
+from cotton3dg.train import densify, initialise, schedule, trainer
+from cotton3dg.train.photos import Capture
+from cotton3dg.train.stage import load_capture, load_windows
 from cotton3dg.workspace import Workspace
 
 

@@ -25,9 +25,9 @@ import numpy as np
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.files.ply import SH_CONSTANT, read_gaussians
-from cotton3dg.splat import rasterizer
-from cotton3dg.stages.train import load_views
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.io.ply import SH_CONSTANT, read_gaussians
+from cotton3dg.train.stage import load_views
 from cotton3dg.workspace import Workspace
 
 STILL = rasterizer.LearningRates(0, 0, 0, 0, 0, 0)  # the same work every time

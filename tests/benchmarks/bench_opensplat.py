@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 from bench_kernels import STILL
 
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.gaussians.rasterizer import train_step
+from cotton3dg.gaussians.state import AdamState, DensityStatistics
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import resolve
-from cotton3dg.splat.rasterizer import train_step
-from cotton3dg.splat.state import AdamState, DensityStatistics
-from cotton3dg.stages.train import load_views
+from cotton3dg.train.stage import load_views
 from cotton3dg.workspace import Workspace
 
 LAST = 29_990

@@ -28,16 +28,16 @@ from bench_opensplat import lay_out
 from numpy.typing import NDArray
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.colmap import read_points
-from cotton3dg.files.images import read_image
+from cotton3dg.gaussians.metrics import psnr_db, to_uint8
+from cotton3dg.gaussians.rasterizer import render
+from cotton3dg.gaussians.views import View
+from cotton3dg.io.colmap import read_points
+from cotton3dg.io.images import read_image
 from cotton3dg.options import resolve
-from cotton3dg.splat.initialise import start_gaussians
-from cotton3dg.splat.metrics import psnr_db, to_uint8
-from cotton3dg.splat.rasterizer import render
-from cotton3dg.splat.trainer import fit
-from cotton3dg.splat.views import View
-from cotton3dg.stages.train import load_capture, load_windows
 from cotton3dg.study.plant_region import PlantRegions
+from cotton3dg.train.initialise import start_gaussians
+from cotton3dg.train.stage import load_capture, load_windows
+from cotton3dg.train.trainer import fit
 from cotton3dg.workspace import Workspace
 
 RENDERED_EVERY = 10

@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.colmap import read_points
+from cotton3dg.gaussians.metrics import view_quality
+from cotton3dg.io.colmap import read_points
 from cotton3dg.option_rules import as_dict
 from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
-from cotton3dg.splat.initialise import start_gaussians
-from cotton3dg.splat.metrics import view_quality
-from cotton3dg.splat.trainer import fit
-from cotton3dg.stages.train import load_capture, load_windows
 from cotton3dg.study.plant_region import PlantRegions
+from cotton3dg.train.initialise import start_gaussians
+from cotton3dg.train.stage import load_capture, load_windows
+from cotton3dg.train.trainer import fit
 from cotton3dg.workspace import Workspace
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 ROOT = Path(__file__).parents[2]
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.machine import usable_cores
-from cotton3dg.stages.stage import STAGES, Cost
+from cotton3dg.stage import STAGES, Cost
 from cotton3dg.workspace import Workspace
 
 PROGRAM_S = 3.0

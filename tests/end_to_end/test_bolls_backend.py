@@ -12,14 +12,14 @@ from scenes.lint_workspace import make_workspace
 
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.images import read_ids, write_image
-from cotton3dg.files.onnx import read_constants
-from cotton3dg.files.ply import write_gaussians
-from cotton3dg.files.yolo_labels import write_yolo_labels
+from cotton3dg.io.images import read_ids, write_image
+from cotton3dg.io.onnx import read_constants
+from cotton3dg.io.ply import write_gaussians
+from cotton3dg.io.yolo_labels import write_yolo_labels
+from cotton3dg.masks import stage as masks
 from cotton3dg.masks.bolls import BollNetwork
 from cotton3dg.masks.imagenet_weights import FILE, PACKAGE
 from cotton3dg.options import MasksTrainOptions, resolve
-from cotton3dg.stages import masks
 
 
 @pytest.fixture(scope="module")

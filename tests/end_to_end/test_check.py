@@ -9,13 +9,13 @@ import pytest
 from scenes.tiny_plant import in_shell
 
 from cotton3dg import pipeline
-from cotton3dg.capture import reconstruction
 from cotton3dg.commands.check import check
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.check import CheckInfo
-from cotton3dg.files import video
+from cotton3dg.io import video
 from cotton3dg.options import resolve
-from cotton3dg.stages import sfm
+from cotton3dg.schemas.check import CheckInfo
+from cotton3dg.sfm import reconstruction
+from cotton3dg.sfm import stage as sfm
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"frames": {"count": 60}, "sfm": {"max_features": 1000, "overlap": 4}}

@@ -10,20 +10,20 @@ from scenes.measured_plant import measure_plant
 from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, POSE
 from typer.testing import CliRunner
 
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.correct import Asked, correct
 from cotton3dg.core.columns import columns_of
 from cotton3dg.core.measurements import BollTraits, PlantFrame
-from cotton3dg.documents.bolls import read_bolls
-from cotton3dg.documents.corrections import Correction, Corrections, Pick, Place
-from cotton3dg.documents.scale import ScaleInfo, read_scale
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.ply import read_gaussians
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.ply import read_gaussians
+from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
-from cotton3dg.stages import scale as scale_stage
+from cotton3dg.scale import stage as scale_stage
+from cotton3dg.schemas.bolls import read_bolls
+from cotton3dg.schemas.corrections import Correction, Corrections, Pick, Place
+from cotton3dg.schemas.scale import ScaleInfo, read_scale
 from cotton3dg.traits.corrections import apply_corrections
 from cotton3dg.workspace import Workspace
 

@@ -9,11 +9,11 @@ from scenes.chromium import Browser, executable
 from scenes.table_scene import BOLL_RADIUS_CM
 
 from cotton3dg.commands.correct import Asked, correct
-from cotton3dg.documents.bolls import read_bolls
-from cotton3dg.documents.scale import read_scale
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.tables import read_rows
 from cotton3dg.report.facts import read_facts
+from cotton3dg.schemas.bolls import read_bolls
+from cotton3dg.schemas.scale import read_scale
 from cotton3dg.workspace import Workspace
 
 pytestmark = pytest.mark.skipif(

@@ -6,7 +6,7 @@ import shutil
 from scenes.tiny_plant import OPTIONS
 from typer.testing import CliRunner
 
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.workspace import Workspace
 
 

@@ -12,8 +12,8 @@ from scenes.onnx_scene import SIDE, write_bright_cells
 from scenes.tiny_plant import FILM, OPTIONS, ROOT, in_shell
 from typer.testing import CliRunner
 
-from cotton3dg.cli import app
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.cli.app import app
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.workspace import Workspace
 
 PAGES = {str(page.relative_to(ROOT)): page for page in doc_commands.PAGES}

@@ -12,8 +12,8 @@ from nbclient import NotebookClient
 from scenes.tiny_plant import FILM, ROOT, in_shell
 
 from cotton3dg.choices import read_toml
-from cotton3dg.files.images import read_image
-from cotton3dg.files.tables import TRAITS
+from cotton3dg.io.images import read_image
+from cotton3dg.io.tables import TRAITS
 from cotton3dg.option_rules import as_dict
 from cotton3dg.options import SimulateOptions, resolve
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cotton3dg.files.colmap import read_cameras, read_points
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.io.colmap import read_cameras, read_points
+from cotton3dg.io.ply import read_gaussians
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_masks_are_plain_16_bit_pictures(plant):
 
 def test_the_film_is_h264(tiny_plant):
     from cotton3dg.commands.render import render
-    from cotton3dg.files.video import ffmpeg_binary
+    from cotton3dg.io.video import ffmpeg_binary
     from cotton3dg.options import resolve
 
     render(tiny_plant, resolve("render", {"frames": 4}))

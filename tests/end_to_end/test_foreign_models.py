@@ -8,11 +8,14 @@ from scenes.finished_scene import finished_workspace
 from scenes.foreign_plys import ORDERS, in_nerfstudios_frame, write_as, write_transforms
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.documents.train import TrainMetrics
-from cotton3dg.files.ply import read_gaussians
-from cotton3dg.files.tables import parse_number, read_rows
+from cotton3dg.cluster import stage as cluster
+from cotton3dg.io.ply import read_gaussians
+from cotton3dg.io.tables import parse_number, read_rows
 from cotton3dg.options import resolve
-from cotton3dg.stages import cluster, segment, train, traits
+from cotton3dg.schemas.train import TrainMetrics
+from cotton3dg.segment import stage as segment
+from cotton3dg.train import stage as train
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 TRAITS = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm", "boll_volume_published_cm3")
@@ -40,7 +43,7 @@ def measured(workspace: Workspace) -> list[float]:
 def run_with(workspace: Workspace, **options: object) -> tuple[str, ...]:
     outcome = train.run(workspace, resolve("train", {"exposure": "off", **options}))
     for stage in (segment, cluster, traits):
-        stage.run(workspace, resolve(stage.__name__.rpartition(".")[2]))
+        stage.run(workspace, resolve(stage.STAGE.name))
     return outcome.flags
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from cotton3dg import pipeline
 from cotton3dg.errors import CaptureFailed, MissingInput
-from cotton3dg.files import video
-from cotton3dg.files.images import read_image
+from cotton3dg.frames import stage as frames
+from cotton3dg.io import video
+from cotton3dg.io.images import read_image
 from cotton3dg.options import FramesOptions
-from cotton3dg.stages import frames
-from cotton3dg.stages.staleness import stale_reason
+from cotton3dg.staleness import stale_reason
 from cotton3dg.workspace import Workspace
 
 WIDTH, HEIGHT = 192, 108

@@ -13,11 +13,11 @@ from scenes.onnx_scene import SIDE, write_bright_cells
 from cotton3dg.commands.masks_export import export
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.annotations import read_masks
-from cotton3dg.files.images import read_ids
-from cotton3dg.files.saving import file_sha256
+from cotton3dg.io.annotations import read_masks
+from cotton3dg.io.images import read_ids
+from cotton3dg.io.saving import file_sha256
+from cotton3dg.masks import stage as masks
 from cotton3dg.options import MasksOptions, MasksTrainOptions, resolve
-from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
 

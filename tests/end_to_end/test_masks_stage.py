@@ -9,10 +9,10 @@ from scenes.lint_scene import BOLLS, room_model
 from scenes.lint_workspace import make_workspace
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.images import read_ids, write_ids
-from cotton3dg.files.ply import write_gaussians
+from cotton3dg.io.images import read_ids, write_ids
+from cotton3dg.io.ply import write_gaussians
+from cotton3dg.masks import stage as masks
 from cotton3dg.options import MasksOptions, resolve
-from cotton3dg.stages import masks
 from cotton3dg.workspace import Workspace
 
 

@@ -15,19 +15,19 @@ from scenes.table_scene import POSE, TOP_CM, orbit, plant_scene
 
 from cotton3dg.commands.render import _order_cameras, render
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.documents.bolls import describe_bolls
-from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, BadUsage, MissingInput, NoBolls
-from cotton3dg.files.colmap import read_cameras
-from cotton3dg.files.images import list_images, read_image
-from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.video import probe, read_frames
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.appearance import boll_colours
+from cotton3dg.gaussians.metrics import to_uint8
 from cotton3dg.geometry.camera_paths import reframe, walk
+from cotton3dg.io.colmap import read_cameras
+from cotton3dg.io.images import list_images, read_image
+from cotton3dg.io.ply import read_gaussians, write_gaussians
+from cotton3dg.io.video import probe, read_frames
 from cotton3dg.options import RenderOptions, TraitsOptions
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.appearance import boll_colours
-from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.stages import traits
+from cotton3dg.schemas.bolls import describe_bolls
+from cotton3dg.schemas.record import Record
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 SMALL = RenderOptions(frames=6, width=160, height=120)

@@ -4,8 +4,8 @@ import json
 
 from scenes.tiny_plant import in_shell
 
-from cotton3dg.documents.frames import FramesInfo
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.tables import read_rows
+from cotton3dg.schemas.frames import FramesInfo
 
 
 def test_other_runs_of_a_film_are_laid_beside_it(tiny_plant, tmp_path):

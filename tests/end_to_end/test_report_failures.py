@@ -12,11 +12,13 @@ from scenes.finished_scene import record
 from scenes.report_page import HOSTILE, Page, fail
 
 from cotton3dg import pipeline
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.errors import CaptureFailed
 from cotton3dg.options import resolve
 from cotton3dg.report.facts import read_facts
 from cotton3dg.report.page import is_stale, plant_page
-from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.segment import stage as segment
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 
@@ -88,7 +90,7 @@ def test_without_scale_and_without_bolls_the_page_says_so(reported_copy):
         cv2.imwrite(str(path), np.zeros((240, 320), np.uint16))
     record(reported_copy, "masks", ("no_masks",))
     for module in (segment, cluster, traits):
-        stage = module.__name__.rpartition(".")[2]
+        stage = module.STAGE.name
         outcome = module.run(reported_copy, resolve(stage))
         record(reported_copy, stage, outcome.flags)
         if stage == "cluster":

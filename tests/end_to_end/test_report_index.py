@@ -4,12 +4,12 @@ import numpy as np
 from scenes.finished_scene import N_BOLLS
 from scenes.report_page import Page, batch_row, batch_rows
 
-from cotton3dg.documents.check import RED, CheckInfo, Finding, film_of
-from cotton3dg.documents.record import Record
 from cotton3dg.field.genotypes import Trial, compare_genotypes
 from cotton3dg.report.advice import FLAGS
 from cotton3dg.report.checklist import FILM_AGAIN, to_film
 from cotton3dg.report.index import index_page, robust_z
+from cotton3dg.schemas.check import RED, CheckInfo, Finding, film_of
+from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace
 
 

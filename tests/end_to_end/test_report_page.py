@@ -14,15 +14,15 @@ from scenes.finished_scene import UNPLACED
 from scenes.report_page import Page
 
 from cotton3dg import pipeline
-from cotton3dg.documents.check import GREEN, VERDICTS, YELLOW
-from cotton3dg.documents.sfm import LensDecision
-from cotton3dg.documents.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 from cotton3dg.errors import BadInput
 from cotton3dg.options import STAGE_OPTIONS
 from cotton3dg.report import page as report_page
 from cotton3dg.report.advice import FLAGS, advise_on_capture, meaning
 from cotton3dg.report.facts import read_facts
 from cotton3dg.report.page import is_stale, make_report
+from cotton3dg.schemas.check import GREEN, VERDICTS, YELLOW
+from cotton3dg.schemas.sfm import LensDecision
+from cotton3dg.schemas.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 
 
 def test_the_page_tells_traits_flags_bolls_walk_and_stages(reported):

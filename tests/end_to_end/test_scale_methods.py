@@ -9,10 +9,10 @@ from scenes.marker_scene import photo_of_top, top_picture
 from scenes.table_scene import POSE, orbit
 from scenes.table_workspace import table_workspace
 
-from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.options import ScaleOptions, resolve
-from cotton3dg.stages import scale
+from cotton3dg.scale import stage as scale
+from cotton3dg.schemas.scale import read_scale
 
 CAMERAS = orbit(12, 960, 540)
 MARKERS = {0: (-44, 8, 0.1), 1: (44, -10, -0.2), 2: (-44, -14, 0.05), 3: (44, 14, 0.0)}

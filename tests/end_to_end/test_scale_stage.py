@@ -6,11 +6,11 @@ import pytest
 from scenes.table_scene import POSE, orbit, photo
 from scenes.table_workspace import table_workspace
 
-from cotton3dg.documents.scale import ScaleInfo, read_scale
 from cotton3dg.errors import MissingInput, NoScale
-from cotton3dg.files.images import read_image
+from cotton3dg.io.images import read_image
 from cotton3dg.options import ScaleOptions
-from cotton3dg.stages import scale
+from cotton3dg.scale import stage as scale
+from cotton3dg.schemas.scale import ScaleInfo, read_scale
 from cotton3dg.workspace import Workspace
 
 CAMERAS = orbit(16, 320, 180)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scenes.boll_scene import CENTRES, N_VIEWS, RADIUS, cameras, made_workspace, masks_of, model, write_masks
 
-from cotton3dg.documents.bolls import read_bolls
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.files.images import read_image
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.io.images import read_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import ClusterOptions, resolve
-from cotton3dg.stages import cluster, segment
+from cotton3dg.schemas.bolls import read_bolls
+from cotton3dg.segment import stage as segment
 from cotton3dg.workspace import Workspace
 
 QUICK = {

@@ -10,11 +10,11 @@ from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
-from cotton3dg.capture import keyframes
 from cotton3dg.errors import BadInput, CaptureFailed, MissingInput
-from cotton3dg.files import video
-from cotton3dg.files.colmap import read_cameras, read_points, read_positions, read_tracks
-from cotton3dg.files.images import read_image, write_image
+from cotton3dg.io import video
+from cotton3dg.io.colmap import read_cameras, read_points, read_positions, read_tracks
+from cotton3dg.io.images import read_image, write_image
+from cotton3dg.sfm import keyframes
 from cotton3dg.workspace import Workspace
 
 N_FILMED, N_TAKEN = 60, 30
@@ -142,7 +142,7 @@ def frames_only(tmp_path, pictures, ordered=True):
 
 
 def run_sfm(workspace, **overrides):
-    from cotton3dg.stages import sfm
+    from cotton3dg.sfm import stage as sfm
 
     chosen = {**OPTIONS, "sfm": {**OPTIONS["sfm"], **overrides}}
     options = pipeline.stage_options(workspace, overrides=chosen)["sfm"]

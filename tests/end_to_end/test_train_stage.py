@@ -11,13 +11,13 @@ from scenes.documents import frame_info, frames_info
 
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.images import read_image, write_image
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.gaussians.metrics import to_uint8
+from cotton3dg.gaussians.rasterizer import render
+from cotton3dg.io.images import read_image, write_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.splat.rasterizer import render
-from cotton3dg.stages import train
+from cotton3dg.train import stage as train
+from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.workspace import Workspace
 
 OPTIONS = TrainOptions(steps=250, max_gaussians=500, sh_degree=1, max_side=96)

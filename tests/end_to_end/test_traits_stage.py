@@ -10,16 +10,16 @@ from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, orbit, p
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.documents.bolls import describe_bolls
-from cotton3dg.documents.record import Record
-from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.images import write_image
-from cotton3dg.files.ply import read_gaussians, write_gaussians
-from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
-from cotton3dg.mapping.thin_twigs import Trail
+from cotton3dg.io.images import write_image
+from cotton3dg.io.ply import read_gaussians, write_gaussians
+from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.options import TraitsOptions
-from cotton3dg.stages import traits
+from cotton3dg.plant_map.thin_twigs import Trail
+from cotton3dg.schemas.bolls import describe_bolls
+from cotton3dg.schemas.record import Record
+from cotton3dg.schemas.scale import ScaleInfo
+from cotton3dg.traits import stage as traits
 from cotton3dg.traits.error_model import SHAPE
 from cotton3dg.workspace import Workspace
 

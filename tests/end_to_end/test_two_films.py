@@ -7,7 +7,7 @@ from scenes.made_once import made_once
 from scenes.tiny_plant import FILM, OPTIONS, in_shell
 
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
 
 TURNED_DEG, PICKED = 70.0, 2

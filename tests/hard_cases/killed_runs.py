@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from cotton3dg import pipeline
-from cotton3dg.files.video import ffmpeg_binary
+from cotton3dg.io.video import ffmpeg_binary
 from cotton3dg.workspace import Workspace
 
 sys.path.append(str(Path(__file__).parents[1]))

@@ -86,11 +86,11 @@ MUTATIONS = (
         "bindings_train.cpp", "train_step", "if (@gradient.finite) adam_step", "adam_step"
     ),), ("tests/hard_cases/test_resume.py",)),
     Mutation("probability that is not clamped", (Change(
-        "cotton3dg/lifting/probability.py", "cross_entropy_gradient",
+        "cotton3dg/segment/probability.py", "cross_entropy_gradient",
         "np.clip(@map, MAP_MARGIN, 1 - MAP_MARGIN)", "@map",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("probability that is not clamped after the step", (Change(
-        "cotton3dg/lifting/probability.py", "train_probabilities",
+        "cotton3dg/segment/probability.py", "train_probabilities",
         "np.clip(@probabilities, 0, 1, out=@probabilities)", "pass",
     ),), ("tests/unit/test_probability.py",)),
     Mutation("joggled hull", (Change(
@@ -100,7 +100,7 @@ MUTATIONS = (
         "cotton3dg/geometry/convex_measures.py", "convex_volume", "if @reason: return Measured(np.nan, @reason)", ""
     )), ("tests/hard_cases/test_geometry.py",)),
     Mutation("checkpoint without the optimiser", (Change(
-        "cotton3dg/files/checkpoint.py", "write_training", '"adam_steps": @adam.steps', '"adam_steps": @adam.steps * 0'
+        "cotton3dg/train/checkpoint.py", "write_training", '"adam_steps": @adam.steps', '"adam_steps": @adam.steps * 0'
     ),), ("tests/hard_cases/test_resume.py",)),
 )  # fmt: skip
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput
-from cotton3dg.files.arrays import read_array, read_arrays
+from cotton3dg.io.arrays import read_array, read_arrays
 
 PACKAGE = Path(__file__).parents[2] / "cotton3dg"
 

@@ -11,7 +11,7 @@ import pytest
 from scenes.room_scene import HEIGHT, WIDTH, render, textures
 
 from cotton3dg import pipeline
-from cotton3dg.files import video
+from cotton3dg.io import video
 from cotton3dg.workspace import Workspace
 
 N, BLACK, WHITE, REPEATED, AWAY = 130, 17, 41, 60, range(90, 99)

@@ -13,7 +13,7 @@ from scenes.splat_scenes import NEAR, all_finite, arrays_of, camera_at, double, 
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 

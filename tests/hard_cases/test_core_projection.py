@@ -24,7 +24,7 @@ from scenes.splat_scenes import (
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 SIZES = (1, 3, 15, 16, 17, 64, 257)
 

@@ -20,12 +20,13 @@ from scenes.training_scene import OPTIONS, quality_db, training_scene
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
-from cotton3dg.splat import densify, rasterizer, trainer
-from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.losses import normalise
-from cotton3dg.splat.state import Surroundings
-from cotton3dg.splat.trainer import fit
-from cotton3dg.training.quality import metrics_of, outcome_of
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.state import Surroundings
+from cotton3dg.segment.losses import normalise
+from cotton3dg.train import densify, trainer
+from cotton3dg.train.initialise import place_gaussians
+from cotton3dg.train.quality import metrics_of, outcome_of
+from cotton3dg.train.trainer import fit
 
 ROOT = Path(__file__).parents[2]
 MOST_ADAM_STEP = 0.1 / np.sqrt(0.001)

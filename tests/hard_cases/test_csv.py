@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.columns import Column
-from cotton3dg.files.tables import csv_text
+from cotton3dg.io.tables import csv_text
 
 COLUMNS = (Column("text", "", "text"), Column("number", "cm", "a number", 2))
 

@@ -14,8 +14,8 @@ from killed_runs import FPS, N_FILMED, film_room
 
 from cotton3dg import pipeline
 from cotton3dg.errors import CaptureFailed, Cotton3dgError
-from cotton3dg.files.images import read_image
-from cotton3dg.files.video import ffmpeg_binary
+from cotton3dg.io.images import read_image
+from cotton3dg.io.video import ffmpeg_binary
 from cotton3dg.workspace import Workspace
 
 COUNT = 20

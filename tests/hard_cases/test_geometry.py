@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scenes.table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
 
-from cotton3dg.clustering.agglomerative import join_objects
-from cotton3dg.clustering.dbscan import cluster_objects
+from cotton3dg.cluster.agglomerative import join_objects
+from cotton3dg.cluster.dbscan import cluster_objects
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 from cotton3dg.core.scene import Camera
-from cotton3dg.documents.scale import read_scale
 from cotton3dg.errors import BadInput
 from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, oriented_box
 from cotton3dg.geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume
 from cotton3dg.scale.table import NoTable, TableFit, find_table, scale_from_table
+from cotton3dg.schemas.scale import read_scale
 from cotton3dg.traits.measure import measure_bolls, summarise_plant
 
 BALL = fibonacci_directions(400)

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from cotton3dg.documents.record import Record
 from cotton3dg.errors import OutOfResources
-from cotton3dg.files.saving import explain_disk_errors, replacing
+from cotton3dg.io.saving import explain_disk_errors, replacing
+from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace
 
 GROWING = [(os, "fsync"), (Path, "rename"), (Path, "replace"), (Path, "mkdir"), (Path, "touch"), (Path, "write_text")]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cotton3dg.capture.take_video import take_video
-from cotton3dg.capture.taken import Taken
 from cotton3dg.errors import BadInput
-from cotton3dg.files import video
-from cotton3dg.files.ffmpeg_text import parse_description, parse_log
+from cotton3dg.frames.take_video import take_video
+from cotton3dg.frames.taken import Taken
+from cotton3dg.io import video
+from cotton3dg.io.ffmpeg_text import parse_description, parse_log
 from cotton3dg.options import FramesOptions
 
 N_FILMED = 50

@@ -9,11 +9,11 @@ import pytest
 from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg.errors import BadUsage
+from cotton3dg.gaussians.views import hold_out
 from cotton3dg.option_rules import places
 from cotton3dg.options import STAGE_OPTIONS, SimulateOptions, TrainOptions, resolve
-from cotton3dg.splat.schedule import densification_steps
-from cotton3dg.splat.trainer import RECORDED_EVERY, fit
-from cotton3dg.splat.views import hold_out
+from cotton3dg.train.schedule import densification_steps
+from cotton3dg.train.trainer import RECORDED_EVERY, fit
 
 BOUNDS = [
     (stage, place, place.item.metadata[end], -1 if end == "at_least" else 1)

@@ -18,16 +18,16 @@ from scenes.training_scene import OPTIONS, training_scene
 from cotton3dg import pipeline
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import StageFailed
-from cotton3dg.files.arrays import read_arrays
-from cotton3dg.files.checkpoint import read_training, write_training
-from cotton3dg.files.images import read_image, write_image
-from cotton3dg.files.ply import read_gaussians
+from cotton3dg.gaussians.rasterizer import train_step
+from cotton3dg.io.arrays import read_arrays
+from cotton3dg.io.images import read_image, write_image
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import trainer
-from cotton3dg.splat.rasterizer import train_step
-from cotton3dg.splat.schedule import densification_steps
-from cotton3dg.splat.trainer import Training, fit
-from cotton3dg.stages import train
+from cotton3dg.train import stage as train
+from cotton3dg.train import trainer
+from cotton3dg.train.checkpoint import read_training, write_training
+from cotton3dg.train.schedule import densification_steps
+from cotton3dg.train.trainer import Training, fit
 from cotton3dg.workspace import Workspace
 
 LONG = replace(OPTIONS, steps=300, sh_degree=2)
@@ -115,11 +115,10 @@ def workspace(tmp_path: Path) -> Workspace:
 KILLED = """
 import sys
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat import trainer
-from cotton3dg.stages import train
+from cotton3dg.train import stage, trainer
 from cotton3dg.workspace import Workspace
 trainer.SAVED_EVERY_S = 0.05
-train.run(Workspace(sys.argv[1]), TrainOptions(steps=400, max_gaussians=400, sh_degree=1, max_side=64))
+stage.run(Workspace(sys.argv[1]), TrainOptions(steps=400, max_gaussians=400, sh_degree=1, max_side=64))
 """
 
 

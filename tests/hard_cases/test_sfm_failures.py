@@ -16,10 +16,10 @@ from scenes.documents import frame_info, frames_info
 from scenes.room_scene import FOCAL_PX, HEIGHT, RADIUS, WIDTH, pose, render, textures
 
 from cotton3dg import pipeline
-from cotton3dg.capture import reconstruction
-from cotton3dg.capture.placed import require_registered
 from cotton3dg.errors import BadInput, CaptureFailed
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
+from cotton3dg.sfm import reconstruction
+from cotton3dg.sfm.placed import require_registered
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"sfm": {"max_features": 1500, "overlap": 6}}
@@ -137,7 +137,7 @@ def test_case_37_one_image_over_and_over(tmp_path: Path) -> None:
 
 def test_case_38_a_model_of_lost_poses_only_is_refused(tmp_path: Path) -> None:
     """`-nan(ind)`, as a failed bundle adjustment leaves behind; what the exports are made of stays finite."""
-    from cotton3dg.files.colmap import read_cameras
+    from cotton3dg.io.colmap import read_cameras
 
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, 40, 30, 50.0, 50.0, 20.0, 15.0))
     lost = np.array([0xFFF8000000000000], np.uint64).view(np.float64)[0]

@@ -20,7 +20,7 @@ from scenes.differentiation import loss_and_gradients
 from scenes.splat_scenes import NEAR, camera_at, scene, target_of
 
 from cotton3dg import _native
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 TOLERANCE = 1e-5
 

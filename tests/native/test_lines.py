@@ -10,7 +10,7 @@ import pytest
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera
-from cotton3dg.splat.rasterizer import view_of
+from cotton3dg.gaussians.rasterizer import view_of
 
 CAMERAS = [
     Camera("a", 60, 40, 50.0, 55.0, 30.0, 20.0, np.eye(4)[:3]),

@@ -19,8 +19,8 @@ from scipy import sparse
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.state import NO_SURROUNDINGS, Surroundings
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.state import NO_SURROUNDINGS, Surroundings
 
 
 def test_weights_are_those_that_rendering_uses() -> None:

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 
 def matrix(gaussians: Gaussians, camera: Camera, pixels: np.ndarray, threads: int = 0) -> sparse.csr_matrix:

@@ -12,7 +12,7 @@ COUNT = """
 import os, sys, threading, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from scenes.splat_scenes import camera_at, scene
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 rasterizer.render(scene(500, seed=0, coefficients=1), camera_at(64, 48))
 print(len(os.listdir("/proc/self/task")))
 """

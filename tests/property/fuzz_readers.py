@@ -29,12 +29,10 @@ import numpy as np
 from cotton3dg.choices import read_toml
 from cotton3dg.core.bolls import BollSelection, LiftedMasks
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.documents import bolls
 from cotton3dg.errors import Cotton3dgError
-from cotton3dg.files import (
+from cotton3dg.io import (
     annotations,
     arrays,
-    checkpoint,
     cloud,
     colmap,
     images,
@@ -46,7 +44,9 @@ from cotton3dg.files import (
     yolo_labels,
 )
 from cotton3dg.options import resolve
-from cotton3dg.splat.trainer import Training
+from cotton3dg.schemas import bolls
+from cotton3dg.train import checkpoint
+from cotton3dg.train.trainer import Training
 
 LIMIT_S, LIMIT_BYTES = 2.0, 256 * 2**20
 TRACED_SHARE = 0.1

@@ -14,8 +14,8 @@ from scenes.training_scene import OPTIONS, training_scene
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians, rotations
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.trainer import fit
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.train.trainer import fit
 
 NAMES = ("v_means", "v_quats", "v_log_scales", "v_opacity_logits", "v_sh")
 CAMERA = camera_at(90, 70)

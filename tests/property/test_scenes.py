@@ -26,7 +26,7 @@ from scenes.splat_scenes import (
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 
 N_SCENES = int(os.environ.get("COTTON3DG_SCENES", "1000"))
 QUICK, PART = 100, 50

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cotton3dg.splat.state import LearningRates
+from cotton3dg.gaussians.state import LearningRates
 
 LONGEST_GRADIENT = 1e15
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotton3dg.core.card import CODE_CM
-from cotton3dg.files.encode import video_encoder
 from cotton3dg.identity.card import draw_card
 from cotton3dg.identity.codes import code_picture
 from cotton3dg.identity.names import card_text
+from cotton3dg.io.encode import video_encoder
 
 DOTS = 40
 PAPER_CM = (21.0, 29.7)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
+from cotton3dg.gaussians import rasterizer
 from scenes.splat_scenes import arrays_of, native_view
 
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import typer
 
-from cotton3dg.cli import app
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.app import app
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.option_rules import flags, places
 from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from cotton3dg.core.measurements import Scale
-from cotton3dg.documents.frames import FrameInfo, FramesInfo, VideoInfo
-from cotton3dg.documents.scale import ScaleInfo
-from cotton3dg.documents.sfm import LensDecision, SfmInfo
-from cotton3dg.documents.train import Effects, ExposureDecision, HeldOut, TrainMetrics
+from cotton3dg.schemas.frames import FrameInfo, FramesInfo, VideoInfo
+from cotton3dg.schemas.scale import ScaleInfo
+from cotton3dg.schemas.sfm import LensDecision, SfmInfo
+from cotton3dg.schemas.train import Effects, ExposureDecision, HeldOut, TrainMetrics
 from scenes.table_scene import POSE, Pose
 
 

@@ -10,9 +10,9 @@ from cotton3dg.core.lint_colour import BollColour
 from cotton3dg.core.map_measurements import BollMapTraits
 from cotton3dg.core.measurements import BollTraits
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap
-from cotton3dg.documents.skeleton import describe_map
 from cotton3dg.evaluation.align import Layout, about_vertical
-from cotton3dg.files.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.io.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.schemas.skeleton import describe_map
 from cotton3dg.workspace import OWNER_MARK
 
 NO_MAP = PlantMap((), (), "no_map")

@@ -5,15 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.files.images import write_ids, write_image
-from cotton3dg.files.ply import write_gaussians
+from cotton3dg.gaussians.metrics import to_uint8
+from cotton3dg.gaussians.rasterizer import render, render_values
+from cotton3dg.io.images import write_ids, write_image
+from cotton3dg.io.ply import write_gaussians
 from cotton3dg.options import resolve
 from cotton3dg.pipeline import stage_options
-from cotton3dg.splat.metrics import to_uint8
-from cotton3dg.splat.rasterizer import render, render_values
-from cotton3dg.stages import cluster, segment, traits
-from cotton3dg.stages.stage import stage_of
+from cotton3dg.segment import stage as segment
+from cotton3dg.stage import stage_of
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 from scenes.boll_scene import write_model
 from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
@@ -80,7 +82,7 @@ def finished_workspace(folder: Path) -> Workspace:
             write_ids(made / f"{Path(view.name).stem}.png", ids)
     record(workspace, "masks")
     for module in (segment, cluster):
-        stage = module.__name__.rpartition(".")[2]
+        stage = module.STAGE.name
         module.run(workspace, resolve(stage))
         record(workspace, stage)
     traits.run(workspace, resolve("traits"))

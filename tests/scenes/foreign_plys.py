@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.splat.harmonics import turned
+from cotton3dg.gaussians.harmonics import turned
 
 PLACE, NORMAL = ["x", "y", "z"], ["nx", "ny", "nz"]
 SIZE = [f"scale_{k}" for k in range(3)]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
 from cotton3dg.workspace import Workspace
 from scenes.lint_scene import orbit_cameras, photo, table_points
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cotton3dg.files import onnx
+from cotton3dg.io import onnx
 
 SIDE, CELL = 64, 16
 N_CELLS = (SIDE // CELL) ** 2

@@ -30,7 +30,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Weights:
-    """What `splat.rasterizer.accumulate_weights` returns for one view."""
+    """What `gaussians.rasterizer.accumulate_weights` returns for one view."""
 
     total: np.ndarray
     rows: np.ndarray

@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 import cv2
 import numpy as np
 
-from cotton3dg.documents.record import Record
-from cotton3dg.files.tables import TRAITS
+from cotton3dg.io.tables import TRAITS
+from cotton3dg.schemas.record import Record
 
 HOSTILE = "<img src=x onerror=document.title='owned'>\"'&{{7*7}}</script><script>document.title='owned'</script>"
 

@@ -5,9 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.stages import cluster, frames, masks, scale, segment, sfm, train, traits
-from cotton3dg.stages.stage import STAGES, Cost, Stage, stage_of
+from cotton3dg.frames import stage as frames
+from cotton3dg.masks import stage as masks
+from cotton3dg.scale import stage as scale
+from cotton3dg.segment import stage as segment
+from cotton3dg.sfm import stage as sfm
+from cotton3dg.stage import STAGES, Cost, Stage, stage_of
+from cotton3dg.train import stage as train
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 MODULES = dict(zip(STAGES, (frames, sfm, train, scale, masks, segment, cluster, traits), strict=True))

@@ -6,8 +6,8 @@ import numpy as np
 
 from cotton3dg import _native
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.splat import rasterizer
-from cotton3dg.splat.state import arrays_of
+from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.state import arrays_of
 
 NEAR = 0.05
 RATES = rasterizer.LearningRates(1e-3, 1e-3, 5e-3, 0.05, 2.5e-3, 1.25e-4)

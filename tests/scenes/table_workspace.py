@@ -5,8 +5,8 @@ import struct
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cotton3dg.files.images import write_image
-from cotton3dg.files.ply import write_gaussians
+from cotton3dg.io.images import write_image
+from cotton3dg.io.ply import write_gaussians
 from cotton3dg.workspace import Workspace
 from scenes.table_scene import POSE, gaussians_at, table_points_cm
 

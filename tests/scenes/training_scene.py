@@ -3,11 +3,11 @@
 import numpy as np
 
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians.metrics import psnr_db, to_uint8
+from cotton3dg.gaussians.rasterizer import render
+from cotton3dg.gaussians.views import View
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.metrics import psnr_db, to_uint8
-from cotton3dg.splat.rasterizer import render
-from cotton3dg.splat.views import View
+from cotton3dg.train.initialise import place_gaussians
 
 OPTIONS = TrainOptions(steps=300, max_gaussians=400, sh_degree=0)
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.errors import SOME_FAILED
-from cotton3dg.files.video import ffmpeg_binary
+from cotton3dg.io.video import ffmpeg_binary
 from cotton3dg.options import resolve
 
 SMALL = {

@@ -6,7 +6,8 @@ import pytest
 import torch
 from scenes.boll_scene import CENTRES, RADIUS, cameras, masks_of, model
 
-from cotton3dg.lifting.affinity import (
+from cotton3dg.gaussians.rasterizer import accumulate_weights, render_values
+from cotton3dg.segment.affinity import (
     RAYS_PER_VIEW,
     affinity_loss,
     find_heaviest_weights,
@@ -14,9 +15,8 @@ from cotton3dg.lifting.affinity import (
     sample_rays,
     train_features,
 )
-from cotton3dg.lifting.lift import ViewWeights
-from cotton3dg.lifting.prompts import PromptView, grow, lift_prompts
-from cotton3dg.splat.rasterizer import accumulate_weights, render_values
+from cotton3dg.segment.lift import ViewWeights
+from cotton3dg.segment.prompts import PromptView, grow, lift_prompts
 
 
 @pytest.fixture(scope="module")

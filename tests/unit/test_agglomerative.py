@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 from scenes.view_masks import UP, ball, lifted_balls
 
-from cotton3dg.clustering.agglomerative import join_objects
+from cotton3dg.cluster.agglomerative import join_objects
 
 
 def test_objects_of_different_views_join_and_those_of_one_view_never():

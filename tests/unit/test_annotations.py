@@ -12,9 +12,9 @@ from PIL import Image
 from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.annotations import read_masks, undistort_ids
-from cotton3dg.files.coco import decompress_counts, fill_segmentation
-from cotton3dg.files.images import write_ids
+from cotton3dg.io.annotations import read_masks, undistort_ids
+from cotton3dg.io.coco import decompress_counts, fill_segmentation
+from cotton3dg.io.images import write_ids
 
 H, W = 12, 20
 SQUARE = [[3, 2, 9, 2, 9, 8, 3, 8]]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes.table_scene import orbit, plant_scene
 
-from cotton3dg.splat.appearance import boll_colours, depth_colours, recolour_bolls
-from cotton3dg.splat.rasterizer import render, render_values
+from cotton3dg.gaussians.appearance import boll_colours, depth_colours, recolour_bolls
+from cotton3dg.gaussians.rasterizer import render, render_values
 
 
 def test_every_boll_has_a_colour_of_its_own_and_none_is_grey() -> None:

@@ -25,7 +25,7 @@ from cotton3dg.batch import (
     saved_results,
 )
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.io.tables import BOLLS, TRAITS, csv_text
 from cotton3dg.pipeline import stage_options
 
 STAND_IN = """

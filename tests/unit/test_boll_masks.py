@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cotton3dg.clustering.boll_masks import assign_masks, weigh_scores
+from cotton3dg.cluster.boll_masks import assign_masks, weigh_scores
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 
 LABELS = np.array([0, 0, 1, 1, 2, 2, 3], np.int32)

@@ -8,7 +8,7 @@ from scenes.finished_scene import finished_workspace
 from typer.testing import CliRunner
 
 from cotton3dg import __version__
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.bug_report import pack
 from cotton3dg.errors import BadUsage
 from cotton3dg.workspace import Workspace

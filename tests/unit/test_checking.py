@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from scenes.documents import frame_info, frames_info
 
-from cotton3dg.checking import look
-from cotton3dg.checking.agreeing_places import find_agreeing_places
-from cotton3dg.checking.first_count import FoundBoll, find_bolls_in_space, find_sure
-from cotton3dg.checking.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
-from cotton3dg.checking.judge import conclude, judge, refuse
-from cotton3dg.checking.look import Look
-from cotton3dg.checking.sights import Sight
+from cotton3dg.capture_check import look
+from cotton3dg.capture_check.agreeing_places import find_agreeing_places
+from cotton3dg.capture_check.first_count import FoundBoll, find_bolls_in_space, find_sure
+from cotton3dg.capture_check.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
+from cotton3dg.capture_check.judge import conclude, judge, refuse
+from cotton3dg.capture_check.look import Look
+from cotton3dg.capture_check.sights import Sight
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
-from cotton3dg.documents.check import GREEN, RED, YELLOW, CheckInfo, Finding
-from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import ScaleOptions
 from cotton3dg.report.verdicts import of_placed, of_sharpness, of_walk
 from cotton3dg.scale.seek import FoundScale, Plant, no_scale
+from cotton3dg.schemas.check import GREEN, RED, YELLOW, CheckInfo, Finding
+from cotton3dg.schemas.scale import ScaleInfo
 
 WIDTH, HEIGHT, FOCAL_PX, RADIUS = 640, 360, 525.0, 1.4
 BOLLS = np.array([[0.0, 0.0, 0.5], [0.12, 0.02, 0.42], [-0.1, 0.08, 0.3], [0.05, -0.13, 0.22], [0.02, 0.05, 0.36]])

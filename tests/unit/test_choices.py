@@ -11,12 +11,12 @@ from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_st
 from cotton3dg import pipeline, slurm
 from cotton3dg.batch import Batch
 from cotton3dg.choices import Asked, choose, option_files
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.check import _where_to_work
-from cotton3dg.documents.choices import Choices
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
-from cotton3dg.stages.stage import stage_of
+from cotton3dg.schemas.choices import Choices
+from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
 
 DONE = dict.fromkeys(pipeline.STAGES, "done")

@@ -10,7 +10,7 @@ from scenes.finished_scene import finished_workspace
 from typer.testing import CliRunner
 
 from cotton3dg import pipeline
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.commands.clean import clean
 from cotton3dg.errors import EnvironmentUnusable
 from cotton3dg.workspace import Workspace

@@ -42,8 +42,8 @@ def test_help_names_units_and_the_papers_values():
 
 def test_help_imports_nothing_heavy():
     script = (
-        "import sys, cotton3dg.cli; from typer.testing import CliRunner;"
-        "assert CliRunner().invoke(cotton3dg.cli.app, ['--help']).exit_code == 0;"
+        "import sys, cotton3dg.cli.app; from typer.testing import CliRunner;"
+        "assert CliRunner().invoke(cotton3dg.cli.app.app, ['--help']).exit_code == 0;"
         "print([m for m in ('numpy', 'torch', 'open3d', 'pycolmap', 'cv2', 'pandas', 'scipy') if m in sys.modules])"
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
@@ -53,8 +53,8 @@ def test_help_imports_nothing_heavy():
 def test_status_imports_no_library_that_computes(plant):
     (plant / "video.mp4").write_text("x")
     script = (
-        "import sys, cotton3dg.cli; from typer.testing import CliRunner;"
-        "assert CliRunner().invoke(cotton3dg.cli.app, ['status', sys.argv[1]]).exit_code == 0;"
+        "import sys, cotton3dg.cli.app; from typer.testing import CliRunner;"
+        "assert CliRunner().invoke(cotton3dg.cli.app.app, ['status', sys.argv[1]]).exit_code == 0;"
         "print([m for m in ('torch', 'open3d', 'pycolmap', 'cv2', 'pandas', 'scipy') if m in sys.modules])"
     )
     result = subprocess.run([sys.executable, "-c", script, plant], capture_output=True, text=True, check=True)

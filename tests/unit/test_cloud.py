@@ -9,8 +9,8 @@ from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, plant_points_c
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.evaluation.cloud import find_table_height, measure_cloud
 from cotton3dg.evaluation.plant import evaluate_cloud
-from cotton3dg.files.cloud import read_cloud
-from cotton3dg.mapping.summary import summarise_map
+from cotton3dg.io.cloud import read_cloud
+from cotton3dg.plant_map.summary import summarise_map
 from cotton3dg.workspace import Workspace
 
 BOLL_CM3 = 4 / 3 * np.pi * BOLL_RADIUS_CM**3

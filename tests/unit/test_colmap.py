@@ -8,8 +8,8 @@ import pytest
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files import exports
-from cotton3dg.files.colmap import read_cameras, read_points, read_positions
+from cotton3dg.io import exports
+from cotton3dg.io.colmap import read_cameras, read_points, read_positions
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes.orbit_scene import Scene, degraded_masks, exact_masks, f1_at_half, layers, make_scene, orbit, weights_of
 
-from cotton3dg.clustering.boll_shape import flag_close, split_heap
-from cotton3dg.clustering.consensus import contract, join_halves, merge_views, move_nodes
+from cotton3dg.cluster.boll_shape import flag_close, split_heap
+from cotton3dg.cluster.consensus import contract, join_halves, merge_views, move_nodes
 from cotton3dg.core.bolls import BollInstance, LiftedMasks
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.geometry.point_sets import find_compact_part, measure_extent
-from cotton3dg.lifting.lift import ViewWeights, lift, mark_rim, rim_width_px
+from cotton3dg.segment.lift import ViewWeights, lift, mark_rim, rim_width_px
 
 UP = np.array([0, 0, 1.0])
 

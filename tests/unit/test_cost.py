@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 
 from cotton3dg import pipeline
-from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadUsage
 from cotton3dg.planning import time_budget
 from cotton3dg.planning.cost import Machine, estimate_costs, sum_seconds
 from cotton3dg.planning.time_budget import LADDER, BudgetInfo, choose, explain
-from cotton3dg.stages.stage import Cost, Footage
+from cotton3dg.schemas.record import Record
+from cotton3dg.stage import Cost, Footage
 from cotton3dg.workspace import Workspace
 
 VIDEO = Footage(120, 1280, 720)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scenes.view_masks import UP, ball, lifted_balls
 
-from cotton3dg.clustering.dbscan import cluster_objects, drop_large, find_clusters, part_cluster
-from cotton3dg.clustering.view_objects import ViewObject
+from cotton3dg.cluster.dbscan import cluster_objects, drop_large, find_clusters, part_cluster
+from cotton3dg.cluster.view_objects import ViewObject
 
 
 def item(view, rows):

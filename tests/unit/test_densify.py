@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Gaussians, rotations
-from cotton3dg.splat.densify import (
+from cotton3dg.train.densify import (
     SPLIT_SHRINKAGE,
     densify,
     find_contributing,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cotton3dg import display
-from cotton3dg.display import PLAIN_INTERVAL_S, ProgressDisplay
+from cotton3dg.cli import display
+from cotton3dg.cli.display import PLAIN_INTERVAL_S, ProgressDisplay
 
 
 @pytest.mark.parametrize("done_before", [0, 18_200])

@@ -20,15 +20,17 @@ from scenes.doc_commands import (
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.arguments import parse_overrides
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.columns import columns_of
 from cotton3dg.evaluation.changes import BollChange, TraitChange
 from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
-from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS
+from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.option_rules import places
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
-from cotton3dg.stages import cluster, segment, traits
+from cotton3dg.segment import stage as segment
+from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
 
 FILE_ENDINGS = ("json", "csv", "npy", "npz", "ply", "png", "jpg", "py", "bin")
@@ -265,7 +267,7 @@ def test_cells_are_blank_when_csv_md_says_so(finished):
     with finished.writing("masks"):
         pass
     for module in (segment, cluster, traits):
-        module.run(finished, resolve(module.__name__.rpartition(".")[2]))
+        module.run(finished, resolve(module.STAGE.name))
     no_bolls = said_blank(
         "traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls", "no boll has a position"
     )

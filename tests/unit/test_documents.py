@@ -7,17 +7,17 @@ from dataclasses import fields, replace
 import pytest
 from scenes.documents import effects, frame_info, frames_info, sfm_info, table_scale, train_metrics
 
-from cotton3dg.documents.batch import Jobs, PlantOutcome
-from cotton3dg.documents.bolls import BollFacts, BollMask, BollsInfo
-from cotton3dg.documents.dropped import DroppedFiles
-from cotton3dg.documents.frames import FramesInfo
-from cotton3dg.documents.masks import MaskedImage, MasksInfo
-from cotton3dg.documents.scale import ScaleInfo, read_scale
-from cotton3dg.documents.segment import MeanIous, ReachedIous, SegmentInfo
-from cotton3dg.documents.sfm import LensDecision, SfmInfo
-from cotton3dg.documents.train import ExposureDecision, RejectedStep
-from cotton3dg.documents.truth import TrueMasks
 from cotton3dg.errors import BadInput
+from cotton3dg.schemas.batch import Jobs, PlantOutcome
+from cotton3dg.schemas.bolls import BollFacts, BollMask, BollsInfo
+from cotton3dg.schemas.dropped import DroppedFiles
+from cotton3dg.schemas.frames import FramesInfo
+from cotton3dg.schemas.masks import MaskedImage, MasksInfo
+from cotton3dg.schemas.scale import ScaleInfo, read_scale
+from cotton3dg.schemas.segment import MeanIous, ReachedIous, SegmentInfo
+from cotton3dg.schemas.sfm import LensDecision, SfmInfo
+from cotton3dg.schemas.train import ExposureDecision, RejectedStep
+from cotton3dg.schemas.truth import TrueMasks
 
 DOCUMENTS = [
     frames_info([frame_info("a.jpg", timestamp_s=0.5), frame_info("b.jpg", source_index=7)]),

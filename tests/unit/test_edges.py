@@ -7,8 +7,8 @@ import pytest
 from scenes.boll_scene import cameras
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.files.ply import SH_CONSTANT
-from cotton3dg.mapping.edges import HALF, edge_opacity, opacity_at_half
+from cotton3dg.io.ply import SH_CONSTANT
+from cotton3dg.plant_map.edges import HALF, edge_opacity, opacity_at_half
 
 
 def coloured(size: float, value: float) -> Gaussians:

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import EnvironmentUnusable, OutOfResources, StageFailed
-from cotton3dg.files import encode
-from cotton3dg.files.encode import video_encoder
-from cotton3dg.files.video import probe, read_frames
+from cotton3dg.io import encode
+from cotton3dg.io.encode import video_encoder
+from cotton3dg.io.video import probe, read_frames
 
 
 def frame(i: int) -> np.ndarray:

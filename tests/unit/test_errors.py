@@ -11,8 +11,8 @@ from scenes.tiny_plant import ROOT
 from typer.testing import CliRunner
 
 from cotton3dg.choices import read_toml
-from cotton3dg.cli import app
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.app import app
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.errors import (
     EXIT_CODES,
     BadInput,
@@ -24,7 +24,7 @@ from cotton3dg.errors import (
     blame_capture,
     unknown,
 )
-from cotton3dg.files.saving import explained
+from cotton3dg.io.saving import explained
 from cotton3dg.options import resolve
 from cotton3dg.pipeline import selected, stage_options
 from cotton3dg.workspace import Workspace

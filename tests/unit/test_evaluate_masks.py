@@ -7,7 +7,7 @@ import pytest
 
 from cotton3dg.evaluation.mask_table import add_to_table
 from cotton3dg.evaluation.masks import MaskCounts, count_masks, match_ious, score_masks
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.tables import read_rows
 
 
 def squares(*places: tuple[int, int, int]) -> np.ndarray:

@@ -17,9 +17,9 @@ from cotton3dg.evaluation.tables import (
     score,
     write_evaluation,
 )
-from cotton3dg.files.images import read_image
-from cotton3dg.files.scatter import plot_scatter
-from cotton3dg.files.tables import csv_text
+from cotton3dg.io.images import read_image
+from cotton3dg.io.scatter import plot_scatter
+from cotton3dg.io.tables import csv_text
 
 
 def test_scores_are_those_computed_by_hand():

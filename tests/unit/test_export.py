@@ -17,7 +17,7 @@ from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, compare_genotypes
 from cotton3dg.field.tables import BATCH_COLUMNS, TRAIT_COLUMNS, read_field
-from cotton3dg.files.tables import BOLLS, csv_text
+from cotton3dg.io.tables import BOLLS, csv_text
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 BOOK = ("genotype", "block", "treatment", "row", "col", "date", "year", "note")

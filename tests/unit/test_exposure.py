@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
+from cotton3dg.gaussians.views import View
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.exposure import Exposure, correct, estimate_exposure, log_gains
-from cotton3dg.splat.views import View
-from cotton3dg.training.photos import SparseModel, capture_of
+from cotton3dg.train.effects.exposure import Exposure, correct, estimate_exposure, log_gains
+from cotton3dg.train.photos import SparseModel, capture_of
 
 N_VIEWS, CELL_PX, COLUMNS, ROWS = 12, 6, 30, 20
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from cotton3dg.capture import matching
-from cotton3dg.capture.features import ROOT_SIFT_NORM, Features, FeatureSettings, find_features, root_sift
-from cotton3dg.capture.matching import find_alike, match, match_descriptors, verify
+from cotton3dg.sfm import matching
+from cotton3dg.sfm.features import ROOT_SIFT_NORM, Features, FeatureSettings, find_features, root_sift
+from cotton3dg.sfm.matching import find_alike, match, match_descriptors, verify
 
 WIDTH, HEIGHT = 480, 360
 

@@ -4,7 +4,7 @@ import pytest
 from openpyxl import Workbook
 
 from cotton3dg.errors import BadInput, BadUsage
-from cotton3dg.files.fieldbook import read_fieldbook
+from cotton3dg.io.fieldbook import read_fieldbook
 
 TEXT = "plant_id,genotype,block\nA1,Größe,1\nA2,DP 1646,2\n"
 

@@ -16,13 +16,13 @@ import pytest
 from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.commands.import_videos import _take
+from cotton3dg.commands.import_ import _take
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.errors import EnvironmentUnusable, OutOfResources
-from cotton3dg.files import lock
-from cotton3dg.files.saving import copy, explain_disk_errors, fsync, link, replacing, write_text_atomically
+from cotton3dg.io import lock
+from cotton3dg.io.saving import copy, explain_disk_errors, fsync, link, replacing, write_text_atomically
 from cotton3dg.plants import plant_at
-from cotton3dg.stages.stage import Cost, Stage
+from cotton3dg.stage import Cost, Stage
 from cotton3dg.workspace import Workspace
 
 

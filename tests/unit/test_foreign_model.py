@@ -13,8 +13,8 @@ from splatting import sh_basis
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Gaussians, rotations
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.splat.harmonics import basis, turned
-from cotton3dg.training.foreign_model import explained, read_dataparser_transforms, read_foreign
+from cotton3dg.gaussians.harmonics import basis, turned
+from cotton3dg.train.foreign_model import explained, read_dataparser_transforms, read_foreign
 
 QUARTER = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
 """Turns x into y."""

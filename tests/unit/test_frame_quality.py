@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cotton3dg.capture import frame_quality
+from cotton3dg.frames import frame_quality
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 
 from cotton3dg.field.columns import book_cells, find_roles, table_columns
 from cotton3dg.field.genotypes import compare, compare_genotypes
-from cotton3dg.files.fieldbook import FieldBook
+from cotton3dg.io.fieldbook import FieldBook
 
 
 def trial(genotypes=30, blocks=4, of_genotype=4.0, of_block=3.0, of_plant=4.0, seed=0):

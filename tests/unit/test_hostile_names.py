@@ -17,16 +17,16 @@ from typer.testing import CliRunner
 
 from cotton3dg import pipeline
 from cotton3dg.batch import Batch, find_plants
-from cotton3dg.cli import app
-from cotton3dg.commands import import_videos as module
-from cotton3dg.commands.import_videos import DOUBT, TABLE, Import, import_videos
-from cotton3dg.documents.imported import ReadVideo
-from cotton3dg.documents.record import Record
+from cotton3dg.cli.app import app
+from cotton3dg.commands import import_ as module
+from cotton3dg.commands.import_ import DOUBT, TABLE, Import, import_videos
 from cotton3dg.errors import BadInput, EnvironmentUnusable
 from cotton3dg.evaluation.repeats import _plants_of
-from cotton3dg.files.images import list_images
-from cotton3dg.files.listing import files_below, is_there
-from cotton3dg.files.saving import printable, write_text_atomically
+from cotton3dg.io.images import list_images
+from cotton3dg.io.listing import files_below, is_there
+from cotton3dg.io.saving import printable, write_text_atomically
+from cotton3dg.schemas.imported import ReadVideo
+from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace
 
 LATIN = os.fsdecode(b"pl\xfcnze")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cotton3dg.capture.image_pairs import choose_pairs
+from cotton3dg.sfm.image_pairs import choose_pairs
 
 
 def test_ordered_pairs_close_the_ring():

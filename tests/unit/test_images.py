@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files import images
+from cotton3dg.io import images
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scenes.card_scene import card_sheet, film_card
 
-from cotton3dg.commands import import_videos as module
-from cotton3dg.commands.import_videos import DOUBT, IMPORTED, LEFT_OUT, TABLE, THERE, Import, import_videos
+from cotton3dg.commands import import_ as module
+from cotton3dg.commands.import_ import DOUBT, IMPORTED, LEFT_OUT, TABLE, THERE, Import, import_videos
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.files.encode import video_encoder
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.encode import video_encoder
+from cotton3dg.io.tables import read_rows
 from cotton3dg.workspace import Workspace
 
 BOOK = "plant_id,genotype\nA-1,x\nA-2,y\nB/3,z\nC-4,w\n"

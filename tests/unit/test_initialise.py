@@ -7,9 +7,10 @@ from scenes.training_scene import orbit_camera
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import CaptureFailed
+from cotton3dg.gaussians.views import View
 from cotton3dg.options import TrainOptions
-from cotton3dg.splat.flow_points import find_dense_points, find_neighbouring_pairs
-from cotton3dg.splat.initialise import (
+from cotton3dg.train.flow_points import find_dense_points, find_neighbouring_pairs
+from cotton3dg.train.initialise import (
     FILL_OPACITY,
     FILL_REACH,
     LARGEST_SCALE,
@@ -19,8 +20,7 @@ from cotton3dg.splat.initialise import (
     start_gaussians,
     starting_scales,
 )
-from cotton3dg.splat.schedule import image_order
-from cotton3dg.splat.views import View
+from cotton3dg.train.schedule import image_order
 
 
 def grey(n: int) -> np.ndarray:

@@ -54,7 +54,7 @@ def test_commands_are_completed_without_large_libraries(shell):
     script = (
         "import atexit, sys\n"
         f"atexit.register(lambda: print([m for m in {HEAVY} if m in sys.modules], file=sys.stderr))\n"
-        "from cotton3dg.cli import app\napp(prog_name='cotton3dg')"
+        "from cotton3dg.cli.app import app\napp(prog_name='cotton3dg')"
     )
     settings = {**os.environ, **COMPLETIONS[shell]}
     done = subprocess.run([sys.executable, "-c", script], env=settings, capture_output=True, text=True, check=False)

@@ -8,8 +8,9 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cotton3dg.capture.features import Features
-from cotton3dg.capture.keyframes import (
+from cotton3dg.errors import BadInput
+from cotton3dg.sfm.features import Features
+from cotton3dg.sfm.keyframes import (
     MODEL,
     Keyframes,
     first_keyframes,
@@ -18,8 +19,7 @@ from cotton3dg.capture.keyframes import (
     pairs_of_keyframes,
     will_do,
 )
-from cotton3dg.capture.matching import PairMatches
-from cotton3dg.errors import BadInput
+from cotton3dg.sfm.matching import PairMatches
 
 
 @pytest.fixture

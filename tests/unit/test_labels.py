@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.files.annotations import read_masks
-from cotton3dg.files.coco import coco_document
-from cotton3dg.files.images import write_image
-from cotton3dg.files.instances import fill_polygons, trace_outlines
-from cotton3dg.files.prompt_table import read_prompts
-from cotton3dg.files.yolo_labels import read_class_names, write_yolo_labels
+from cotton3dg.io.annotations import read_masks
+from cotton3dg.io.coco import coco_document
+from cotton3dg.io.images import write_image
+from cotton3dg.io.instances import fill_polygons, trace_outlines
+from cotton3dg.io.prompt_table import read_prompts
+from cotton3dg.io.yolo_labels import read_class_names, write_yolo_labels
 
 H, W = 60, 100
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes.orbit_scene import orbit
 
-from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.lifting.lift import RIM_ID, ViewWeights, lift, mark_rim, resize_ids, rim_width_px, within_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
+from cotton3dg.segment.lift import RIM_ID, ViewWeights, lift, mark_rim, resize_ids, rim_width_px
 
 
 def view(name, total, entries):

@@ -6,13 +6,14 @@ from scenes.finished_scene import finished_workspace
 from scipy.ndimage import binary_erosion
 
 from cotton3dg.core.card import PATCH_LEVELS, printed_reflectance
-from cotton3dg.documents.bolls import read_bolls
-from cotton3dg.documents.patches import PatchesInfo
 from cotton3dg.errors import BadUsage
-from cotton3dg.files.images import read_ids, read_image
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.images import read_ids, read_image
+from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
-from cotton3dg.stages import scale, traits
+from cotton3dg.scale import stage as scale
+from cotton3dg.schemas.bolls import read_bolls
+from cotton3dg.schemas.patches import PatchesInfo
+from cotton3dg.traits import stage as traits
 from cotton3dg.traits.lint_colour import calibrate, cielab
 
 LEVELS = np.array([240.0, 210, 165, 120, 80, 62])[:, None] * (1.0, 0.97, 0.9)

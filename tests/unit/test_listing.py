@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cotton3dg.files.listing import files_below, files_in, folders_in
+from cotton3dg.io.listing import files_below, files_in, folders_in
 
 LEFT_BEHIND = ("._a.json", ".DS_Store", "Thumbs.db", "desktop.ini", "__MACOSX/._a.json", "@eaDir/a.json/thumb.json")
 

@@ -6,10 +6,10 @@ from scenes.branch_scene import line, tube_places
 from scenes.touching_branches import MEETS, MEETS_OTHER, ONE, OTHER, STEM, assert_straight
 
 from cotton3dg.geometry.polylines import length_of, nearest_on
-from cotton3dg.mapping.loops import opened
-from cotton3dg.mapping.skeleton import Meeting, RawAxis, extract_axes
-from cotton3dg.mapping.untangle import untangled
-from cotton3dg.mapping.wood import classify
+from cotton3dg.plant_map.loops import opened
+from cotton3dg.plant_map.skeleton import Meeting, RawAxis, extract_axes
+from cotton3dg.plant_map.untangle import untangled
+from cotton3dg.plant_map.wood import classify
 
 ASTRAY = np.vstack([ONE[:MEETS], OTHER[MEETS_OTHER:]])
 """The way that reaches the touch first goes on into the other branch."""

@@ -11,16 +11,16 @@ import open3d as o3d
 import pytest
 from scenes.branch_scene import branch_scene
 
+from cotton3dg.cli.display import print_map_scores
 from cotton3dg.core.plant_map import Axis, PlantMap
-from cotton3dg.display import print_map_scores
-from cotton3dg.documents.skeleton import SkeletonInfo, describe_map, read_map
-from cotton3dg.documents.truth import Truth
 from cotton3dg.evaluation.plant_map import compare_maps, match_branches, true_map
-from cotton3dg.files.skeleton import draw_map, skeleton_ply
 from cotton3dg.geometry.polylines import length_of
-from cotton3dg.mapping.map_plant import map_places
-from cotton3dg.mapping.wood import thinned
+from cotton3dg.io.skeleton import draw_map, skeleton_ply
 from cotton3dg.options import SimulateOptions
+from cotton3dg.plant_map.map_plant import map_places
+from cotton3dg.plant_map.wood import thinned
+from cotton3dg.schemas.skeleton import SkeletonInfo, describe_map, read_map
+from cotton3dg.schemas.truth import Truth
 from cotton3dg.simulate.plant import grow_plant
 from cotton3dg.simulate.truth import plant_truth
 

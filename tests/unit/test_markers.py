@@ -10,7 +10,7 @@ from scenes.table_scene import POSE, orbit
 
 from cotton3dg.commands.markers import print_markers
 from cotton3dg.errors import BadUsage
-from cotton3dg.files.sheet import CM_PER_POINT, pdf_of, write_sheet
+from cotton3dg.io.sheet import CM_PER_POINT, pdf_of, write_sheet
 from cotton3dg.options import MarkersOptions
 from cotton3dg.scale.markers import (
     MarkerFit,

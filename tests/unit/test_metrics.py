@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians.metrics import mean_known, plant_region, psnr_db, ssim_map, to_uint8, view_quality
+from cotton3dg.gaussians.views import View
 from cotton3dg.geometry.camera_orbit import Orbit
-from cotton3dg.splat.metrics import mean_known, plant_region, psnr_db, ssim_map, to_uint8, view_quality
-from cotton3dg.splat.views import View
 
 
 def noise(seed: int, shape: tuple[int, int] = (40, 50)) -> np.ndarray:

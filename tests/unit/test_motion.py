@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.splat.motion import Tracks, find_longest_tracks, measure_velocities
-from cotton3dg.splat.motion_blur import LENGTHS_PX, MotionBlur, blur_length, estimate_motion_blur, smear
-from cotton3dg.splat.rolling_shutter import RollingShutter, estimate_rolling_shutter
-from cotton3dg.splat.views import View
+from cotton3dg.gaussians.views import View
+from cotton3dg.train.effects.motion import Tracks, find_longest_tracks, measure_velocities
+from cotton3dg.train.effects.motion_blur import LENGTHS_PX, MotionBlur, blur_length, estimate_motion_blur, smear
+from cotton3dg.train.effects.rolling_shutter import RollingShutter, estimate_rolling_shutter
 
 N_VIEWS, N_POINTS = 30, 400
 

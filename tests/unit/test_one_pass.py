@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from cotton3dg.capture.held_frames import HeldFrames, thin_out
-from cotton3dg.capture.take_video import _looked_at_every
-from cotton3dg.capture.way import WayMeter
-from cotton3dg.files import video
+from cotton3dg.frames.held_frames import HeldFrames, thin_out
+from cotton3dg.frames.take_video import _looked_at_every
+from cotton3dg.frames.way import WayMeter
+from cotton3dg.io import video
 
 WIDTH, HEIGHT = 320, 180
 

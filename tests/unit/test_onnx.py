@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput
-from cotton3dg.files import onnx
+from cotton3dg.io import onnx
 
 CONSTANTS = {
     "w": np.arange(18, dtype=np.float32).reshape(2, 1, 3, 3) / 9,

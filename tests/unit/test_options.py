@@ -3,7 +3,7 @@
 import pytest
 
 from cotton3dg.choices import read_toml
-from cotton3dg.cli_arguments import parse_overrides
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.errors import BadUsage
 from cotton3dg.option_rules import as_dict, checked, flags, places
 from cotton3dg.options import (

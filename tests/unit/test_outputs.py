@@ -9,16 +9,16 @@ from scenes.finished_scene import finished_workspace
 
 from cotton3dg.commands.bug_report import pack
 from cotton3dg.commands.cards import print_cards
-from cotton3dg.commands.import_videos import Import, import_videos
+from cotton3dg.commands.import_ import Import, import_videos
 from cotton3dg.commands.markers import print_markers
 from cotton3dg.commands.masks_export import export
 from cotton3dg.commands.masks_train import train
 from cotton3dg.commands.simulate import simulate
-from cotton3dg.documents.masks import MaskedImage, MasksInfo
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.evaluation.mask_table import add_to_table
 from cotton3dg.options import CardsOptions, MarkersOptions, MasksTrainOptions, SimulateOptions
 from cotton3dg.outputs import LIST, made_of, saving
+from cotton3dg.schemas.masks import MaskedImage, MasksInfo
 from cotton3dg.workspace import OWNER_MARK, Workspace
 
 

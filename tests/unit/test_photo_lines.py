@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.mapping.photo_lines import COLOUR_SHARE, NOISE, PhotoLines
+from cotton3dg.plant_map.photo_lines import COLOUR_SHARE, NOISE, PhotoLines
 
 AHEAD = Camera("a", 60, 40, 50.0, 50.0, 30.0, 20.0, np.eye(4)[:3])
 """Shows z = 1 at 50 px a unit."""

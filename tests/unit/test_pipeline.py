@@ -10,7 +10,6 @@ from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_st
 
 from cotton3dg import pipeline
 from cotton3dg.core.state import State
-from cotton3dg.documents.record import Record
 from cotton3dg.errors import (
     BadInput,
     BadUsage,
@@ -21,11 +20,12 @@ from cotton3dg.errors import (
     OutOfResources,
     StageFailed,
 )
+from cotton3dg.masks import stage as masks
 from cotton3dg.option_rules import places
 from cotton3dg.options import STAGE_OPTIONS
-from cotton3dg.stages import masks
-from cotton3dg.stages.stage import stage_of
-from cotton3dg.stages.staleness import recorded_states, stale_reason
+from cotton3dg.schemas.record import Record
+from cotton3dg.stage import stage_of
+from cotton3dg.staleness import recorded_states, stale_reason
 from cotton3dg.workspace import Workspace
 
 NAMES_OF = {stage: stage_of(stage).names for stage in pipeline.STAGES}

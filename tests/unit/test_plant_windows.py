@@ -4,9 +4,9 @@ import numpy as np
 from scenes.table_scene import POSE, orbit
 
 from cotton3dg.core.scene import Camera
+from cotton3dg.gaussians.plant_windows import find_plant_points, find_plant_windows
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.planes import level_planes, table_plane
-from cotton3dg.splat.plant_windows import find_plant_points, find_plant_windows
 
 WIDTH, HEIGHT = 960, 540
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cotton3dg.commands.import_videos import Import, import_videos
+from cotton3dg.commands.import_ import Import, import_videos
 from cotton3dg.commands.render import render
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.options import RenderOptions

@@ -7,7 +7,7 @@ import pytest
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import BadInput
-from cotton3dg.files.ply import read_gaussians, recolour, write_gaussians
+from cotton3dg.io.ply import read_gaussians, recolour, write_gaussians
 
 HEADER_DEGREE_0 = b"""ply
 format binary_little_endian 1.0

@@ -5,7 +5,7 @@ import pytest
 from scenes.branch_scene import line, zigzag
 
 from cotton3dg.geometry.polylines import place_at
-from cotton3dg.mapping.positions import infer_positions
+from cotton3dg.plant_map.positions import infer_positions
 
 UP = np.array([0.2, -0.1, 1.0]) / np.linalg.norm([0.2, -0.1, 1.0])
 

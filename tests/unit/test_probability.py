@@ -11,8 +11,9 @@ from scenes.splat_scenes import arrays_of, native_view, round_gaussians
 
 from cotton3dg._native import for_tests
 from cotton3dg.core.scene import Camera, Gaussians
-from cotton3dg.files.ply import SH_CONSTANT
-from cotton3dg.lifting.probability import (
+from cotton3dg.gaussians.rasterizer import near_plane, render_values
+from cotton3dg.io.ply import SH_CONSTANT
+from cotton3dg.segment.probability import (
     TrainingView,
     cross_entropy_gradient,
     mean_binary_ious,
@@ -20,8 +21,7 @@ from cotton3dg.lifting.probability import (
     sample_view,
     train_probabilities,
 )
-from cotton3dg.lifting.probability_pictures import draw_lint, draw_training
-from cotton3dg.splat.rasterizer import near_plane, render_values
+from cotton3dg.segment.probability_pictures import draw_lint, draw_training
 
 SIZE = (60, 50)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cotton3dg.capture.colours import colour_points
-from cotton3dg.capture.mapper import CAMERA_MODEL, settle, write_database
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
+from cotton3dg.sfm.colours import colour_points
+from cotton3dg.sfm.mapper import CAMERA_MODEL, settle, write_database
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import pytest
 from scenes.table_scene import POSE, orbit, table_points_cm
 
 from cotton3dg.errors import BadInput
-from cotton3dg.files.picks import read_picks
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.geometry.triangulation import triangulate
+from cotton3dg.io.picks import read_picks
 from cotton3dg.scale.rectangle import Rectangle
 from cotton3dg.scale.references import NoReference, Reference, distance_ratios, find_ground, reconcile, scale_on
 from cotton3dg.scale.sections import (

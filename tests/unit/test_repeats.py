@@ -9,11 +9,11 @@ from scenes.filmed_scene import filmed_again, grown, leaning, save_film
 from scipy.stats import ttest_rel
 from typer.testing import CliRunner
 
-from cotton3dg.cli import app
+from cotton3dg.cli.app import app
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.evaluation.repeats import find_bias, repeat, repeats_text
 from cotton3dg.evaluation.repeats_page import write_repeats
-from cotton3dg.files.tables import read_rows
+from cotton3dg.io.tables import read_rows
 
 VOLUMES = np.array([40.0, 45, 50, 55, 60, 65])
 

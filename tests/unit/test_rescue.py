@@ -9,18 +9,18 @@ import pycolmap
 import pytest
 from scenes.room_scene import pose, render, textures
 
-from cotton3dg.capture import rescue
-from cotton3dg.capture.agreement import contradicted_pct, sampson
-from cotton3dg.capture.features import Features, FeatureSettings, features_of_images
-from cotton3dg.capture.image_pairs import choose_pairs
-from cotton3dg.capture.mapper import map_images, write_database
-from cotton3dg.capture.marker_corners import tie
-from cotton3dg.capture.matching import PairMatches, match_pairs
-from cotton3dg.capture.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
-from cotton3dg.capture.tracking import follow
 from cotton3dg.core.progress import silent
-from cotton3dg.documents.sfm import RescueStep
-from cotton3dg.files.images import write_image
+from cotton3dg.io.images import write_image
+from cotton3dg.schemas.sfm import RescueStep
+from cotton3dg.sfm import rescue
+from cotton3dg.sfm.agreement import contradicted_pct, sampson
+from cotton3dg.sfm.features import Features, FeatureSettings, features_of_images
+from cotton3dg.sfm.image_pairs import choose_pairs
+from cotton3dg.sfm.mapper import map_images, write_database
+from cotton3dg.sfm.marker_corners import tie
+from cotton3dg.sfm.matching import PairMatches, match_pairs
+from cotton3dg.sfm.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
+from cotton3dg.sfm.tracking import follow
 
 OVERLAP, SEED = 6, 0
 FEATURES = FeatureSettings(1500, 1280, far_apart=False)

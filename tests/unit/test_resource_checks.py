@@ -78,11 +78,11 @@ HUNGRY = """
 import sys
 from dataclasses import replace
 from cotton3dg import pipeline
-from cotton3dg.stages import cluster
+from cotton3dg.cluster import stage
 from cotton3dg.workspace import Workspace
 def run(*_):
     {take}
-cluster.STAGE = replace(cluster.STAGE, run=run)
+stage.STAGE = replace(stage.STAGE, run=run)
 workspace = Workspace(sys.argv[1])
 try:
     pipeline.run(workspace, pipeline.stage_options(workspace), ("cluster",), force=True)

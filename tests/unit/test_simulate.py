@@ -14,7 +14,7 @@ from cotton3dg.choices import read_toml
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadUsage
-from cotton3dg.files.images import read_ids
+from cotton3dg.io.images import read_ids
 from cotton3dg.options import SimulateOptions, resolve
 from cotton3dg.simulate.atlas import pack
 from cotton3dg.simulate.camera import Orbit, orbit

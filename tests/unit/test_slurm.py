@@ -18,7 +18,7 @@ from cotton3dg import slurm
 from cotton3dg.batch import TABLE, Batch, Result, find_plants
 from cotton3dg.core.state import State
 from cotton3dg.errors import BadUsage, EnvironmentUnusable, MissingInput
-from cotton3dg.stages.staleness import StageState
+from cotton3dg.staleness import StageState
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from openpyxl import Workbook
 
 from cotton3dg.errors import BadInput
-from cotton3dg.files.picks import read_picks
-from cotton3dg.files.prompt_table import read_prompts
-from cotton3dg.files.spreadsheet import Table, read_table
+from cotton3dg.io.picks import read_picks
+from cotton3dg.io.prompt_table import read_prompts
+from cotton3dg.io.spreadsheet import Table, read_table
 
 
 def table_of(folder: Path, text: str) -> Table:

@@ -15,8 +15,8 @@ from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
 from cotton3dg.errors import BadInput, BadUsage, CaptureFailed
-from cotton3dg.splat.views import View
-from cotton3dg.stages.stage import Footage, Stage, stage_of
+from cotton3dg.gaussians.views import View
+from cotton3dg.stage import Footage, Stage, stage_of
 from cotton3dg.study import work
 from cotton3dg.study.lpips import measure_lpips
 from cotton3dg.study.rows import empty_row

@@ -7,9 +7,9 @@ import pytest
 from scenes.table_scene import gaussians_at, joined
 
 from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians.rasterizer import render
 from cotton3dg.geometry.boxes import fibonacci_directions
 from cotton3dg.geometry.convex_measures import convex_volume
-from cotton3dg.splat.rasterizer import render
 from cotton3dg.traits.surface import DILATION_PX2, as_drawn, sample_surface, sample_visible_surface, surface_rows
 
 BALL_CM = 2.5 * fibonacci_directions(500)

@@ -8,7 +8,7 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput
-from cotton3dg.files.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
+from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, "

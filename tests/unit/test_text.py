@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from cotton3dg.choices import read_toml
-from cotton3dg.documents.corrections import Correction, Corrections, Place
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.field.study import read_study
+from cotton3dg.schemas.corrections import Correction, Corrections, Place
 from cotton3dg.text import decode_text, read_text
 
 TEXT = "Größe 鲁棉 °C\n"

@@ -9,8 +9,8 @@ from scenes.table_scene import FOOT_CM, POSE, gaussians_at, joined, orbit
 from cotton3dg.core.plant_map import Axis, PlantMap
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.geometry.polylines import nearest_on, resampled
-from cotton3dg.mapping.photo_lines import PhotoLines
-from cotton3dg.mapping.thin_twigs import Trail, follow_thin_twigs
+from cotton3dg.plant_map.photo_lines import PhotoLines
+from cotton3dg.plant_map.thin_twigs import Trail, follow_thin_twigs
 
 SCALE = table_scale().scale
 FOOT = POSE.scene(FOOT_CM[None])[0]
@@ -131,7 +131,7 @@ def test_lines_are_in_the_plant_frame():
             seen.append(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cotton3dg.mapping.thin_twigs.PhotoLines", Kept)
+        patch.setattr("cotton3dg.plant_map.thin_twigs.PhotoLines", Kept)
         followed(photos(SHOWN), SHOWN)
     for own, camera in zip(seen[0].cameras, CAMERAS, strict=True):
         assert own.project(TWIG)[0] == pytest.approx(camera.project(in_scene(TWIG))[0], abs=1e-6)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.files.tonemap import HLG, PQ, tone_map
+from cotton3dg.io.tonemap import HLG, PQ, tone_map
 
 
 def grey(signal):

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.colors import to_hex
 
-from cotton3dg.files.images import read_image
-from cotton3dg.files.tradeoff_plot import Dot, Panel, plot_tradeoff, write_tradeoff
+from cotton3dg.io.images import read_image
+from cotton3dg.io.tradeoff_plot import Dot, Panel, plot_tradeoff, write_tradeoff
 from cotton3dg.study.settings import TITLES
 
 

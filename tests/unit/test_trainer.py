@@ -10,12 +10,14 @@ from scenes.training_scene import OPTIONS, orbit_camera, quality_db, training_sc
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import StageFailed
+from cotton3dg.gaussians.metrics import PLANT_REGION, psnr_db, to_uint8
+from cotton3dg.gaussians.rasterizer import StepReport, render
+from cotton3dg.gaussians.views import View
 from cotton3dg.geometry.camera_orbit import fit_orbit
-from cotton3dg.splat import densify, trainer
-from cotton3dg.splat.initialise import place_gaussians
-from cotton3dg.splat.metrics import PLANT_REGION, psnr_db, to_uint8
-from cotton3dg.splat.rasterizer import StepReport, render
-from cotton3dg.splat.schedule import (
+from cotton3dg.train import densify, trainer
+from cotton3dg.train.initialise import place_gaussians
+from cotton3dg.train.quality import metrics_of, outcome_of
+from cotton3dg.train.schedule import (
     DENSIFY_AFTER,
     DENSIFY_EVERY,
     DENSIFY_UNTIL,
@@ -28,9 +30,7 @@ from cotton3dg.splat.schedule import (
     resolutions,
     surroundings,
 )
-from cotton3dg.splat.trainer import fit
-from cotton3dg.splat.views import View
-from cotton3dg.training.quality import metrics_of, outcome_of
+from cotton3dg.train.trainer import fit
 
 
 def test_psnr_of_a_held_out_view_rises() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.measurements import Scale
-from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.errors import BadInput
+from cotton3dg.masks.stage import parts, read_unit_length
 from cotton3dg.options import resolve
-from cotton3dg.stages.masks import parts, read_unit_length
+from cotton3dg.schemas.scale import ScaleInfo
 from cotton3dg.workspace import Workspace
 
 BOLLS = resolve("masks")

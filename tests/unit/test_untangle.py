@@ -6,8 +6,8 @@ from scenes.branch_scene import line
 from scenes.touching_branches import MEETS, MEETS_OTHER, ONE, OTHER, STEM, assert_straight
 
 from cotton3dg.geometry.polylines import length_of, nearest_on
-from cotton3dg.mapping.skeleton import RawAxis
-from cotton3dg.mapping.untangle import untangled
+from cotton3dg.plant_map.skeleton import RawAxis
+from cotton3dg.plant_map.untangle import untangled
 
 SIDE = line(ONE[30], ONE[30] + (3, 9, 1), spacing=0.25)
 TIP = ONE[30:42]

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from cotton3dg.documents.scale import ScaleInfo
 from cotton3dg.report.facts import Facts
 from cotton3dg.report.page import give_verdict, trait_cards
 from cotton3dg.report.verdicts import find_unsure, of_row
+from cotton3dg.schemas.scale import ScaleInfo
 
 SURE = {
     "boll_count": "14", "boll_count_low": "13", "boll_count_high": "15",

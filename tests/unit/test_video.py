@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput
-from cotton3dg.files import ffmpeg_text, video
+from cotton3dg.io import ffmpeg_text, video
 
 WIDTH, HEIGHT, BITS = 160, 90, 8
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from cotton3dg.documents.weights import WeightModel
 from cotton3dg.errors import BadInput
 from cotton3dg.evaluation.weights import fit_line, fit_weights, weights_text, write_weights
+from cotton3dg.schemas.weights import WeightModel
 from cotton3dg.traits.weight import predict, predict_weight
 
 VOLUMES = np.array([1.0, 2, 3, 4])

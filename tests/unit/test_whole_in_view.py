@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.stages.traits import _filming
+from cotton3dg.traits.stage import _filming
 from cotton3dg.traits.whole_in_view import doubt_whole, find_cut
 from cotton3dg.workspace import Workspace
 

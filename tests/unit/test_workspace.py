@@ -9,10 +9,10 @@ import stat
 
 import pytest
 
-from cotton3dg.documents.record import Record
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
-from cotton3dg.files.saving import explain_disk_errors, file_sha256, json_text
+from cotton3dg.io.saving import explain_disk_errors, file_sha256, json_text
 from cotton3dg.masks.bolls import SHIPPED_FILE
+from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace
 
 

@@ -1,0 +1,85 @@
+"""What one image shows of the plant, by the bolls' network alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Camera
+from ..gaussians.rasterizer import Window
+from ..masks.bolls import BollNetwork, Maps
+from ..masks.group_votes import group_votes
+
+SIDES: Final = ("top", "bottom", "left", "right")
+"""Of an image."""
+PLANT: Final = 0.5
+"""Probability from which a pixel is lint, bur, wood or leaf."""
+BRIDGED: Final = 0.02
+"""Widths of the image: gaps in twigs that the network misses."""
+CUT: Final = 0.01
+"""Share of a side that a plant must run over to be cut by it."""
+BURNT: Final = 250
+"""Grey value from which a pixel has lost its shades."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One image."""
+
+    camera: Camera
+    ids: NDArray[np.uint16]
+    """(H, W) bolls from 1 on."""
+    middles_px: NDArray[np.float64]
+    """(B, 2) x, y of the middle of boll b + 1, seen or not."""
+    diameters_px: NDArray[np.float64]
+    """(B,)"""
+    lint_luminance: float
+    """0..1; NaN where there is no lint."""
+    burnt_share: float
+    """Of the lint; NaN where there is none."""
+    plant: NDArray[np.int32]
+    """(h, w) connected parts of what looks like a plant, numbered; 0 = none."""
+
+    def parts_of(self, places_px: NDArray) -> set[int]:
+        """The parts of the plant that (N, 2) places lie on or next to."""
+        scale = self.plant.shape[1] / self.camera.width
+        x, y = np.floor(np.asarray(places_px).reshape(-1, 2) * scale).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < self.plant.shape[1]) & (y < self.plant.shape[0])
+        return set(self.plant[y[inside], x[inside]].tolist()) - {0}
+
+    def cut_sides(self, parts: set[int]) -> tuple[str, ...]:
+        """Sides of the image that these parts run over."""
+        plant = np.isin(self.plant, list(parts))
+        edges = (plant[0], plant[-1], plant[:, 0], plant[:, -1])
+        return tuple(side for side, edge in zip(SIDES, edges, strict=True) if edge.mean() > CUT)
+
+
+def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: Window | None = None) -> Sight:
+    """What the network says of an (H, W, 3) sRGB image, or of the window of it that shows the plant."""
+    maps = network.maps(image, window=window)
+    ids, _ = group_votes(maps)
+    small = cv2.resize(ids, maps.lint.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    shown = np.unique(small[small > 0])
+    ids = np.where(np.isin(ids, shown), np.searchsorted(shown, ids) + 1, 0).astype(np.uint16)
+    bolls = [small == boll for boll in shown]
+    lint = image[ids > 0].mean(axis=1)
+    return Sight(
+        camera,
+        ids,
+        middles_px=np.array([np.median(maps.votes[:, own], axis=1) for own in bolls], np.float64).reshape(-1, 2),
+        diameters_px=np.array([np.median(maps.diameters[own]) for own in bolls], np.float64),
+        lint_luminance=float(lint.mean()) / 255 if len(lint) else np.nan,
+        burnt_share=float((lint >= BURNT).mean()) if len(lint) else np.nan,
+        plant=_parts(maps),
+    )
+
+
+def _parts(maps: Maps) -> NDArray[np.int32]:
+    plant = (maps.probabilities[1:].sum(axis=0) > PLANT).astype(np.uint8)
+    side = 2 * round(0.5 * BRIDGED * plant.shape[1]) + 1
+    bridged = cv2.morphologyEx(plant, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    return np.asarray(cv2.connectedComponents(bridged)[1], np.int32)

@@ -1,0 +1,5 @@
+"""`python -m cotton3dg.cli` does what the console script does."""
+
+from .app import main
+
+main()

@@ -1,0 +1,101 @@
+"""What the commands share: their arguments and flags, and how they tell errors."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final, NoReturn
+
+import typer
+
+from ..errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
+from ..io.saving import explained
+from ..option_rules import flags
+from ..options import PRESETS, STAGE_OPTIONS, STANDARD
+
+given = partial(typer.Argument, readable=False)
+"""A file or folder; one that cannot be read is explained where it is read, and not with typer's page of help."""
+
+PlantDir = Annotated[Path, given(help="folder of one plant, with its video or an images folder; or a video")]
+ModelDir = Annotated[Path, typer.Argument(help="folder for the trained model; made if needed")]
+CardFiles = Annotated[
+    list[Path], typer.Argument(metavar="[FIELDBOOK] CARDS", help="field book (.csv, .xlsx), and the cards (.pdf)")
+]
+NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
+NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
+_PRESETS: Final = " | ".join(PRESETS) + ": what accuracy may cost in time"
+OwnPreset = Annotated[str, typer.Option("--preset", help=_PRESETS)]
+"""Of a command that works by a preset of its own, whatever a plant was run with."""
+Preset = Annotated[str | None, typer.Option(help=_PRESETS, show_default=f"as the last run, else {STANDARD}")]
+Reset = Annotated[bool, typer.Option("--reset", help="leave the last run's options for the defaults")]
+Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
+]
+TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
+
+
+@contextmanager
+def report_errors(plant_dir: Path) -> Iterator[None]:
+    """Print an error as one line that starts with the plant's name, and end with its exit code.
+
+    What the operating system says of a path is explained here for all commands.
+    """
+    try:
+        yield
+    except Cotton3dgError as error:
+        _end(plant_dir, str(error), error.exit_code, error)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        told = explained(error, plant_dir)
+        _end(plant_dir, str(told), told.exit_code, error)
+    except KeyboardInterrupt as error:
+        _end(plant_dir, "interrupted; the same command continues", INTERRUPTED, error)
+
+
+def _end(plant_dir: Path, text: str, code: int, cause: BaseException) -> NoReturn:
+    name = plant_dir.resolve().name
+    # A message about the very path that was given names it already.
+    line = text if text.startswith((name, str(plant_dir))) else f"{name}: {text}"
+    typer.echo(" ".join(line.split()), err=True)
+    raise typer.Exit(code) from cause
+
+
+def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
+    overrides: dict[str, dict[str, Any]] = {}
+    for assignment in assignments or []:
+        key, equals, value = assignment.partition("=")
+        stage, dot, name = key.partition(".")
+        if not (equals and dot):
+            raise BadUsage(f"--set {assignment}: write STAGE.OPTION=VALUE, e.g. train.steps=3000")
+        if stage not in STAGE_OPTIONS:
+            raise unknown(f"--set {assignment}: stage {stage!r}", stage, STAGE_OPTIONS)
+        overrides.setdefault(stage, {})[name] = value
+    return overrides
+
+
+def keep_given(flags: dict[str, Any]) -> dict[str, Any]:
+    """The flags that the user gave; the others are None so that TOML and presets can speak."""
+    return {name: value for name, value in flags.items() if value is not None}
+
+
+def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> Callable[..., None]:
+    """`command` as typer sees it: `arguments` (annotation, or annotation and default), then a flag for each option."""
+    position = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    parameters = []
+    for name, annotation in arguments.items():
+        kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
+        parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
+    for name, (place, told) in flags(options).items():
+        flag = typer.Option(help=told, show_default=str(place.item.default) or "none")
+        annotation = Annotated[place.kind | None, flag]
+        parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__doc__ = options.__doc__
+    return command

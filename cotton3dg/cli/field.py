@@ -1,0 +1,153 @@
+"""Commands on many plants besides `batch`, and what is printed for a field; parse, call, print, no logic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import SOME_FAILED, BadUsage
+from .arguments import PlantDir, given, keep_given, report_errors
+
+
+def cards(files: list[Path], **flags: Any) -> None:
+    from .. import options
+    from ..commands.cards import print_cards
+
+    with report_errors(files[-1]):
+        if len(files) > 2:
+            raise BadUsage(f"{len(files)} files; give the field book, if any, and the cards to write (.pdf)")
+        fieldbook = files[0] if len(files) > 1 else None
+        typer.echo(print_cards(fieldbook, files[-1], options.resolve("cards", keep_given(flags))))
+
+
+def markers(file: Path, **flags: Any) -> None:
+    from .. import options
+    from ..commands.markers import print_markers
+
+    with report_errors(file):
+        typer.echo(print_markers(file, options.resolve("markers", keep_given(flags))))
+
+
+def import_(
+    videos: Annotated[list[Path], given(help="videos, or folders that hold them, as a phone's DCIM")],
+    into: Annotated[Path, typer.Option(help="folder of the field; made if needed")],
+    fieldbook: Annotated[Path | None, typer.Option(help="table with a row for each plant (.csv, .xlsx)")] = None,
+    id_column: Annotated[str, typer.Option(help="its column with the ids; default: plant_id and the like")] = "",
+    names: Annotated[Path | None, typer.Option(help="table with the columns file and plant_id, by hand")] = None,
+    how: Annotated[str, typer.Option(help="copy | move | link")] = "copy",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="change nothing: only say what would happen")] = False,
+) -> None:
+    """A folder for each plant from videos that show its card; what is in doubt is told and never guessed."""
+    from ..commands.import_ import DOUBT, Import, import_videos
+    from . import display
+
+    with report_errors(into), display.ProgressDisplay() as watcher:
+        asked = Import(into, fieldbook, id_column, names, how, dry_run)
+        rows = import_videos(videos, asked, watcher.watched("import"))
+        display.print_import(rows, into, dry_run=dry_run)
+    if any(row.state == DOUBT for row in rows):
+        raise typer.Exit(SOME_FAILED)
+
+
+def correct(
+    plant_dir: PlantDir,
+    file: Annotated[Path | None, typer.Argument(help="corrections.json that the plant's report saved")] = None,
+    merge: Annotated[list[str] | None, typer.Option(metavar="N,N", help="bolls that are one; repeatable")] = None,
+    split: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is two")] = None,
+    delete: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is none")] = None,
+    branch: Annotated[list[int] | None, typer.Option(metavar="N", help="a boll that is a branch")] = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PICKS", help="a boll at 'IMAGE:X,Y IMAGE:X,Y', px of undistorted images"),
+    ] = None,
+    corner: Annotated[
+        list[str] | None, typer.Option(metavar="PICKS", help="where the nearest corner of the table is, the same way")
+    ] = None,
+    ruler: Annotated[
+        list[str] | None, typer.Option(metavar="PICKS / PICKS", help="measure between two points; changes nothing")
+    ] = None,
+    undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
+) -> None:
+    """Mend bolls and the scale, for good: what is said is kept in corrections.json and applied by every run."""
+    from ..commands.correct import Asked
+    from ..commands.correct import correct as mend
+    from ..plants import plant_at
+    from . import display
+
+    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
+        picked = (add or (), corner or (), ruler or ())
+        asked = Asked(file, merge or (), split or (), delete or (), branch or (), *picked, undo)
+        outcome = mend(plant_at(plant_dir), asked, watcher)
+        display.print_corrections(outcome)
+    if outcome.refused:
+        raise typer.Exit(SOME_FAILED)
+
+
+def export(
+    folder: Annotated[Path, given(help="field that `batch` has run")],
+    format_: Annotated[
+        str, typer.Option("--format", help="brapi | miappe | frictionless | cottongen | fieldbook | xlsx")
+    ] = "xlsx",
+    out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
+) -> None:
+    """A field's tables for breeding databases and spreadsheets."""
+    from ..commands.export import export as write
+
+    with report_errors(folder):
+        typer.echo(write(folder, format_, out))
+
+
+FilmsOut = Annotated[Path, typer.Option(help="folder for tables and pictures")]
+Reach = Annotated[float, typer.Option(help="how far a boll may have moved and still be the same, cm", min=0.1)]
+TurnDeg = Annotated[
+    float | None,
+    typer.Option(help="how far the plant was turned between the films, degrees, where it is known; default: found"),
+]
+
+
+def compare(
+    films: Annotated[list[Path], given(help="folders of one finished plant, filmed at several dates")],
+    out: FilmsOut = Path("comparison"),
+    reach_cm: Reach = 3.0,
+    turn_deg: TurnDeg = None,
+) -> None:
+    """What changed between films of one plant: each boll and each trait of the others against the first."""
+    from ..evaluation.changes import compare as lay_beside
+    from ..evaluation.changes import comparison_text
+    from ..evaluation.changes_page import write_comparisons
+    from ..evaluation.filmed import find_same_films
+    from ..outputs import made_of, saving
+
+    with report_errors(films[0]):
+        comparisons = lay_beside(films, reach_cm, turn_deg)
+        for remark in find_same_films([comparisons[0].first, *(each.other for each in comparisons)]):
+            typer.echo(remark, err=True)
+        with saving(out, made_of("compare", *films)) as folder:
+            write_comparisons(folder, comparisons)
+        for comparison in comparisons:
+            typer.echo(comparison_text(comparison))
+        typer.echo(f"saved in {out}")
+
+
+def repeat(
+    films: Annotated[list[Path], given(help="folders of a plant filmed several times, or of such fields")],
+    out: FilmsOut = Path("repeat"),
+    reach_cm: Reach = 3.0,
+    turn_deg: TurnDeg = None,
+) -> None:
+    """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
+    from ..evaluation.filmed import find_same_films
+    from ..evaluation.repeats import repeat as lay_beside
+    from ..evaluation.repeats import repeats_text
+    from ..evaluation.repeats_page import write_repeats
+    from ..outputs import made_of, saving
+
+    with report_errors(films[0]):
+        repeats = lay_beside(films, reach_cm, turn_deg)
+        for remark in (remark for plant in repeats.plants for remark in find_same_films(plant.films)):
+            typer.echo(remark, err=True)
+        with saving(out, made_of("repeat", *films)) as folder:
+            write_repeats(folder, repeats)
+        typer.echo(f"{repeats_text(repeats)}\nsaved in {out}")

@@ -1,0 +1,1 @@
+"""The Gaussian model: the checked face of the native core, spherical harmonics, views and how good a render is."""

@@ -1,0 +1,180 @@
+"""Find the bolls in images from around the plant, or take over masks that were made elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ..core.machine import on_all_cores
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..errors import BadInput
+from ..geometry.camera_orbit import fit_orbit, within_orbit
+from ..io.colmap import read_cameras, read_points
+from ..io.images import read_image, write_ids
+from ..io.ply import read_gaussians
+from ..io.saving import file_sha256
+from ..option_rules import as_dict
+from ..options import MasksOptions
+from ..schemas.masks import MaskedImage, MasksInfo
+from ..schemas.scale import ScaleInfo
+from ..stage import EITHER, FILE, FOLDER, Cost, Stage, Work
+from ..workspace import Workspace
+from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
+from .bolls import SHIPPED_FILE, seen_size
+from .lint_edges import EDGES_FILE
+from .same_boll import SCORE_FILE
+
+SIZE_STEP: Final = 1.05
+"""Ratio of the steps in which a size in centimetres is known to the back ends. Bolls differ by far more, and a scale
+that is measured anew changes by less, so that the masks need not be made anew with it."""
+MASK_BYTES: Final = 2**18
+"""Of one image's masks on the disk, generous."""
+WEIGHTS: Final = ("weights", "detector")
+"""Options that name networks, of whichever back end has them."""
+NAMES: Final = {
+    "bolls.weights": FILE,
+    "import.source": EITHER,
+    "yolo.weights": FILE,
+    "sam.weights": FOLDER,
+    "sam.prompts": FILE,
+    "grounded-sam.weights": FOLDER,
+    "grounded-sam.detector": FOLDER,
+}
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [workspace.undistorted, workspace.masks_input]
+
+
+def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
+    """The networks and the score that come with the program; and the model, where a back end looks at it."""
+    networks = [EDGES_FILE, SCORE_FILE] if options.backend == "bolls" else []
+    networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
+    return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
+
+
+def _looks_at_model(options: MasksOptions) -> bool:
+    return options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.sam.prompts)
+
+
+def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
+    """Of the scale, how long a scene unit is; only `bolls` asks for it."""
+    if options.backend != "bolls":
+        return {}
+    try:
+        length = read_unit_length(workspace)
+        said = f"{length:.4g}".encode() if length else b"none"
+    except BadInput:  # the stage itself refuses the file
+        said = workspace.scale_json.read_bytes()
+    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(said).hexdigest()}
+
+
+def read_unit_length(workspace: Workspace) -> float | None:
+    """Length of a scene unit, cm, rounded to a step of `SIZE_STEP`; None where no scale is known.
+
+    As it was found: a person who moves corners speaks of the bolls that were found with it.
+
+    Raises:
+        BadInput: scale.json is damaged.
+    """
+    info = ScaleInfo.load_if_there(workspace.scale_json)
+    scale = (info.found or info).scale if info else None
+    return SIZE_STEP ** round(math.log(scale.cm_per_su, SIZE_STEP)) if scale else None
+
+
+def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent) -> StageOutcome:
+    """Writes masks/<image>.png with 16-bit ids at the size of the undistorted image, and masks.json."""
+    start = time.perf_counter()
+    plant = load_plant(workspace, options)
+    found = BACK_ENDS[options.backend](plant, options, progress)
+    seconds, masks = time.perf_counter() - start, found.masks
+    counts = {name: len(np.unique(ids[ids > 0])) for name, ids in masks.ids.items()}
+    info = MasksInfo(
+        options.backend,
+        as_dict(options),
+        _weights_sha256(workspace, options),
+        seconds_per_image=round(seconds / max(len(counts), 1), 3),
+        images=tuple(
+            MaskedImage(name, counts[name], {str(k): score for k, score in masks.scores.get(name, {}).items()})
+            for name in sorted(counts)
+        ),
+        together=masks.together,
+        halves=masks.halves,
+    )
+    with workspace.writing("masks") as folder:
+        on_all_cores(lambda name: write_ids(folder / workspace.mask_png(name).name, masks.ids[name]), masks.ids)
+        info.save(folder / workspace.masks_json.name)
+    summary = {
+        "images": len(counts),
+        "masks": sum(counts.values()),
+        "masks_per_image": round(float(np.mean(list(counts.values()))), 1),
+        "backend": options.backend,
+    }
+    if summary["masks"]:
+        return StageOutcome(summary, (), found.notes)
+    return StageOutcome(summary, ("no_masks",), (NOTHING_FOUND.get(options.backend, NO_DETECTION), *found.notes))
+
+
+def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
+    """What there is of a plant for a back end."""
+    sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
+    cameras = read_cameras(sparse)
+    # One camera alone has no orbit; the back ends will say so.
+    has_model = _looks_at_model(options) and workspace.gaussians_ply.is_file() and len(cameras) > 1
+    model = read_gaussians(workspace.gaussians_ply) if has_model else None
+    return Plant(
+        cameras,
+        photo=lambda name: read_image(workspace.undistorted_image(name)),
+        points=read_points(sparse)[0],
+        model=model,
+        allowed=None if model is None else within_orbit(model.means, cameras, fit_orbit(cameras)),
+        cm_per_su=read_unit_length(workspace) if options.backend == "bolls" else None,
+        filmed=workspace.sfm_model,
+        own_masks=workspace.masks_input,
+        file=workspace.named_file,
+    )
+
+
+def _weights_sha256(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
+    """Which weights made the masks."""
+    sums: dict[str, str] = {}
+    chosen = as_dict(options)
+    for text in (chosen[name] for name in WEIGHTS if chosen.get(name)):
+        path = workspace.named_file(text)
+        files = [path] if path.is_file() else sorted([*path.glob("*.safetensors"), *path.glob("*.bin")])
+        sums |= {f"{path.name}/{file.name}" if path.is_dir() else file.name: file_sha256(file) for file in files}
+    return sums
+
+
+def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
+    return options.views * MASK_BYTES
+
+
+def _cost(work: Work) -> Cost:
+    """Of `bolls` what the network sees, and edges at full size; of all others that of `lint`, where views vote whether
+    they get masks or not."""
+    width, height = work.size
+    image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
+    if work.options["masks"].backend == "bolls":
+        seen_mp = math.prod(seen_size(height, width)) / 1e6
+        return Cost((0.46 * seen_mp + 0.22 * image_mp) * work.views)
+    return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
+
+
+STAGE: Final = Stage(
+    "masks",
+    version=20,
+    inputs=inputs,
+    run=run,
+    cost=_cost,
+    disk_bytes=_disk_bytes,
+    names=NAMES,
+    also_reads=also_reads,
+    parts=parts,
+)

@@ -1,0 +1,77 @@
+"""What photos show along a thin line in space: how much of it something of a known colour covers.
+
+A twig that is thinner than a pixel covers a share a of the pixels that it crosses: they are a W + (1 - a) B, with W
+the wood's colour and B what is behind. B is what the pixels at either side show, so each place of a line has, in each
+photo, one equation for a; all photos together tell it although each one's noise and texture are larger than the twig's
+trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _native
+from ..core.scene import Camera, Float64
+from ..gaussians.rasterizer import view_of
+
+ASIDE_PX: Final = (2.5, 3.5)
+"""Where, at either side of a line, the photo shows what is behind."""
+NOISE: Final = 3.5
+"""Of a pixel, grey levels."""
+COLOUR_SHARE: Final = 0.35
+"""By how much of its contrast to what is behind a twig's colour may differ from the wood's."""
+NEAREST_CM: Final = 1e-9
+"""Depth from which a photo shows a place: all that is before the camera."""
+
+
+class PhotoLines:
+    """Photos, each with the camera that took it and what of it is not to be looked at."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], hidden: Sequence[NDArray[np.bool_]]
+    ):
+        """
+        Args:
+            cameras: of V photos, in the frame that lines will be given in.
+            photos: (H, W, 3) each. hidden: (H, W) each; lines that come near are not judged there.
+        """
+        self.pictures = [_with_mask(photo, mask) for photo, mask in zip(photos, hidden, strict=True)]
+        self.cameras = cameras
+        self.views = [view_of(camera, NEAREST_CM) for camera in cameras]
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+    def colours(self, places: NDArray) -> Float64:
+        """(V, 3) what each photo shows at places (N, 3), in the median over them; hidden ones are as good as others."""
+        return np.array([self._colour(view, places) for view in range(len(self))])
+
+    def evidence(self, places: NDArray, directions: NDArray, colours: NDArray) -> tuple[Float64, Float64]:
+        """Sums over colours, weighted by their variance, whose quotient is the share that is covered.
+
+        Args:
+            places, directions: (N, 3) of short pieces of lines. colours: (V, 3) of wood in each photo.
+        Returns:
+            of (I - B)·(W - B) and of (W - B)², (V, N) each; both are 0 where a photo does not show the place.
+        """
+        at, along, wood = (np.ascontiguousarray(rows, np.float64) for rows in (places, directions, colours))
+        return _native.line_evidence(
+            self.pictures, self.views, at, along, wood, ASIDE_PX, NOISE, COLOUR_SHARE, threads=0
+        )
+
+    def _colour(self, view: int, places: NDArray) -> Float64:
+        picture, pixels = self.pictures[view], self.cameras[view].project(places)[0]
+        shown = pixels[((pixels >= 0) & (pixels < picture.shape[1::-1])).all(axis=1)].astype(int)
+        return np.median(picture[shown[:, 1], shown[:, 0], :3], axis=0) if len(shown) else np.zeros(3)
+
+
+def _with_mask(photo: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(H, W, 4) the photo, and 255 where it is hidden."""
+    picture = np.empty((*mask.shape, 4), np.uint8)
+    picture[..., :3] = photo
+    picture[..., 3] = np.where(mask, np.uint8(255), np.uint8(0))
+    return picture

@@ -1,0 +1,115 @@
+"""Lift the boll masks of single images onto the Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.outcome import StageOutcome
+from ..core.progress import Progress, silent
+from ..core.scene import Camera
+from ..errors import BadInput
+from ..gaussians.metrics import to_uint8
+from ..io.colmap import read_cameras
+from ..io.images import fit_size, read_ids, write_image
+from ..io.ply import read_gaussians, write_gaussians
+from ..options import SegmentOptions
+from ..schemas.bolls import write_lifted
+from ..stage import Cost, Stage, Work, twice_the_model
+from ..workspace import Workspace
+from .lift import resize_ids
+from .segment import segmented
+
+LEAST_LIFTED: Final = 0.75
+"""Share of the masks that hold Gaussians which other views' masks hold too; nearly all if they are right."""
+
+
+def inputs(workspace: Workspace) -> list[Path]:
+    return [workspace.undistorted / "sparse", workspace.gaussians_ply, workspace.folder("masks")]
+
+
+def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
+    """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them; and segment.json.
+
+    The method `probability` also writes probabilities.npy, lint.ply (the Gaussians above the threshold), and of a few
+    views the rendered map, its way over the training and the lint alone; `affinity` writes features.npy.
+    """
+    gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
+    cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
+    workspace.require(workspace.folder("masks"), "masks")
+    masked, id_images = _masks(workspace, cameras, options)
+    found = segmented(gaussians, cameras, masked, id_images, options, progress)
+    with workspace.writing("segment") as folder:
+        write_lifted(folder / workspace.selections_npz.name, found.lifted)
+        found.info.save(folder / workspace.segment_json.name)
+        if found.probabilities is not None:
+            np.save(folder / workspace.probabilities_npy.name, found.probabilities)
+            lint = gaussians[found.probabilities > options.probability.threshold]
+            write_gaussians(folder / workspace.lint_ply.name, lint)
+        if found.features is not None:
+            np.save(folder / workspace.features_npy.name, found.features)
+        for name, image in found.maps.items():
+            write_image(folder / workspace.probability_png(name).name, np.repeat(to_uint8(image)[..., None], 3, axis=2))
+        for name, picture in found.over_training.items():
+            write_image(folder / workspace.training_jpg(name).name, picture)
+        for name, picture in found.lint_alone.items():
+            write_image(folder / workspace.lint_jpg(name).name, picture)
+    summary = {
+        "views": len(found.lifted.views),
+        "masks": len(found.lifted.selections),
+        "candidates": len(found.lifted.candidates),
+        "gaussians": len(gaussians),
+    }
+    if not found.lifted.selections:
+        remedy = "look at masks/, try another --backend or import masks"
+        return StageOutcome(summary, ("no_bolls",), (f"no mask holds any Gaussian; {remedy}",))
+    drawn = sum(len(np.unique(ids[ids > 0])) for ids in id_images)
+    if options.method == "affinity" or summary["masks"] >= LEAST_LIFTED * drawn:  # affinity takes a few views only
+        return StageOutcome(summary)
+    warning = (
+        f"only {summary['masks']} of {drawn} masks agree with those of other views about any part of the plant; look "
+        "whether masks/ are of this plant and named like its images"
+    )
+    return StageOutcome(summary, ("masks_misfit",), (warning,))
+
+
+def _masks(
+    workspace: Workspace, cameras: Sequence[Camera], options: SegmentOptions
+) -> tuple[list[Camera], list[NDArray[np.uint16]]]:
+    """The views that have masks, and these, both at the size of the renders."""
+    masked, id_images = [], []
+    for camera in cameras:
+        path = workspace.mask_png(camera.name)
+        if not path.exists():
+            continue
+        ids = read_ids(path)
+        if ids.shape != (camera.height, camera.width):
+            raise BadInput(
+                f"{path.name} is {ids.shape[1]}x{ids.shape[0]} px, its image is {camera.width}x{camera.height}; "
+                "masks must fit the undistorted images"
+            )
+        if options.target:
+            ids = np.where(ids == options.target, ids, np.uint16(0))
+        size = fit_size(camera.width, camera.height, options.max_side)
+        masked.append(camera.resized(*size))
+        id_images.append(resize_ids(ids, *size))
+    return masked, id_images
+
+
+def _cost(work: Work) -> Cost:
+    """Lifting the masks, and for the other methods the optimisation besides."""
+    options: SegmentOptions = work.options["segment"]
+    lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
+    by_probability, by_features = options.probability, options.affinity
+    steps_s = {
+        "probability": 0.004 * by_probability.steps * (4 / by_probability.spacing) ** 2,
+        "affinity": 0.02 * by_features.feature_steps * by_features.features / 16,
+    }
+    return Cost(lifting_s + steps_s.get(options.method, 0.0))
+
+
+STAGE: Final = Stage("segment", version=5, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

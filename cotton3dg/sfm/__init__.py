@@ -1,0 +1,1 @@
+"""Structure from motion: features, pairs and matches, the mapper, lost images brought back, the lens."""

@@ -1,0 +1,106 @@
+"""Which results are what their stage would make again, and why not. Decided by content alone, never by time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any, Final
+
+from .core.state import State
+from .option_rules import as_dict
+from .options import resolve
+from .schemas.record import Record
+from .stage import STAGES, stage_of
+from .workspace import Workspace
+
+UP_TO_DATE: Final = ""
+
+
+@dataclass(frozen=True)
+class StageState:
+    """How one stage of a plant does."""
+
+    stage: str
+    state: State
+    reason: str
+    """Why it is not done; empty when it is."""
+    record: Record | None
+    """Of its last run."""
+
+    @property
+    def done(self) -> bool:
+        return self.state == State.DONE
+
+
+def state_of(stage: str, record: Record | None, reason: str) -> StageState:
+    """The state of a stage that has to run for a reason, or for none."""
+    if record and not record.is_ok:
+        return StageState(stage, State.FAILED, record.error or f"{stage} failed; see run.log", record)
+    if reason == UP_TO_DATE:
+        return StageState(stage, State.DONE, reason, record)
+    return StageState(stage, State.STALE if record else State.MISSING, reason, record)
+
+
+def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
+    """Why `stage` has to run, or '' when its saved result is what it would make again.
+
+    Decided by options, the stage's version, and the hashes of inputs and outputs. An option that the record does not
+    name is younger than it: the result is what the option's default makes, or else the version had been raised.
+    """
+    known, record = stage_of(stage), workspace.read_record(stage)
+    if record is None:
+        return "no finished result"
+    if not record.is_ok:
+        return "its last run failed"
+    if record.stage_version != known.version:
+        return f"version {record.stage_version} -> {known.version}"
+    for name, (before, now) in changed_options(record, options).items():
+        return f"option {name} {before} -> {now}"
+    return _change("input", record.inputs, known.input_hashes(workspace, options)) or _change(
+        "output", record.outputs, workspace.hashes(workspace.folder(stage))
+    )
+
+
+def changed_options(record: Record, options: Any) -> dict[str, tuple[Any, Any]]:
+    """Those that count and are not what a stage ran with: name -> value then and now."""
+    chosen = as_dict(options)
+    method = next(iter(chosen))
+    usual = as_dict(resolve(record.stage, {method: chosen[method]}))
+    before = {name: record.options.get(name, usual[name]) for name in chosen}
+    return {name: (before[name], now) for name, now in chosen.items() if before[name] != now}
+
+
+def recorded_states(workspace: Workspace) -> tuple[StageState, ...]:
+    """The state of every stage by the records alone; no large file is read, and options are taken as they were.
+
+    A stage that fails leaves the results of later stages as they were, made from other frames or options: a stage is
+    done only when its record is ok, all stages before it are done, and it read what they wrote.
+    """
+    states: list[StageState] = []
+    written: dict[str, str] = {}
+    for stage in STAGES:
+        record = workspace.read_record(stage)
+        reason = next((f"after {item.stage}" for item in states if not item.done), UP_TO_DATE)
+        if record is None:
+            reason = "no finished result"
+        else:
+            read = {name: found for name, found in record.inputs.items() if _is_of_a_stage(name)}
+            reason = reason or _change("input", read, {name: written[name] for name in read if name in written})
+            written |= record.outputs
+        states.append(state_of(stage, record, reason))
+    return tuple(states)
+
+
+def _is_of_a_stage(name: str) -> bool:
+    """Whether an input is a file that a stage wrote; one with a # is part of a file (`Stage.parts`)."""
+    return name.split("/", maxsplit=1)[0] in STAGES and "#" not in PurePath(name).suffix
+
+
+def _change(kind: str, recorded: Mapping[str, str], found: Mapping[str, str]) -> str:
+    """How the first file differs from what a record says of it."""
+    for name in sorted(recorded.keys() | found.keys()):
+        if recorded.get(name) != found.get(name):
+            change = "is missing" if name not in found else "is new" if name not in recorded else "changed"
+            return f"{kind} {name} {change}"
+    return UP_TO_DATE

@@ -1,0 +1,1 @@
+"""What the camera does to a photo, found and undone: exposure, motion blur, rolling shutter."""

@@ -1,0 +1,109 @@
+"""A model that another program trained on this plant's images and cameras, brought into the plant's scene.
+
+Programs that keep the cameras' frame (INRIA's, gsplat with `--no-normalize-world-space`, Brush, LichtFeld) need nothing
+but their PLY. nerfstudio trains in a frame of its own, x' = scale (R x + t), and writes R, t and scale to
+dataparser_transforms.json (https://docs.nerf.studio/quickstart/data_conventions.html); that is undone here: means,
+sizes, orientations, and the colours' spherical harmonics, which depend on directions in that frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.outcome import StageOutcome
+from ..core.scene import Float64, Gaussians
+from ..errors import BadInput, MissingInput
+from ..gaussians.harmonics import turned
+from ..io.ply import read_gaussians
+from ..schemas.nerfstudio import DataparserTransforms
+from ..schemas.train import TrainMetrics
+from .quality import LOW_PSNR_DB
+from .trainer import Fit
+
+RIGID: Final = 1e-3
+"""How far a rotation that was saved in single precision may be off."""
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x' = scale (rotation @ x + shift)."""
+
+    rotation: Float64
+    """(3, 3)"""
+    shift: Float64
+    """(3,)"""
+    scale: float
+
+
+def read_foreign(ply: Path, transforms: Path | None = None) -> Gaussians:
+    """The Gaussians of a PLY in INRIA's layout, with columns in any order, in the plant's scene.
+
+    Args:
+        transforms: dataparser_transforms.json of nerfstudio; None = the model is in the cameras' frame.
+    Raises:
+        MissingInput: a file is not there. BadInput: a file is no such model, or no such transform.
+    """
+    for path in (ply, transforms):
+        if path and not path.is_file():
+            raise MissingInput(f"{path} is not there; give the file that the other program exported")
+    gaussians = read_gaussians(ply, remedy="export it again")
+    return undo(gaussians, read_dataparser_transforms(transforms)) if transforms else gaussians
+
+
+def read_dataparser_transforms(path: Path) -> Similarity:
+    """From the plant's scene to nerfstudio's.
+
+    Raises:
+        BadInput: it has no `transform` (3, 4) with a rotation, or no `scale` above 0.
+    """
+    told = DataparserTransforms.load(path)
+    lengths = {len(row) for row in told.transform}
+    matrix = np.array(told.transform, np.float64) if lengths == {4} else np.zeros(0)
+    if matrix.shape != (3, 4) or not np.isfinite(matrix).all() or not 0 < told.scale < np.inf:
+        raise BadInput(f"{path.name} has no 3 x 4 transform with a scale above 0; {told.REMEDY}")
+    rotation = matrix[:, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
+        raise BadInput(f"{path.name} has a transform that is no rotation; {told.REMEDY}")
+    return Similarity(rotation, matrix[:, 3], told.scale)
+
+
+def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
+    """The Gaussians in the frame that a similarity starts from."""
+    rotation, scale = similarity.rotation, similarity.scale
+    return Gaussians(
+        ((gaussians.means / scale - similarity.shift) @ rotation).astype(np.float32),
+        _after(gaussians.quats, rotation.T),
+        (gaussians.log_scales - np.log(scale)).astype(np.float32),
+        gaussians.opacity_logits,
+        turned(gaussians.sh, rotation),
+    )
+
+
+def _after(quats: NDArray, rotation: Float64) -> NDArray[np.float32]:
+    """(N, 4) wxyz of the orientations after a further rotation."""
+    from scipy.spatial.transform import Rotation
+
+    orientations = Rotation.from_quat(np.roll(np.asarray(quats, np.float64), -1, axis=1))
+    return np.roll((Rotation.from_matrix(rotation) * orientations).as_quat(), 1, axis=1).astype(np.float32)
+
+
+def as_fit(gaussians: Gaussians) -> Fit:
+    """A training without a step of ours."""
+    return Fit(gaussians, [{"step": 0, "seconds": 0.0, "cpu_seconds": 0.0, "n_gaussians": len(gaussians)}])
+
+
+def explained(outcome: StageOutcome, metrics: TrainMetrics) -> StageOutcome:
+    """What to do about a model that is unlike the images: more steps of ours are no remedy."""
+    if not metrics.psnr_db < LOW_PSNR_DB:
+        return outcome
+    doubt = (
+        f"the model differs from the photos (PSNR {metrics.psnr_db:.1f} dB); is it of this plant's cameras, and in"
+        " their frame? nerfstudio's needs --transforms dataparser_transforms.json"
+    )
+    others = tuple(warning for warning in outcome.warnings if "--preset paper" not in warning)
+    return replace(outcome, warnings=(*others, doubt))

@@ -130,7 +130,7 @@ def measure_pair(one: Part, other: Part, borders: Borders, rows: tuple[int, int]
     apart = float(np.linalg.norm(one.centre - other.centre))
     return PairMeasures(
         apart_cm=apart * cm_per_su,
-        narrower_cm=min(mean_width(one.lint), mean_width(other.lint)) * cm_per_su,
+        joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
         two_middles=gain_of_two(one, other),
         border=float(borders.borders[rows] / borders.pixels[rows]) if borders.pixels[rows] else np.nan,
     )

@@ -22,8 +22,8 @@ class PairMeasures(NamedTuple):
 
     apart_cm: float
     """Distance of the places that the votes of either meet in."""
-    narrower_cm: float
-    """Width of the lint of the narrower one, mean over all directions: a lock is narrower than a boll."""
+    joined_cm: float
+    """Width of the lint of both together, mean over all directions."""
     two_middles: float
     """Log likelihood of a vote, in the mean, by which two middles explain the votes of both better than one."""
     border: float

@@ -50,11 +50,11 @@ def test_two_balls_are_measured_as_they_are():
     parts, borders = parts_of(TOUCHING, border=0.6)
     measures = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0)
     assert measures.apart_cm == pytest.approx(4.4, abs=0.05)
-    assert measures.narrower_cm == pytest.approx(4.6 * 0.96, abs=0.1)
+    assert measures.joined_cm == pytest.approx(6.6, abs=0.3)
     assert measures.border == pytest.approx(0.6, abs=1e-3)
     assert measures.two_middles > 1
     twice = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=2.0)
-    lengths = {"apart_cm": 2 * measures.apart_cm, "narrower_cm": 2 * measures.narrower_cm}
+    lengths = {"apart_cm": 2 * measures.apart_cm, "joined_cm": 2 * measures.joined_cm}
     assert twice == pytest.approx(measures._replace(**lengths), abs=1e-3)
 
 
@@ -84,8 +84,8 @@ def test_nothing_has_no_width():
 
 
 def test_what_is_unknown_says_nothing():
-    score = Score(0.5, (Term("border", 0.4, -9.0), Term("narrower_cm", 2.0, -1.0)))
-    measures = PairMeasures(apart_cm=3.0, narrower_cm=3.0, two_middles=0.5, border=math.nan)
+    score = Score(0.5, (Term("border", 0.4, -9.0), Term("joined_cm", 2.0, -1.0)))
+    measures = PairMeasures(apart_cm=3.0, joined_cm=3.0, two_middles=0.5, border=math.nan)
     assert score.probability(measures) == pytest.approx(1 / (1 + math.exp(0.5)))
     assert score.probability(measures._replace(border=0.9)) < score.probability(measures._replace(border=0.4))
 
@@ -93,11 +93,12 @@ def test_what_is_unknown_says_nothing():
 @pytest.mark.parametrize(("measure", "sign"), TERMS.items())
 def test_the_fitted_score_goes_where_physics_says(measure, sign):
     """Farther apart, wider, with votes that meet in two places, with a surer border: less likely one boll."""
-    usual = PairMeasures(apart_cm=3.0, narrower_cm=2.0, two_middles=0.5, border=0.4)
+    usual = PairMeasures(apart_cm=3.0, joined_cm=5.0, two_middles=0.5, border=0.4)
     more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
     score = read_score()
     assert sign * (score.probability(more) - score.probability(usual)) >= 0
-    assert score.probability(usual._replace(apart_cm=1.0)) > 0.5 > score.probability(usual._replace(apart_cm=5.0))
+    near, far = PairMeasures(1.5, 3.8, 0.1, 0.3), PairMeasures(4.5, 6.5, 1.0, 0.5)
+    assert score.probability(near) > 0.5 > score.probability(far)
 
 
 def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
@@ -145,8 +146,8 @@ def test_bolls_that_touch_stay_two():
 
 def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
     near, far = (
-        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], border=0.5), cm_per_su=1.0)
-        for apart in (4.2, 7.5)
+        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), cm_per_su=1.0)
+        for apart in (3.4, 5.0)
     )
     assert len(near.centres) == len(far.centres) == 2
     assert near.one_boll.max() < far.one_boll.min()

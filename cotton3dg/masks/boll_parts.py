@@ -17,6 +17,7 @@ from ..core.scene import Float32, Float64
 from .lint_in_space import LintInSpace
 from .meeting_votes import Middles, Votes, meet_rays
 from .same_boll import PairMeasures
+from .split_parts import PlacedVotes, fit_mixture
 
 MOST_RAYS: Final = 400
 """Of a part that are kept: more would make no middle sharper."""
@@ -39,9 +40,9 @@ class Part:
     """With votes for it."""
     lint: Float32
     """(n, 3) su, of its Gaussians."""
-    eyes: Float64
+    places: Float32
     rays: Float32
-    """(m, 3) some of the votes' rays, and where these start, su."""
+    """(m, 3) where some of the votes say its middle is, su, and their rays."""
     weights: Float32
     """(m,) of these, 1 in all."""
 
@@ -52,8 +53,8 @@ def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) ->
     places = places[np.isfinite(places).all(axis=1)]
     owners = middles.nearest(places)
     owned = np.concatenate([middles.nearest(view.surfaces) for view in votes])
-    rays, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in ("rays", "weights"))
-    eyes = np.concatenate([np.broadcast_to(view.eye, view.rays.shape) for view in votes])
+    names = ("places", "rays", "weights")
+    said, rays, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in names)
     parts = {}
     for k in range(len(middles.centres)):
         rows = np.flatnonzero(owned == k + 1)
@@ -66,7 +67,7 @@ def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) ->
             support=float(middles.support[k]),
             views=int(middles.views[k]),
             lint=places[owners == k + 1],
-            eyes=eyes[rows],
+            places=said[rows],
             rays=rays[rows],
             weights=weights[rows] / weights[rows].sum(),
         )
@@ -77,15 +78,15 @@ def join_two(a: Part, b: Part) -> Part:
     """Both as one, in the place that the rays of both pass nearest."""
     share = a.support / (a.support + b.support)
     diameter = max(a.diameter, b.diameter)
-    eyes, rays = np.concatenate([a.eyes, b.eyes]), np.concatenate([a.rays, b.rays])
+    places, rays = np.concatenate([a.places, b.places]), np.concatenate([a.rays, b.rays])
     weights = np.concatenate([share * a.weights, (1 - share) * b.weights])
     return Part(
-        centre=meet_rays(eyes, rays, weights, share * a.centre + (1 - share) * b.centre, diameter),
+        centre=meet_rays(places, rays, weights, share * a.centre + (1 - share) * b.centre, diameter),
         diameter=diameter,
         support=a.support + b.support,
         views=max(a.views, b.views),
         lint=np.concatenate([a.lint, b.lint]),
-        eyes=eyes,
+        places=places,
         rays=rays,
         weights=weights,
     )
@@ -129,9 +130,24 @@ def measure_pair(one: Part, other: Part, borders: Borders, rows: tuple[int, int]
     apart = float(np.linalg.norm(one.centre - other.centre))
     return PairMeasures(
         apart_cm=apart * cm_per_su,
-        narrower_cm=min(mean_width(one.lint), mean_width(other.lint)) * cm_per_su,
+        joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
+        two_middles=gain_of_two(one, other),
         border=float(borders.borders[rows] / borders.pixels[rows]) if borders.pixels[rows] else np.nan,
     )
+
+
+def gain_of_two(one: Part, other: Part) -> float:
+    """Log likelihood of a vote, in the mean, by which the middles of both explain their votes better than one does."""
+    share = one.support / (one.support + other.support)
+    votes = PlacedVotes.of(
+        np.concatenate([one.places, other.places]),
+        np.concatenate([one.rays, other.rays]),
+        np.concatenate([share * one.weights, (1 - share) * other.weights]),
+    )
+    both = np.stack([one.centre, other.centre])
+    middle = np.average(both, axis=0, weights=[share, 1 - share])
+    variance = float(votes.weights @ votes.distances2(middle)) / 3
+    return fit_mixture(votes, both, variance).log_likelihood - fit_mixture(votes, middle[None], variance).log_likelihood
 
 
 def mean_width(places: Float32) -> float:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 SCORE_FILE: Final = Path(__file__).with_name("same_boll.toml")
+SUREST: Final = 1e-3
 
 
 class PairMeasures(NamedTuple):
@@ -21,8 +22,10 @@ class PairMeasures(NamedTuple):
 
     apart_cm: float
     """Distance of the places that the votes of either meet in."""
-    narrower_cm: float
-    """Width of the lint of the narrower one, mean over all directions: a lock is narrower than a boll."""
+    joined_cm: float
+    """Width of the lint of both together, mean over all directions."""
+    two_middles: float
+    """Log likelihood of a vote, in the mean, by which two middles explain the votes of both better than one."""
     border: float
     """Mean probability of a border where views show them next to each other; NaN where none does."""
 
@@ -39,11 +42,25 @@ class Term:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """Log odds of what comes true, by those that were stated (Platt 1999)."""
+
+    constant: float = 0.0
+    slope: float = 1.0
+
+    def probability(self, stated: float) -> float:
+        """Of what has a stated probability."""
+        return logistic(self.constant + self.slope * log_odds(stated))
+
+
+@dataclass(frozen=True)
 class Score:
     """Log odds that add up."""
 
     constant: float
     terms: tuple[Term, ...]
+    one_boll: Calibration = Calibration()
+    """Of the probability that what was joined is one boll: pairs are not independent of each other."""
 
     def probability(self, measures: PairMeasures) -> float:
         """That both are one boll, 0..1."""
@@ -51,11 +68,23 @@ class Score:
         for term in self.terms:
             value = getattr(measures, term.name)
             odds += term.weight * (value - term.usual) if math.isfinite(value) else 0.0
-        return 0.5 + 0.5 * math.tanh(0.5 * odds)
+        return logistic(odds)
+
+
+def logistic(odds: float) -> float:
+    """Probability of log odds."""
+    return 0.5 + 0.5 * math.tanh(0.5 * odds)
+
+
+def log_odds(probability: float) -> float:
+    """Of a probability, which is taken to be neither nearer to 0 nor to 1 than `SUREST`."""
+    bounded = min(max(probability, SUREST), 1 - SUREST)
+    return math.log(bounded / (1 - bounded))
 
 
 @cache
 def read_score(path: Path = SCORE_FILE) -> Score:
     """The fitted score."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
-    return Score(content["constant"], tuple(Term(**term) for term in content["terms"]))
+    terms = tuple(Term(**term) for term in content["terms"])
+    return Score(content["constant"], terms, Calibration(**content["one_boll"]))

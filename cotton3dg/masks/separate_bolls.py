@@ -7,7 +7,7 @@ which parts are one boll (`same_boll`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
-from .boll_parts import gather_borders, gather_parts
+from .boll_parts import Borders, Part, gather_borders, gather_parts
 from .group_votes import weighted_median
 from .join_parts import join_parts
 from .lint_in_space import LintInSpace
 from .meeting_votes import APART, FARTHEST, Middles, Votes, drop_unlikely, find_middles
-from .same_boll import read_score
+from .same_boll import Score, read_score
+from .split_parts import split_parts
 
 EXPLAINED: Final = 0.15
 """Distance, in diameters, from a middle up to which a ray needs no other: three times as far would explain most votes
@@ -45,22 +46,22 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
         cm_per_su: None = the plant's usual boll is taken for one of usual size.
     """
     middles = find_parts(votes)
-    joined = join_parts(
-        gather_parts(middles, votes, lint),
-        gather_borders(middles, votes),
-        cm_per_su or guess_scale(votes),
-        read_score().probability,
-    )
+    parts, borders = gather_parts(middles, votes, lint), gather_borders(middles, votes)
+    return drop_unlikely(join_bolls(parts, borders, cm_per_su or guess_scale(votes), read_score()), votes)
+
+
+def join_bolls(parts: Mapping[int, Part], borders: Borders, cm_per_su: float, score: Score) -> Bolls:
+    """The bolls that a score makes of parts."""
+    joined = join_parts(parts, borders, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
-    bolls = Bolls(
+    return Bolls(
         centres=np.array([part.centre for part in found], np.float32).reshape(-1, 3),
         diameters=np.array([part.diameter for part in found], np.float32),
         support=np.array([part.support for part in found], np.float32),
         views=np.array([part.views for part in found], np.int64),
-        one_boll=np.array([joined.one_boll(row) for row in rows], np.float32),
+        one_boll=np.array([score.one_boll.probability(joined.one_boll(row)) for row in rows], np.float32),
     )
-    return drop_unlikely(bolls, votes)
 
 
 def guess_scale(votes: Sequence[Votes]) -> float:
@@ -75,7 +76,7 @@ def find_parts(votes: Sequence[Votes]) -> Middles:
     others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
     away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
     hidden = (away > APART * 0.5 * (others.diameters[:, None] + middles.diameters)).all(axis=1)
-    return middles.and_also(others.take(hidden))
+    return split_parts(middles.and_also(others.take(hidden)), votes)
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:

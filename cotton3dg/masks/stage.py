@@ -169,7 +169,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "masks",
-    version=20,
+    version=21,
     inputs=inputs,
     run=run,
     cost=_cost,

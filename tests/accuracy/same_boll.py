@@ -32,9 +32,9 @@ from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
 from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.masks.boll_parts import Borders, Part, gather_borders, gather_parts, join_two, measure_pair
-from cotton3dg.masks.join_parts import REACH_CM, find_near, join_parts
-from cotton3dg.masks.same_boll import SCORE_FILE, PairMeasures, Score, Term
-from cotton3dg.masks.separate_bolls import find_parts, guess_scale
+from cotton3dg.masks.join_parts import REACH_CM, find_near
+from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
+from cotton3dg.masks.separate_bolls import find_parts, guess_scale, join_bolls
 from cotton3dg.workspace import Workspace
 
 FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
@@ -65,7 +65,7 @@ UNSEEN = {
     "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
 }
 """Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
-TERMS = {"apart_cm": -1, "narrower_cm": -1, "border": -1}
+TERMS = {"apart_cm": -1, "joined_cm": -1, "two_middles": -1, "border": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
 """Least share of a part's lint that is of one true boll, for the part to teach."""
@@ -146,14 +146,40 @@ def fit(plants: Sequence[Sequence[Example]]) -> Score:
 
 def judge(plant: Begun, score: Score) -> dict[str, float]:
     """What a score makes of a plant."""
-    joined, similarity = (
-        join_parts(plant.parts, plant.borders, plant.cm_per_su, score.probability),
-        plant.stored.cm_from_scene,
+    found, similarity = join_bolls(plant.parts, plant.borders, plant.cm_per_su, score), plant.stored.cm_from_scene
+    centres = found.centres @ similarity[:, :3].T + similarity[:, 3]
+    right = len(match_bolls(centres, plant.stored.true_cm, MATCH_DISTANCE_CM))
+    bolls = len(plant.stored.true_cm)
+    return {"bolls": bolls, "found": len(centres), "right": right, "F1": 2 * right / (bolls + len(centres))}
+
+
+def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, bool]]:
+    """Of each boll that a score makes: the probability that it is one, and whether it holds most lint of one true boll
+    and of no other."""
+    lint = plant.stored.lint.shares > 0.5
+    owners = join_bolls(plant.parts, plant.borders, plant.cm_per_su, score)
+    held = np.zeros((len(owners.centres) + 1, len(plant.stored.true_cm) + 1))
+    np.add.at(held, (owners.nearest(plant.stored.lint.gaussians.means[lint]), plant.stored.true_ids[lint]), 1)
+    most = 2 * held > held.sum(axis=0).clip(min=1)
+    for stated, mine in zip(owners.one_boll, most[1:, 1:], strict=True):
+        yield float(stated), mine.sum() == 1
+
+
+def calibrate(score: Score, plants: Sequence[Begun]) -> Score:
+    """The score whose probabilities of one boll are as often right as they say, over all plants."""
+    from scipy.optimize import minimize
+
+    pairs = [pair for plant in plants for pair in outcomes(plant, replace(score, one_boll=Calibration()))]
+    odds = np.array([log_odds(stated) for stated, _ in pairs])
+    true = np.array([1.0 if right else -1.0 for _, right in pairs])
+
+    def loss(values: np.ndarray) -> float:
+        return np.logaddexp(0, -true * (values[0] + values[1] * odds)).sum() + 0.5 * STIFFNESS * (values[1] - 1) ** 2
+
+    constant, slope = (
+        minimize(loss, [0.0, 1.0], bounds=[(None, None), (0, None)], method="L-BFGS-B").x.round(3).tolist()
     )
-    centres = np.array([part.centre for part in joined.parts.values()]).reshape(-1, 3)
-    right = len(match_bolls(centres @ similarity[:, :3].T + similarity[:, 3], plant.stored.true_cm, MATCH_DISTANCE_CM))
-    bolls, found = len(plant.stored.true_cm), len(centres)
-    return {"bolls": bolls, "found": found, "right": right, "F1": 2 * right / (bolls + found)}
+    return replace(score, one_boll=Calibration(constant, slope))
 
 
 def move_constant(score: Score, plants: Sequence[Begun]) -> Score:
@@ -181,6 +207,8 @@ def write_score(path: Path, score: Score, plants: int, examples: Sequence[Exampl
         "terms = [",
         *(f'  {{ name = "{t.name}", usual = {t.usual}, weight = {t.weight} }},' for t in score.terms),
         "]",
+        "# Log odds of one boll of what was joined, by those that its pairs state.",
+        f"one_boll = {{ constant = {score.one_boll.constant}, slope = {score.one_boll.slope} }}",
     ]
     write_text_atomically(path, "\n".join([*lines, ""]))
 
@@ -213,6 +241,7 @@ def main() -> None:
         for name, both in zip(fitted, halves, strict=True)
     ]
     score = move_constant(fit(examples), [begun[name] for name in fitted])
+    score = calibrate(score, [one for name, both in zip(fitted, halves, strict=True) for one in (begun[name], *both)])
     rows = [
         {
             "plant": name,

@@ -25,7 +25,7 @@ class Ball:
     probability: float = 0.9
 
 
-def look(balls: list[Ball], border: float, angle: float) -> Votes:
+def look(balls: list[Ball], border: float, angle: float, scatter: float) -> Votes:
     """What a view from far away says; a border's probability is the same everywhere."""
     out = np.array([np.cos(angle), np.sin(angle), 0.0])
     right, up = np.array([-out[1], out[0], 0.0]), np.array([0.0, 0.0, 1.0])
@@ -39,7 +39,7 @@ def look(balls: list[Ball], border: float, angle: float) -> Votes:
     own = depths.argmin(axis=-1)[pixels]
     surfaces = u[pixels][:, None] * right + v[pixels][:, None] * up - depths.min(axis=-1)[pixels][:, None] * out
     aims = np.array([ball.aim or ball.centre for ball in balls])[own] + np.random.default_rng(0).normal(
-        0, 0.2, (len(own), 3)
+        0, scatter, (len(own), 3)
     )
     rays = aims - FAR * out
     said = np.array([ball.said for ball in balls])[own]
@@ -57,10 +57,12 @@ def look(balls: list[Ball], border: float, angle: float) -> Votes:
     )
 
 
-def see(balls: list[Ball], border: float = 0.4, views: int = 12) -> tuple[list[Votes], LintInSpace]:
-    """Votes from all around, and the lint."""
+def see(
+    balls: list[Ball], border: float = 0.4, views: int = 12, scatter: float = 0.2
+) -> tuple[list[Votes], LintInSpace]:
+    """Votes from all around, with a standard deviation, and the lint."""
     shell = np.random.default_rng(1).normal(size=(300, 3))
     shell /= np.linalg.norm(shell, axis=1, keepdims=True)
     places = np.concatenate([np.array(ball.centre) + ball.radius * shell for ball in balls])
     lint = LintInSpace(round_gaussians(places, 0.1), np.ones(len(places), np.float32), np.zeros(3, np.float32))
-    return [look(balls, border, 2 * np.pi * k / views) for k in range(views)], lint
+    return [look(balls, border, 2 * np.pi * k / views, scatter) for k in range(views)], lint

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from same_boll import is_measured
+from same_boll import TERMS, calibrate, is_measured, write_score
 from scenes.seen_balls import Ball, see
 
-from cotton3dg.masks.boll_parts import gather_borders, gather_parts, join_two, mean_width, measure_pair
+from cotton3dg.masks.boll_parts import gain_of_two, gather_borders, gather_parts, join_two, mean_width, measure_pair
 from cotton3dg.masks.join_parts import join_parts
 from cotton3dg.masks.meeting_votes import Middles, drop_unlikely
-from cotton3dg.masks.same_boll import PairMeasures, Score, Term, read_score
+from cotton3dg.masks.same_boll import Calibration, PairMeasures, Score, Term, read_score
 from cotton3dg.masks.separate_bolls import separate_bolls
 from cotton3dg.workspace import Workspace
 
@@ -50,10 +50,17 @@ def test_two_balls_are_measured_as_they_are():
     parts, borders = parts_of(TOUCHING, border=0.6)
     measures = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0)
     assert measures.apart_cm == pytest.approx(4.4, abs=0.05)
-    assert measures.narrower_cm == pytest.approx(4.6 * 0.96, abs=0.1)
+    assert measures.joined_cm == pytest.approx(6.6, abs=0.3)
     assert measures.border == pytest.approx(0.6, abs=1e-3)
+    assert measures.two_middles > 1
     twice = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=2.0)
-    assert twice == pytest.approx([2 * measures.apart_cm, 2 * measures.narrower_cm, 0.6], abs=1e-3)
+    lengths = {"apart_cm": 2 * measures.apart_cm, "joined_cm": 2 * measures.joined_cm}
+    assert twice == pytest.approx(measures._replace(**lengths), abs=1e-3)
+
+
+def test_the_votes_of_one_middle_are_not_better_explained_by_two():
+    parts, _ = parts_of([Ball((x, 0, 0), 1.2, BUR) for x in (-1.0, 1.0)])
+    assert len(parts) == 1 or gain_of_two(parts[0], parts[1]) < 0.1
 
 
 def test_where_no_view_shows_both_next_to_each_other_the_border_is_unknown():
@@ -77,20 +84,36 @@ def test_nothing_has_no_width():
 
 
 def test_what_is_unknown_says_nothing():
-    score = Score(0.5, (Term("border", 0.4, -9.0), Term("narrower_cm", 2.0, -1.0)))
-    measures = PairMeasures(apart_cm=3.0, narrower_cm=3.0, border=math.nan)
+    score = Score(0.5, (Term("border", 0.4, -9.0), Term("joined_cm", 2.0, -1.0)))
+    measures = PairMeasures(apart_cm=3.0, joined_cm=3.0, two_middles=0.5, border=math.nan)
     assert score.probability(measures) == pytest.approx(1 / (1 + math.exp(0.5)))
     assert score.probability(measures._replace(border=0.9)) < score.probability(measures._replace(border=0.4))
 
 
-@pytest.mark.parametrize(("measure", "sign"), [("apart_cm", -1), ("narrower_cm", -1), ("border", -1)])
+@pytest.mark.parametrize(("measure", "sign"), TERMS.items())
 def test_the_fitted_score_goes_where_physics_says(measure, sign):
-    """Farther apart, wider, with a surer border: less likely one boll."""
-    usual = PairMeasures(apart_cm=3.0, narrower_cm=2.0, border=0.4)
+    """Farther apart, wider, with votes that meet in two places, with a surer border: less likely one boll."""
+    usual = PairMeasures(apart_cm=3.0, joined_cm=5.0, two_middles=0.5, border=0.4)
     more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
     score = read_score()
     assert sign * (score.probability(more) - score.probability(usual)) >= 0
-    assert score.probability(usual._replace(apart_cm=1.0)) > 0.5 > score.probability(usual._replace(apart_cm=5.0))
+    near, far = PairMeasures(1.5, 3.8, 0.1, 0.3), PairMeasures(4.5, 6.5, 1.0, 0.5)
+    assert score.probability(near) > 0.5 > score.probability(far)
+
+
+def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
+    """Of what states 0.4 nine in ten come true, of what states 0.9 all but one in a hundred."""
+    stated = [(0.4, k % 10 > 0) for k in range(200)] + [(0.9, k % 100 > 0) for k in range(200)]
+    monkeypatch.setattr("same_boll.outcomes", lambda *_: stated)
+    one_boll = calibrate(Score(0.0, ()), [None]).one_boll
+    assert one_boll.probability(0.4) == pytest.approx(0.9, abs=0.01)
+    assert one_boll.probability(0.9) == pytest.approx(0.99, abs=0.01)
+
+
+def test_a_score_is_read_as_it_was_written(tmp_path):
+    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("border", 0.4, 0.0)), Calibration(0.25, 0.5))
+    write_score(tmp_path / "score.toml", score, 3, [])
+    assert read_score(tmp_path / "score.toml") == score
 
 
 def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability():
@@ -123,8 +146,8 @@ def test_bolls_that_touch_stay_two():
 
 def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
     near, far = (
-        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], border=0.5), cm_per_su=1.0)
-        for apart in (4.2, 7.5)
+        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), cm_per_su=1.0)
+        for apart in (3.4, 5.0)
     )
     assert len(near.centres) == len(far.centres) == 2
     assert near.one_boll.max() < far.one_boll.min()

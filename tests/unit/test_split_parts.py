@@ -1,0 +1,83 @@
+"""Parts whose votes meet in two places."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes.seen_balls import Ball, see
+
+from cotton3dg.masks.meeting_votes import find_middles
+from cotton3dg.masks.separate_bolls import find_parts
+from cotton3dg.masks.split_parts import SPLIT_GAIN, PlacedVotes, fit_mixture, fit_two, split_parts
+
+DIAMETER = 4.0
+
+
+def scattered(*counts_and_centres: tuple[int, tuple[float, float, float]], spread: float = 0.6) -> PlacedVotes:
+    """Votes from all around for some middles, less sure along their rays; every tenth is anywhere near."""
+    rng = np.random.default_rng(0)
+    aims = np.concatenate([np.tile(centre, (count, 1)) for count, centre in counts_and_centres])
+    rays = rng.normal(size=aims.shape)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    places = aims + rng.normal(0, spread, aims.shape) + rays * rng.normal(0, 2 * spread, (len(aims), 1))
+    places[::10] += rng.normal(0, 2.0, places[::10].shape)
+    return PlacedVotes.of(places, rays, np.ones(len(aims)))
+
+
+def test_two_middles_without_a_dip_between_them_are_found():
+    votes = scattered((450, (0, 0, 0)), (150, (2.0, 0, 0)))
+    two, gain = fit_two(votes, DIAMETER)
+    assert gain > 0.1
+    large, small = two.centres[np.argsort(-two.memberships.sum(axis=0))]
+    np.testing.assert_allclose(large, [0, 0, 0], atol=0.2)
+    np.testing.assert_allclose(small, [2, 0, 0], atol=0.3)
+    np.testing.assert_allclose(two.memberships.sum(axis=1), 1)
+
+
+def test_one_middle_with_heavy_tails_stays_one():
+    _, gain = fit_two(scattered((600, (1, 2, 3))), DIAMETER)
+    assert 0 <= gain < 0.5 * SPLIT_GAIN
+
+
+def test_a_fit_never_becomes_less_likely(monkeypatch):
+    votes = scattered((300, (0, 0, 0)), (300, (2.5, 0, 0)))
+    likelihoods = []
+    for iterations in range(1, 12):
+        monkeypatch.setattr("cotton3dg.masks.split_parts.ITERATIONS", iterations)
+        likelihoods.append(fit_mixture(votes, np.array([[0.5, 1, 0], [1.5, -1, 0]]), 4.0).log_likelihood)
+    assert (np.diff(likelihoods) > -1e-9).all()
+
+
+def test_the_place_that_rays_say_least_about_is_along_them():
+    """Two votes whose rays cross at right angles meet near where they cross, whatever depths they state."""
+    rays = np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    crossing = PlacedVotes.of(np.array([[3.0, 0, 0], [0, -3.0, 0]]), rays, np.ones(2))
+    assert np.abs(crossing.mean(crossing.weights)).max() < 0.5
+
+
+@pytest.mark.parametrize("unit", [0.05, 1.0, 20.0])
+def test_a_boll_deep_in_another_is_found(unit):
+    balls = [Ball((0, 0, 0), 2.0), Ball((2.0, 0, 0), 1.6)]
+    votes, _ = see(balls, scatter=0.8)
+    scaled = [
+        replace(view, **{name: unit * getattr(view, name) for name in ("places", "surfaces", "eye", "diameters")})
+        for view in votes
+    ]
+    assert len(find_middles(scaled).centres) == 1, "a peak of its own would need no mixture"
+    parts = find_parts(scaled)
+    assert len(parts.centres) == 2
+    np.testing.assert_allclose(sorted(parts.centres[:, 0] / unit), [0, 2.0], atol=0.4)
+    assert parts.support.sum() == pytest.approx(find_middles(scaled).support.sum(), rel=1e-3)
+
+
+def test_a_lone_boll_is_not_split():
+    votes, _ = see([Ball((0, 0, 0), 2.3)], scatter=0.8)
+    middles = find_middles(votes)
+    assert len(split_parts(middles, votes).centres) == len(middles.centres) == 1
+
+
+def test_few_votes_split_nothing():
+    votes, _ = see([Ball((0, 0, 0), 2.0), Ball((2.0, 0, 0), 1.6)], scatter=0.8)
+    few = [view.take(np.arange(len(view.rays)) % 300 == 0) for view in votes]
+    middles = find_middles(votes)
+    assert split_parts(middles, few) is middles

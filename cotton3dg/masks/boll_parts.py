@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,47 +91,12 @@ def join_two(a: Part, b: Part) -> Part:
     )
 
 
-@dataclass(frozen=True)
-class Borders:
-    """Where views show lint of two parts next to each other: sums over all views, (B, B) both ways."""
-
-    borders: Float64
-    """Of the probability of a border there."""
-    pixels: Float64
-
-    def join(self, a: int, b: int) -> Borders:
-        """Row b taken into row a."""
-        joined = [self.borders.copy(), self.pixels.copy()]
-        for sums in joined:
-            sums[a] += sums[b]
-            sums[:, a] += sums[:, b]
-        return Borders(*joined)
-
-
-def gather_borders(middles: Middles, votes: Sequence[Votes]) -> Borders:
-    """Of the parts whose middles these are."""
-    count = len(middles.centres) + 1
-    borders, pixels = np.zeros((count, count)), np.zeros((count, count))
-    for view in votes:
-        ids, border = np.zeros(view.shape, np.uint16), np.zeros(view.shape, np.float32)
-        ids[view.pixels], border[view.pixels] = middles.nearest(view.surfaces), view.borders
-        border = cv2.dilate(border, np.ones((5, 5), np.uint8))
-        for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-            meet = (ids[first] != ids[second]) & (ids[first] > 0) & (ids[second] > 0)
-            ends = ids[first][meet], ids[second][meet]
-            np.add.at(borders, ends, border[first][meet])
-            np.add.at(pixels, ends, 1)
-    return Borders((borders + borders.T)[1:, 1:], (pixels + pixels.T)[1:, 1:])
-
-
-def measure_pair(one: Part, other: Part, borders: Borders, rows: tuple[int, int], cm_per_su: float) -> PairMeasures:
-    """What two parts, in these rows of the borders, are to each other."""
-    apart = float(np.linalg.norm(one.centre - other.centre))
+def measure_pair(one: Part, other: Part, cm_per_su: float) -> PairMeasures:
+    """What two parts are to each other."""
     return PairMeasures(
-        apart_cm=apart * cm_per_su,
+        apart_cm=float(np.linalg.norm(one.centre - other.centre)) * cm_per_su,
         joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
         two_middles=gain_of_two(one, other),
-        border=float(borders.borders[rows] / borders.pixels[rows]) if borders.pixels[rows] else np.nan,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from .boll_parts import Borders, Part, join_two, measure_pair
+from .boll_parts import Part, join_two, measure_pair
 from .same_boll import PairMeasures
 
 REACH_CM: Final = 8.0
@@ -39,22 +39,18 @@ class Joined:
         return self.joins.get(part, 1.0) * apart
 
 
-def join_parts(
-    parts: Mapping[int, Part], borders: Borders, cm_per_su: float, likely: Callable[[PairMeasures], float]
-) -> Joined:
+def join_parts(parts: Mapping[int, Part], cm_per_su: float, likely: Callable[[PairMeasures], float]) -> Joined:
     """Join while any pair is likelier one boll than two.
 
     Args:
-        parts: by row of the borders.
+        parts: by number.
         likely: the probability that two parts are one boll.
     """
     parts, pairs, joins = dict(parts), Pairs(), dict[int, float]()
     changed = set(parts)
     while True:
         pairs = {
-            (a, b): likely(measure_pair(parts[a], parts[b], borders, (a, b), cm_per_su))
-            if changed & {a, b}
-            else pairs[a, b]
+            (a, b): likely(measure_pair(parts[a], parts[b], cm_per_su)) if changed & {a, b} else pairs[a, b]
             for a, b in find_near(parts, REACH_CM / cm_per_su)
         }
         best = max(pairs, key=lambda pair: (pairs[pair], pair), default=None)
@@ -62,7 +58,7 @@ def join_parts(
             return Joined(parts, pairs, joins)
         a, b = best
         joins[a] = min(pairs[best], joins.get(a, 1.0), joins.pop(b, 1.0))
-        parts[a], borders = join_two(parts[a], parts.pop(b)), borders.join(a, b)
+        parts[a] = join_two(parts[a], parts.pop(b))
         changed = {a}
 
 

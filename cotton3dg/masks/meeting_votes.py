@@ -58,12 +58,6 @@ right about sizes, but it takes bolls for smaller than they are, large ones most
 class Votes:
     """What one view says, a row a pixel of lint."""
 
-    shape: tuple[int, int]
-    """Of the view's maps."""
-    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
-    """Rows and columns there."""
-    borders: Float32
-    """(N,) probability that another boll is next to it."""
     places: Float32
     """(N, 3) su, of the boll's middle."""
     surfaces: Float32
@@ -81,9 +75,8 @@ class Votes:
 
     def take(self, chosen: NDArray[np.bool_]) -> Votes:
         """Some of its rows (N,)."""
-        whole = ("shape", "pixels", "eye")
-        rows = {item.name: getattr(self, item.name)[chosen] for item in fields(self) if item.name not in whole}
-        return replace(self, pixels=(self.pixels[0][chosen], self.pixels[1][chosen]), **rows)
+        rows = {item.name: getattr(self, item.name)[chosen] for item in fields(self) if item.name != "eye"}
+        return replace(self, **rows)
 
 
 @dataclass(frozen=True)
@@ -139,9 +132,6 @@ def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
     rays = in_camera @ camera.rotation
     places = camera.centre + rays * (depths + DEEPER * bulge)[:, None]
     return Votes(
-        shape=share.shape,
-        pixels=(rows, columns),
-        borders=maps.borders[rows, columns],
         places=places.astype(np.float32),
         surfaces=surfaces,
         rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),

@@ -26,8 +26,6 @@ class PairMeasures(NamedTuple):
     """Width of the lint of both together, mean over all directions."""
     two_middles: float
     """Log likelihood of a vote, in the mean, by which two middles explain the votes of both better than one."""
-    border: float
-    """Mean probability of a border where views show them next to each other; NaN where none does."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Term:
 
     name: str
     usual: float
-    """Where it speaks neither for nor against; an unknown measure is taken for this."""
+    """Where it speaks neither for nor against."""
     weight: float
     """Log odds of one boll for each unit beyond."""
 
@@ -66,8 +64,7 @@ class Score:
         """That both are one boll, 0..1."""
         odds = self.constant
         for term in self.terms:
-            value = getattr(measures, term.name)
-            odds += term.weight * (value - term.usual) if math.isfinite(value) else 0.0
+            odds += term.weight * (getattr(measures, term.name) - term.usual)
         return logistic(odds)
 
 

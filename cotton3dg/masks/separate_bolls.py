@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
-from .boll_parts import Borders, Part, gather_borders, gather_parts
+from .boll_parts import Part, gather_parts
 from .group_votes import weighted_median
 from .join_parts import join_parts
 from .lint_in_space import LintInSpace
@@ -46,13 +46,13 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
         cm_per_su: None = the plant's usual boll is taken for one of usual size.
     """
     middles = find_parts(votes)
-    parts, borders = gather_parts(middles, votes, lint), gather_borders(middles, votes)
-    return drop_unlikely(join_bolls(parts, borders, cm_per_su or guess_scale(votes), read_score()), votes)
+    parts = gather_parts(middles, votes, lint)
+    return drop_unlikely(join_bolls(parts, cm_per_su or guess_scale(votes), read_score()), votes)
 
 
-def join_bolls(parts: Mapping[int, Part], borders: Borders, cm_per_su: float, score: Score) -> Bolls:
+def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:
     """The bolls that a score makes of parts."""
-    joined = join_parts(parts, borders, cm_per_su, score.probability)
+    joined = join_parts(parts, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
     return Bolls(

@@ -1,6 +1,6 @@
 """What each thing that the bolls' network says is worth: masks of `bolls` without it, on plants whose bolls are known.
 
-    python tests/accuracy/ablation.py PLANT ... [--views 36] [--without offsets borders]
+    python tests/accuracy/ablation.py PLANT ... [--views 36] [--without offsets sizes]
 
 A PLANT is a folder where `cotton3dg train` is through, with `truth.json`, `cameras.json` and `instances/` in it or in
 the folder given after a colon (RUN:TRUTH). Prints a table: bolls that were counted, F1 of the masks at IoU 0.5 and
@@ -8,9 +8,8 @@ mIoU, for each plant; nothing in the plants' folders changes.
 
 classes     lint is what has its colour and brightness (`masks/detect_lint.py`)
 offsets     each pixel votes for the place where it is itself
-borders     the network is undecided everywhere, so parts are joined by their width alone
 sizes       each boll is as wide as the usual one of its image
-prior       parts are joined by the border alone, however far apart they lie
+lengths     parts are joined by whether their votes meet in one place alone, however wide they are together
 things      white things that stand out from the plant's bolls stay
 space       each image is taken alone
 """
@@ -42,9 +41,9 @@ from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bol
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.detect_lint import lint_score
 from cotton3dg.masks.group_votes import weighted_median
-from cotton3dg.masks.same_boll import Term, read_score
+from cotton3dg.masks.same_boll import read_score
 
-PARTS = ("classes", "offsets", "borders", "sizes", "prior", "things", "space")
+PARTS = ("classes", "offsets", "sizes", "lengths", "things", "space")
 
 
 def take_away(part: str, maps: Maps, image: NDArray[np.uint8]) -> Maps:
@@ -57,8 +56,6 @@ def take_away(part: str, maps: Maps, image: NDArray[np.uint8]) -> Maps:
         return replace(maps, probabilities=probabilities)
     if part == "offsets":
         return replace(maps, votes=middles_of_pixels(maps.lint.shape, maps.scale))
-    if part == "borders":
-        return replace(maps, borders=np.full_like(maps.borders, border_term().usual))
     if part == "sizes":
         usual = weighted_median(maps.diameters.ravel(), maps.lint.ravel())
         return replace(maps, diameters=np.full_like(maps.diameters, usual))
@@ -86,15 +83,10 @@ class Lessened:
         return take_away(self._part, self._known[id(image)][1], image)
 
 
-def border_term() -> Term:
-    """What the score of a pair makes of the border between its parts."""
-    return next(term for term in read_score().terms if term.name == "border")
-
-
-def join_by_border_alone() -> AbstractContextManager[object]:
+def join_by_votes_alone() -> AbstractContextManager[object]:
     """Nothing else has a say."""
-    score = replace(read_score(), terms=(border_term(),))
-    return mock.patch.object(separate_bolls, "read_score", lambda: score)
+    terms = tuple(term for term in read_score().terms if term.name == "two_middles")
+    return mock.patch.object(separate_bolls, "read_score", lambda: replace(read_score(), terms=terms))
 
 
 def keep_white_things() -> AbstractContextManager[object]:
@@ -112,7 +104,7 @@ def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[di
     gaussians = read_gaussians(plant.run.gaussians_ply)
     allowed = within_orbit(gaussians.means, cameras, orbit)
     network = Lessened(open_bolls(), "")
-    changes = {"prior": join_by_border_alone, "things": keep_white_things}
+    changes = {"lengths": join_by_votes_alone, "things": keep_white_things}
     for part in ("", *parts):
         model = None if part == "space" else gaussians
         seen = [

@@ -31,7 +31,7 @@ from true_scene import true_plant
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.masks.boll_parts import Borders, Part, gather_borders, gather_parts, join_two, measure_pair
+from cotton3dg.masks.boll_parts import Part, gather_parts, join_two, measure_pair
 from cotton3dg.masks.join_parts import REACH_CM, find_near
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
 from cotton3dg.masks.separate_bolls import find_parts, guess_scale, join_bolls
@@ -65,7 +65,7 @@ UNSEEN = {
     "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
 }
 """Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
-TERMS = {"apart_cm": -1, "joined_cm": -1, "two_middles": -1, "border": -1}
+TERMS = {"apart_cm": -1, "joined_cm": -1, "two_middles": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
 """Least share of a part's lint that is of one true boll, for the part to teach."""
@@ -86,7 +86,6 @@ class Begun(NamedTuple):
     stored: StoredVotes
     cm_per_su: float
     parts: dict[int, Part]
-    borders: Borders
     names: list[int]
     """True boll of each row, 0 = none's, -1 = of several."""
 
@@ -98,25 +97,25 @@ def begin(stored: StoredVotes) -> Begun:
     for k in range(len(middles.centres)):
         counts = np.bincount(stored.true_ids[lint][owners == k + 1], minlength=1)
         names.append(int(counts.argmax()) if counts.max() >= PURE * counts.sum() > 0 else -1)
-    parts, borders = gather_parts(middles, stored.votes, stored.lint), gather_borders(middles, stored.votes)
-    return Begun(stored, stored.cm_per_su or guess_scale(stored.votes), parts, borders, names)
+    parts = gather_parts(middles, stored.votes, stored.lint)
+    return Begun(stored, stored.cm_per_su or guess_scale(stored.votes), parts, names)
 
 
 def gather_examples(plant: Begun) -> Iterator[Example]:
     """Pairs as they are met while the parts of true bolls join, the nearest first."""
-    borders, names, cm_per_su = plant.borders, plant.names, plant.cm_per_su
+    names, cm_per_su = plant.names, plant.cm_per_su
     parts = {row: part for row, part in plant.parts.items() if names[row] > 0}
     changed = set(parts)
     while True:
         near = find_near(parts, REACH_CM / cm_per_su)
         for a, b in near:
             if changed & {a, b}:
-                yield measure_pair(parts[a], parts[b], borders, (a, b), cm_per_su), names[a] == names[b]
+                yield measure_pair(parts[a], parts[b], cm_per_su), names[a] == names[b]
         same = [(a, b) for a, b in near if names[a] == names[b]]
         if not same:
             return
         a, b = min(same, key=lambda pair: float(np.linalg.norm(parts[pair[0]].centre - parts[pair[1]].centre)))
-        parts[a], borders, changed = join_two(parts[a], parts.pop(b)), borders.join(a, b), {a}
+        parts[a], changed = join_two(parts[a], parts.pop(b)), {a}
 
 
 def fit(plants: Sequence[Sequence[Example]]) -> Score:
@@ -146,7 +145,7 @@ def fit(plants: Sequence[Sequence[Example]]) -> Score:
 
 def judge(plant: Begun, score: Score) -> dict[str, float]:
     """What a score makes of a plant."""
-    found, similarity = join_bolls(plant.parts, plant.borders, plant.cm_per_su, score), plant.stored.cm_from_scene
+    found, similarity = join_bolls(plant.parts, plant.cm_per_su, score), plant.stored.cm_from_scene
     centres = found.centres @ similarity[:, :3].T + similarity[:, 3]
     right = len(match_bolls(centres, plant.stored.true_cm, MATCH_DISTANCE_CM))
     bolls = len(plant.stored.true_cm)
@@ -157,7 +156,7 @@ def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, bool]]:
     """Of each boll that a score makes: the probability that it is one, and whether it holds most lint of one true boll
     and of no other."""
     lint = plant.stored.lint.shares > 0.5
-    owners = join_bolls(plant.parts, plant.borders, plant.cm_per_su, score)
+    owners = join_bolls(plant.parts, plant.cm_per_su, score)
     held = np.zeros((len(owners.centres) + 1, len(plant.stored.true_cm) + 1))
     np.add.at(held, (owners.nearest(plant.stored.lint.gaussians.means[lint]), plant.stored.true_ids[lint]), 1)
     most = 2 * held > held.sum(axis=0).clip(min=1)

@@ -85,16 +85,14 @@ def _save(path: Path, stored: StoredVotes, made_of: str) -> None:
     rows = {
         f"votes_{item.name}": np.concatenate([getattr(view, item.name) for view in stored.votes])
         for item in fields(Votes)
-        if item.name not in {"shape", "pixels", "eye"}
+        if item.name != "eye"
     }
     model = {f"model_{item.name}": getattr(stored.lint.gaussians, item.name) for item in fields(Gaussians)}
     np.savez(
         path,
         made_of=made_of,
-        shapes=[view.shape for view in stored.votes],
         eyes=[view.eye for view in stored.votes],
         counts=[len(view.rays) for view in stored.votes],
-        pixels=np.concatenate([np.stack(view.pixels) for view in stored.votes], axis=1),
         shares=stored.lint.shares,
         origin=stored.lint.origin,
         cm_per_su=np.nan if stored.cm_per_su is None else stored.cm_per_su,
@@ -109,16 +107,14 @@ def _save(path: Path, stored: StoredVotes, made_of: str) -> None:
 def _read(path: Path) -> StoredVotes:
     kept = _load(path)
     ends = np.cumsum(kept["counts"])[:-1]
-    rows = {name[len("votes_") :]: np.split(kept[name], ends) for name in kept if name.startswith("votes_")}
-    pixels = np.split(kept["pixels"], ends, axis=1)
+    names = [item.name for item in fields(Votes) if item.name != "eye"]
+    rows = {name: np.split(kept[f"votes_{name}"], ends) for name in names}
     votes = [
         Votes(
-            shape=tuple(kept["shapes"][k].tolist()),
-            pixels=(pixels[k][0], pixels[k][1]),
             eye=kept["eyes"][k],
             **{name: parts[k] for name, parts in rows.items()},
         )
-        for k in range(len(kept["shapes"]))
+        for k in range(len(kept["eyes"]))
     ]
     model = Gaussians(**{name[len("model_") :]: kept[name] for name in kept if name.startswith("model_")})
     cm_per_su = float(kept["cm_per_su"])

@@ -25,8 +25,8 @@ class Ball:
     probability: float = 0.9
 
 
-def look(balls: list[Ball], border: float, angle: float, scatter: float) -> Votes:
-    """What a view from far away says; a border's probability is the same everywhere."""
+def look(balls: list[Ball], angle: float, scatter: float) -> Votes:
+    """What a view from far away says."""
     out = np.array([np.cos(angle), np.sin(angle), 0.0])
     right, up = np.array([-out[1], out[0], 0.0]), np.array([0.0, 0.0, 1.0])
     centres = np.array([ball.centre for ball in balls])
@@ -44,9 +44,6 @@ def look(balls: list[Ball], border: float, angle: float, scatter: float) -> Vote
     rays = aims - FAR * out
     said = np.array([ball.said for ball in balls])[own]
     return Votes(
-        shape=u.shape,
-        pixels=pixels,
-        borders=np.full(len(own), border, np.float32),
         places=aims.astype(np.float32),
         surfaces=surfaces.astype(np.float32),
         rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),
@@ -57,12 +54,10 @@ def look(balls: list[Ball], border: float, angle: float, scatter: float) -> Vote
     )
 
 
-def see(
-    balls: list[Ball], border: float = 0.4, views: int = 12, scatter: float = 0.2
-) -> tuple[list[Votes], LintInSpace]:
+def see(balls: list[Ball], views: int = 12, scatter: float = 0.2) -> tuple[list[Votes], LintInSpace]:
     """Votes from all around, with a standard deviation, and the lint."""
     shell = np.random.default_rng(1).normal(size=(300, 3))
     shell /= np.linalg.norm(shell, axis=1, keepdims=True)
     places = np.concatenate([np.array(ball.centre) + ball.radius * shell for ball in balls])
     lint = LintInSpace(round_gaussians(places, 0.1), np.ones(len(places), np.float32), np.zeros(3, np.float32))
-    return [look(balls, border, 2 * np.pi * k / views, scatter) for k in range(views)], lint
+    return [look(balls, 2 * np.pi * k / views, scatter) for k in range(views)], lint

@@ -23,9 +23,6 @@ def votes_for(own: np.ndarray, surfaces: np.ndarray, rng: np.random.Generator, s
     eye = np.array([0.0, 0, 9])
     rays = places - eye
     return Votes(
-        shape=(9, 9),
-        pixels=(np.zeros(n, int), np.zeros(n, int)),
-        borders=np.zeros(n, np.float32),
         places=places,
         surfaces=surfaces.astype(np.float32),
         rays=(rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32),

@@ -138,9 +138,6 @@ def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unex
         places = eye + to + rng.normal(0, 0.2, 200)[:, None] * rays
         votes.append(
             Votes(
-                (200, 1),
-                (np.arange(200), np.zeros(200, int)),
-                np.zeros(200, np.float32),
                 places.astype(np.float32),
                 surfaces.astype(np.float32),
                 rays.astype(np.float32),

@@ -8,7 +8,7 @@ import pytest
 from same_boll import TERMS, calibrate, is_measured, write_score
 from scenes.seen_balls import Ball, see
 
-from cotton3dg.masks.boll_parts import gain_of_two, gather_borders, gather_parts, join_two, mean_width, measure_pair
+from cotton3dg.masks.boll_parts import gain_of_two, gather_parts, join_two, mean_width, measure_pair
 from cotton3dg.masks.join_parts import join_parts
 from cotton3dg.masks.meeting_votes import Middles, drop_unlikely
 from cotton3dg.masks.same_boll import Calibration, PairMeasures, Score, Term, read_score
@@ -31,10 +31,10 @@ def middles_of(balls: list[Ball]) -> Middles:
     return Middles(aims, said, np.ones(n, np.float32), np.full(n, 12))
 
 
-def parts_of(balls: list[Ball], border: float = 0.4):
-    votes, lint = see(balls, border)
+def parts_of(balls: list[Ball]):
+    votes, lint = see(balls)
     middles = middles_of(balls)
-    return gather_parts(middles, votes, lint), gather_borders(middles, votes)
+    return gather_parts(middles, votes, lint)
 
 
 def test_a_plant_that_was_never_filmed_has_no_measures_yet(tmp_path):
@@ -47,57 +47,41 @@ def test_a_plant_that_was_never_filmed_has_no_measures_yet(tmp_path):
 
 
 def test_two_balls_are_measured_as_they_are():
-    parts, borders = parts_of(TOUCHING, border=0.6)
-    measures = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0)
+    parts = parts_of(TOUCHING)
+    measures = measure_pair(parts[0], parts[1], cm_per_su=1.0)
     assert measures.apart_cm == pytest.approx(4.4, abs=0.05)
     assert measures.joined_cm == pytest.approx(6.6, abs=0.3)
-    assert measures.border == pytest.approx(0.6, abs=1e-3)
     assert measures.two_middles > 1
-    twice = measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=2.0)
+    twice = measure_pair(parts[0], parts[1], cm_per_su=2.0)
     lengths = {"apart_cm": 2 * measures.apart_cm, "joined_cm": 2 * measures.joined_cm}
     assert twice == pytest.approx(measures._replace(**lengths), abs=1e-3)
 
 
 def test_the_votes_of_one_middle_are_not_better_explained_by_two():
-    parts, _ = parts_of([Ball((x, 0, 0), 1.2, BUR) for x in (-1.0, 1.0)])
+    parts = parts_of([Ball((x, 0, 0), 1.2, BUR) for x in (-1.0, 1.0)])
     assert len(parts) == 1 or gain_of_two(parts[0], parts[1]) < 0.1
 
 
-def test_where_no_view_shows_both_next_to_each_other_the_border_is_unknown():
-    parts, borders = parts_of([Ball((0, 0, -4), 1.5), Ball((0, 0, 4), 1.5)])
-    assert math.isnan(measure_pair(parts[0], parts[1], borders, (0, 1), cm_per_su=1.0).border)
-
-
 def test_joined_parts_keep_what_was_seen_of_both():
-    parts, borders = parts_of(LOCKS)
+    parts = parts_of(LOCKS)
     whole = join_two(parts[0], parts[1])
     assert len(whole.lint) == len(parts[0].lint) + len(parts[1].lint)
     assert whole.weights.sum() == pytest.approx(1, abs=1e-5)
     assert whole.support == 2
-    joined = borders.join(0, 1)
-    assert joined.pixels[0, 2] == borders.pixels[0, 2] + borders.pixels[1, 2] == joined.pixels[2, 0]
-    assert joined.borders[0, 2] == pytest.approx(borders.borders[0, 2] + borders.borders[1, 2])
 
 
 def test_nothing_has_no_width():
     assert mean_width(np.zeros((0, 3), np.float32)) == 0
 
 
-def test_what_is_unknown_says_nothing():
-    score = Score(0.5, (Term("border", 0.4, -9.0), Term("joined_cm", 2.0, -1.0)))
-    measures = PairMeasures(apart_cm=3.0, joined_cm=3.0, two_middles=0.5, border=math.nan)
-    assert score.probability(measures) == pytest.approx(1 / (1 + math.exp(0.5)))
-    assert score.probability(measures._replace(border=0.9)) < score.probability(measures._replace(border=0.4))
-
-
 @pytest.mark.parametrize(("measure", "sign"), TERMS.items())
 def test_the_fitted_score_goes_where_physics_says(measure, sign):
-    """Farther apart, wider, with votes that meet in two places, with a surer border: less likely one boll."""
-    usual = PairMeasures(apart_cm=3.0, joined_cm=5.0, two_middles=0.5, border=0.4)
+    """Farther apart, wider, with votes that meet in two places: less likely one boll."""
+    usual = PairMeasures(apart_cm=3.0, joined_cm=5.0, two_middles=0.5)
     more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
     score = read_score()
     assert sign * (score.probability(more) - score.probability(usual)) >= 0
-    near, far = PairMeasures(1.5, 3.8, 0.1, 0.3), PairMeasures(4.5, 6.5, 1.0, 0.5)
+    near, far = PairMeasures(1.5, 3.8, 0.1), PairMeasures(4.5, 6.5, 1.0)
     assert score.probability(near) > 0.5 > score.probability(far)
 
 
@@ -111,7 +95,7 @@ def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
 
 
 def test_a_score_is_read_as_it_was_written(tmp_path):
-    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("border", 0.4, 0.0)), Calibration(0.25, 0.5))
+    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), Calibration(0.25, 0.5))
     write_score(tmp_path / "score.toml", score, 3, [])
     assert read_score(tmp_path / "score.toml") == score
 
@@ -119,9 +103,9 @@ def test_a_score_is_read_as_it_was_written(tmp_path):
 def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability():
     """Of four balls in a row at 2, 3 and 6 cm: by distance alone, even at 3.5 cm."""
     balls = [Ball((x, 0, 0), 1.0) for x in (0, 2, 5, 11)]
-    parts, borders = parts_of(balls)
+    parts = parts_of(balls)
     score = Score(0.0, (Term("apart_cm", 3.5, -1.0),))
-    joined = join_parts(parts, borders, 1.0, score.probability)
+    joined = join_parts(parts, 1.0, score.probability)
     assert sorted(joined.parts) == [0, 2, 3], "the nearest two are one, and that is farther from the third"
     middle = joined.parts[0].centre
     assert 0.5 < middle[0] < 1.5
@@ -132,14 +116,14 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
 
 
 def test_locks_of_one_boll_join():
-    bolls = separate_bolls(*see(LOCKS, border=0.35), cm_per_su=1.0)
+    bolls = separate_bolls(*see(LOCKS), cm_per_su=1.0)
     assert len(bolls.centres) == 1
     np.testing.assert_allclose(bolls.centres[0], BUR, atol=0.3)
     assert bolls.one_boll[0] > 0.5
 
 
 def test_bolls_that_touch_stay_two():
-    bolls = separate_bolls(*see(TOUCHING, border=0.5), cm_per_su=1.0)
+    bolls = separate_bolls(*see(TOUCHING), cm_per_su=1.0)
     assert len(bolls.centres) == 2
     assert (bolls.one_boll > 0.5).all()
 
@@ -155,7 +139,7 @@ def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
 
 @pytest.mark.parametrize("zoom", [0.1, 10.0])
 def test_without_a_scale_the_unit_of_length_does_not_matter(zoom):
-    votes, lint = see(TOUCHING, border=0.5)
+    votes, lint = see(TOUCHING)
     in_other_units = [
         replace(view, **{name: zoom * getattr(view, name) for name in ("places", "surfaces", "eye", "diameters")})
         for view in votes

@@ -23,7 +23,7 @@ _HOMES: Final = {
     "evaluation.masks": ("score_masks",),
     "evaluation.plant": ("compare_bolls",),
     "frames.frame_quality": ("blur", "sharpness"),
-    "frames.held_frames": ("thin_out",),
+    "frames.keyframe_buffer": ("select_keyframes",),
     "gaussians.metrics": ("psnr_db",),
     "gaussians.rasterizer": ("accumulate_weights", "render", "render_values"),
     "gaussians.views": ("View",),

@@ -16,7 +16,7 @@ from .evaluation.masks import score_masks as score_masks
 from .evaluation.plant import compare_bolls as compare_bolls
 from .frames.frame_quality import blur as blur
 from .frames.frame_quality import sharpness as sharpness
-from .frames.held_frames import thin_out as thin_out
+from .frames.keyframe_buffer import select_keyframes as select_keyframes
 from .gaussians.metrics import psnr_db as psnr_db
 from .gaussians.rasterizer import accumulate_weights as accumulate_weights
 from .gaussians.rasterizer import render as render

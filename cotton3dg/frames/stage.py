@@ -13,9 +13,9 @@ from ..io.images import list_images, write_image
 from ..options import FramesOptions
 from ..stage import Cost, Stage, Work
 from ..workspace import Workspace
+from .frame_statistics import Picture, outcome_of
 from .take_photos import take_photos
 from .take_video import HELD_A_FRAME, take_video
-from .taken import Picture, outcome_of
 
 JPEG_BYTES_A_PIXEL: Final = 1.0
 """At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""

@@ -14,7 +14,7 @@ from ..io import images
 from ..options import FramesOptions
 from ..schemas.frames import FramesInfo
 from . import frame_quality
-from .taken import ORIENTATION_RULE, Keep, Picture, Taken, keep_all
+from .frame_statistics import ORIENTATION_RULE, Keep, Picture, Taken, keep_all
 
 MIN_PHOTOS: Final = 8
 

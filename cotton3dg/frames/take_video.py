@@ -19,9 +19,9 @@ from ..io.yuv import YuvFrame
 from ..options import FramesOptions
 from ..schemas.frames import FrameInfo, FramesInfo, VideoInfo
 from . import frame_quality
-from .held_frames import HeldFrames, thin_out
-from .taken import ORIENTATION_RULE, SCAN_SIDE, STANDS_STILL, Keep, Picture, Taken, keep_all
-from .way import WayMeter
+from .camera_travel import WayMeter
+from .frame_statistics import ORIENTATION_RULE, SCAN_SIDE, STANDS_STILL, Keep, Picture, Taken, keep_all
+from .keyframe_buffer import HeldFrames, select_keyframes
 
 MIN_VIDEO_S: Final = 2.0
 MIN_FRAMES: Final = 20
@@ -89,7 +89,7 @@ def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progres
     if found.intact.all():
         usable &= np.isin(found.frames, held.frames)
     rows = np.flatnonzero(usable)
-    rows = rows[thin_out(found.ways[rows], found.scores[rows], options.count)]
+    rows = rows[select_keyframes(found.ways[rows], found.scores[rows], options.count)]
     indices = found.frames[rows].tolist()
     flags, warnings = found.flags, found.warnings
     if facts.rivals:

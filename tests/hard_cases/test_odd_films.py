@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cotton3dg.errors import BadInput
+from cotton3dg.frames.frame_statistics import Taken
 from cotton3dg.frames.take_video import take_video
-from cotton3dg.frames.taken import Taken
 from cotton3dg.io import video
 from cotton3dg.io.ffmpeg_text import parse_description, parse_log
 from cotton3dg.options import FramesOptions

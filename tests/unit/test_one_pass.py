@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from cotton3dg.frames.held_frames import HeldFrames, thin_out
+from cotton3dg.frames.camera_travel import WayMeter
+from cotton3dg.frames.keyframe_buffer import HeldFrames, select_keyframes
 from cotton3dg.frames.take_video import _looked_at_every
-from cotton3dg.frames.way import WayMeter
 from cotton3dg.io import video
 
 WIDTH, HEIGHT = 320, 180
@@ -57,7 +57,7 @@ def test_lingering_does_not_double_views_and_hurrying_does_not_tear_the_orbit(tm
     rows = np.array(held.frames)
     assert 50 <= len(rows) <= 80
     assert all((held.numbers_of(number) == number % 251).all() for number in rows)
-    chosen = rows[thin_out(ways[rows], scores[rows], 40)]
+    chosen = rows[select_keyframes(ways[rows], scores[rows], 40)]
     steps = np.diff(ways[chosen])
     assert len(chosen) == 40
     assert (ways[chosen] == 0.1).sum() <= 2
@@ -81,11 +81,11 @@ def test_the_best_frame_of_an_interval_is_held(tmp_path) -> None:
 
 def test_thinning_prefers_the_sharp() -> None:
     scores = np.where(np.arange(100) % 4 == 2, 1.0, 0.1)
-    kept = np.array(thin_out(np.arange(100.0), scores, 25))
+    kept = np.array(select_keyframes(np.arange(100.0), scores, 25))
     assert len(kept) == 25
     assert (kept % 4 == 2).sum() >= 23
-    assert thin_out(np.arange(5.0), np.ones(5), 9) == [0, 1, 2, 3, 4]
-    assert thin_out(np.arange(5.0), np.ones(5), 3) == [0, 2, 4]
+    assert select_keyframes(np.arange(5.0), np.ones(5), 9) == [0, 1, 2, 3, 4]
+    assert select_keyframes(np.arange(5.0), np.ones(5), 3) == [0, 2, 4]
 
 
 @pytest.mark.parametrize(

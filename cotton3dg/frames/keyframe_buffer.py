@@ -87,7 +87,7 @@ class HeldFrames:
         self._held = best
 
 
-def thin_out(ways: NDArray[np.float64], scores: NDArray[np.float64], count: int) -> list[int]:
+def select_keyframes(ways: NDArray[np.float64], scores: NDArray[np.float64], count: int) -> list[int]:
     """Indices of at most `count` of n frames at even steps of the way, the better ones preferred; ascending.
 
     One frame after the other is left out: the one whose gap, from its neighbour before to that behind, is smallest,

@@ -26,7 +26,7 @@ from ..schemas.choices import Choices
 from ..schemas.frames import FramesInfo
 from ..sfm.keyframes import Keyframes, will_do
 from ..sfm.lens import undistort
-from ..sfm.placed import decide_distortion, describe_cameras
+from ..sfm.registration_quality import decide_distortion, describe_cameras
 from ..stage import STAGES
 from ..staleness import stale_reason
 from ..workspace import Workspace

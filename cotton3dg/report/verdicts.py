@@ -17,7 +17,7 @@ from ..io.tables import parse_number
 from ..schemas.check import GREEN, YELLOW, Finding
 from ..schemas.frames import FrameInfo
 from ..schemas.scale import ScaleInfo
-from ..sfm.placed import FEW_REGISTERED_PCT, MAX_GAP_DEG
+from ..sfm.registration_quality import FEW_REGISTERED_PCT, MAX_GAP_DEG
 from ..traits.error_model import blurs_bolls
 
 SMALL_BOLL_PX: Final = 10.0

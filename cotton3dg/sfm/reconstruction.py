@@ -13,14 +13,14 @@ from typing import Any
 from ..core.progress import Progress, silent
 from ..core.stopwatch import Stopwatch
 from ..schemas.sfm import RescueStep
-from .agreement import contradicted_pct
 from .colours import colour_points
+from .epipolar_consistency import contradicted_pct
 from .features import Features, FeatureSettings, features_of_images
 from .keyframes import MODEL, Keyframes, first_keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
 from .matching import PairMatches, find_alike, match_pairs
-from .rescue import Attempt, Task, rescued
-from .standing import require_walk, some_apart
+from .registration_recovery import Attempt, Task, rescued
+from .stationary_camera import require_walk, some_apart
 
 
 @dataclass(frozen=True)

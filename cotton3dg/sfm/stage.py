@@ -25,7 +25,8 @@ from ..workspace import Workspace
 from .image_pairs import choose_pairs
 from .keyframes import Keyframes, keyframe_spacing
 from .lens import undistort
-from .placed import (
+from .reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
+from .registration_quality import (
     decide_distortion,
     describe_cameras,
     outcome_of,
@@ -33,7 +34,6 @@ from .placed import (
     require_images,
     require_registered,
 )
-from .reconstruction import ReconstructionSettings, has_keyframes, place_keyframes, reconstruct
 
 RECORD: Final = "record.json"
 """Of what was begun."""

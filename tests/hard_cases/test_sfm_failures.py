@@ -19,7 +19,7 @@ from cotton3dg import pipeline
 from cotton3dg.errors import BadInput, CaptureFailed
 from cotton3dg.io.images import write_image
 from cotton3dg.sfm import reconstruction
-from cotton3dg.sfm.placed import require_registered
+from cotton3dg.sfm.registration_quality import require_registered
 from cotton3dg.workspace import Workspace
 
 OPTIONS = {"sfm": {"max_features": 1500, "overlap": 6}}

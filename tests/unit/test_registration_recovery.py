@@ -12,14 +12,14 @@ from scenes.room_scene import pose, render, textures
 from cotton3dg.core.progress import silent
 from cotton3dg.io.images import write_image
 from cotton3dg.schemas.sfm import RescueStep
-from cotton3dg.sfm import rescue
-from cotton3dg.sfm.agreement import contradicted_pct, sampson
+from cotton3dg.sfm import registration_recovery
+from cotton3dg.sfm.epipolar_consistency import contradicted_pct, sampson
 from cotton3dg.sfm.features import Features, FeatureSettings, features_of_images
 from cotton3dg.sfm.image_pairs import choose_pairs
 from cotton3dg.sfm.mapper import map_images, write_database
 from cotton3dg.sfm.marker_corners import tie
 from cotton3dg.sfm.matching import PairMatches, match_pairs
-from cotton3dg.sfm.rescue import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
+from cotton3dg.sfm.registration_recovery import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
 from cotton3dg.sfm.tracking import follow
 
 OVERLAP, SEED = 6, 0
@@ -47,7 +47,7 @@ def told(placed: int) -> Attempt:
 def test_each_step_is_tried_when_those_before_fell_short(monkeypatch, tmp_path, first, brought, tried) -> None:
     results = iter(brought)
     for name in ("follow_into_lost", "tie_by_markers", "look_harder", "place_at_once"):
-        monkeypatch.setattr(rescue, name, lambda *_: told(next(results)))
+        monkeypatch.setattr(registration_recovery, name, lambda *_: told(next(results)))
     task = Task(tmp_path, [str(i) for i in range(100)], tmp_path, FEATURES, OVERLAP, SEED)
     best, steps = rescued(task, told(first))
     assert [step.name for step in steps] == tried

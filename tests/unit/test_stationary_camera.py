@@ -9,7 +9,7 @@ from cotton3dg.errors import CaptureFailed
 from cotton3dg.sfm import reconstruction
 from cotton3dg.sfm.features import Features
 from cotton3dg.sfm.matching import PairMatches
-from cotton3dg.sfm.standing import require_walk, some_apart, standing_pct
+from cotton3dg.sfm.stationary_camera import require_walk, some_apart, standing_pct
 
 IMAGES, POINTS, SIDE_PX = 40, 200, 640
 PAIRS = [(i, j) for i in range(IMAGES) for j in range(i + 1, min(i + 9, IMAGES))]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import Orbit
-from .sights import Sight
+from .view_detections import Sight
 
 LEAST_ANGLE: Final = np.radians(8.0)
 LARGEST_ANGLE: Final = np.radians(100.0)

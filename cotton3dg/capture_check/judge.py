@@ -18,8 +18,8 @@ from ..geometry.camera_orbit import find_out_of_view
 from ..report.verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 from ..schemas.check import GREEN, RED, VERDICTS, YELLOW, CheckInfo, Finding
 from .first_count import find_sure
-from .in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
-from .look import Look
+from .framing import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
+from .preview import Look
 
 NOTED_GAP_DEG: Final = 20.0
 OFTEN_CUT: Final = 0.25

@@ -17,7 +17,7 @@ from ..report.walk import draw_walk
 from ..schemas.check import CheckInfo
 from ..schemas.frames import FramesInfo
 from .first_count import find_sure
-from .look import Look
+from .preview import Look
 
 PHOTOS: Final = 4
 PHOTO_SIDE_PX: Final = 640

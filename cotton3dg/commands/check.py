@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from ..capture_check.judge import judge, refuse
-from ..capture_check.look import Look, look_at
 from ..capture_check.page import check_page, strip_of
+from ..capture_check.preview import Look, look_at
 from ..errors import CaptureFailed
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors

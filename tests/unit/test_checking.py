@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scenes.documents import frame_info, frames_info
 
-from cotton3dg.capture_check import look
-from cotton3dg.capture_check.agreeing_places import find_agreeing_places
+from cotton3dg.capture_check import preview
 from cotton3dg.capture_check.first_count import FoundBoll, find_bolls_in_space, find_sure
-from cotton3dg.capture_check.in_view import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
+from cotton3dg.capture_check.framing import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
 from cotton3dg.capture_check.judge import conclude, judge, refuse
-from cotton3dg.capture_check.look import Look
-from cotton3dg.capture_check.sights import Sight
+from cotton3dg.capture_check.plane_sweep import find_agreeing_places
+from cotton3dg.capture_check.preview import Look
+from cotton3dg.capture_check.view_detections import Sight
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
@@ -307,18 +307,18 @@ def test_the_scale_is_sought_first_where_points_outline_the_table(
         sought.append(len(plant.solid))
         return a_scale if len(plant.solid) in found else no_scale(f"no table in {len(plant.solid)}")
 
-    monkeypatch.setattr(look, "seek_scale", seek_scale)
-    monkeypatch.setattr(look, "outlines_table", lambda points, *_: len(points) in outlined)
+    monkeypatch.setattr(preview, "seek_scale", seek_scale)
+    monkeypatch.setattr(preview, "outlines_table", lambda points, *_: len(points) in outlined)
     monkeypatch.setattr(
-        look, "find_agreeing_places", lambda *arguments: np.zeros((1 + look.TOLERANCES.index(arguments[-1]), 3))
+        preview, "find_agreeing_places", lambda *arguments: np.zeros((1 + preview.TOLERANCES.index(arguments[-1]), 3))
     )
     plant = Plant(cameras, lambda _: np.zeros((2, 2, 3), np.uint8), np.zeros((0, 3)), np.zeros((0, 3), np.float32))
-    result = look._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions())
+    result = preview._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions())
     assert sought == tried
     assert (result.info.scale is not None) == bool(found)
     if not found:
         assert result.info.reason == f"no table in {tried[0]}"
-    assert look._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions(method="none")).info.scale is None
+    assert preview._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions(method="none")).info.scale is None
 
 
 def test_a_bare_table_is_as_level_as_the_floor(cameras: list[Camera]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import Orbit, azimuths
 from .first_count import FoundBoll
-from .sights import SIDES, Sight
+from .view_detections import SIDES, Sight
 
 
 def find_cut_sides(bolls: Sequence[FoundBoll], cameras: Sequence[Camera]) -> dict[str, tuple[str, ...]]:

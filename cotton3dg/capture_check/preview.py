@@ -28,9 +28,9 @@ from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo
 from ..train.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace
-from .agreeing_places import find_agreeing_places
 from .first_count import FoundBoll, find_bolls_in_space
-from .sights import Sight, see
+from .plane_sweep import find_agreeing_places
+from .view_detections import Sight, see
 
 VIEWS: Final = 12
 """Images in which bolls are looked for."""

@@ -26,10 +26,10 @@ from ..io.saving import explain_disk_errors, file_sha256, json_text, write_text_
 from ..io.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import SHIPPED_FILE, BollNetwork, seen_size
+from ..masks.builtin_weights import read_shipped
 from ..masks.group_votes import group_votes
-from ..masks.looks import see_at_all_looks
 from ..masks.photometric_augmentation import augment
-from ..masks.shipped import read_shipped
+from ..masks.test_time_augmentation import see_at_all_looks
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
 from ..options import MasksTrainOptions

@@ -18,9 +18,9 @@ from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint
 from .lint_owners import hear_votes
 from .meeting_votes import Votes, cast_votes
-from .one_image import find_bolls
 from .outline_bolls import outline_bolls
 from .separate_bolls import Bolls, separate_bolls
+from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE: Final = 12

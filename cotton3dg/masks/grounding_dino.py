@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float64
 from ..errors import BadInput
-from .candidates import cut_by_tile, tiles
+from .non_max_suppression import cut_by_tile, tiles
 from .transformer_models import load_model, model_kind, normalise, transformers_class
 from .yolo import suppress
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32
 from ..errors import BadInput
-from .shipped import REINSTALL, read_shipped
+from .builtin_weights import REINSTALL, read_shipped
 
 CHANNELS: Final = 7
 """What the network is told of a pixel: `describe`."""

@@ -1,7 +1,8 @@
 """Segment Anything, SAM (Kirillov et al. 2023) and SAM 2 (Ravi et al. 2024), prompted by points and boxes.
 
 An image is encoded once; each prompt then costs milliseconds. Several prompts may hit one boll, and one may come out as
-a heap of them: `candidates.resolved` decides. SAM's masks have 256 x 256 px for an image, so small bolls need tiles.
+a heap of them: `non_max_suppression.resolve_overlaps` decides. SAM's masks have 256 x 256 px for an image, so small
+bolls need tiles.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Float32, Float64
 from ..errors import BadInput
 from ..io.prompt_table import read_prompts
-from .candidates import Candidate, crop, paint_candidates, resolve_overlaps, tiles
+from .non_max_suppression import Candidate, crop, paint_candidates, resolve_overlaps, tiles
 from .transformer_models import load_model, model_kind, normalise
 
 CLASSES: Final = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Model"}

@@ -9,7 +9,7 @@ from typing import Any, Final
 from ..core.progress import Progress
 from ..errors import BadUsage, EnvironmentUnusable, MissingInput, StageFailed
 from ..options import MasksTrainOptions
-from .trust import demand_trust
+from .pickle_guard import demand_trust
 from .yolo_networks import ultralytics_model
 
 BATCH: Final = 16

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
 from ..errors import BadInput
-from .candidates import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
+from .non_max_suppression import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
 from .yolo_networks import Network
 
 PADDING: Final = 114 / 255

@@ -45,7 +45,7 @@ def open_detector(backend: str, weights: Path | None) -> Find:
     if backend == "lint-colour":
         return find_lint_colour
     from cotton3dg.masks.bolls import open_bolls
-    from cotton3dg.masks.one_image import find_bolls
+    from cotton3dg.masks.single_image import find_bolls
 
     network = open_bolls(weights)
     return lambda image: find_bolls(image, network)[0]

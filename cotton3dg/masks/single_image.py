@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import LEAF
 from .bolls import BollNetwork, Maps
 from .group_votes import group_votes
-from .looks import see_at_all_looks
+from .test_time_augmentation import see_at_all_looks
 
 IN_LEAF: Final = 0.02
 """Share of an image's pixels that are leaf from which much may only look like lint: bracts, flowers, shine. All of 100

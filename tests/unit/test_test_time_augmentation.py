@@ -5,7 +5,7 @@ import pytest
 
 from cotton3dg.core.training_picture import LINT
 from cotton3dg.masks.bolls import Maps, middles_of_pixels
-from cotton3dg.masks.looks import FAMILIAR_PX, LOOKS, mirror, mix_looks, see_at_all_looks, sharpen
+from cotton3dg.masks.test_time_augmentation import FAMILIAR_PX, LOOKS, mirror, mix_looks, see_at_all_looks, sharpen
 
 WIDTH, HEIGHT = 320, 240
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.candidates import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
+from cotton3dg.masks.non_max_suppression import Candidate, crop, cut_by_tile, paint_candidates, resolve_overlaps, tiles
 
 
 def box(top: int, left: int, bottom: int, right: int, score: float) -> Candidate:

@@ -5,8 +5,8 @@ import pytest
 
 from cotton3dg.core.training_picture import CLASSES, LEAF, LINT, OTHER
 from cotton3dg.masks.bolls import Maps
-from cotton3dg.masks.looks import mirror
-from cotton3dg.masks.one_image import find_bolls, weigh_evidence
+from cotton3dg.masks.single_image import find_bolls, weigh_evidence
+from cotton3dg.masks.test_time_augmentation import mirror
 
 SHAPE = (100, 140)
 DIAMETER_PX = 24.0

@@ -22,7 +22,7 @@ from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
-from ..scale.seek import FoundScale, Plant, no_scale, seek_scale
+from ..scale.estimate_scale import FoundScale, Plant, no_scale, seek_scale
 from ..scale.stage import load_plant
 from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo

@@ -15,9 +15,9 @@ from ..core.scene import Camera, Float64
 from ..geometry.picks import point_of_picks
 from ..options import ScaleOptions
 from ..schemas.scale import ScaleInfo
+from .estimate_scale import PICTURES, TABLE_SOURCES, FoundScale, Plant, doubts_of, facts_of, summary_of, table_of
 from .rectangle import Rectangle
 from .references import LEAST_ERROR, Reference, reconcile, scale_on
-from .seek import PICTURES, TABLE_SOURCES, FoundScale, Plant, doubts_of, facts_of, summary_of, table_of
 from .table import outline_table
 from .two_points import MAX_ERROR
 

@@ -24,7 +24,7 @@ from ..schemas.patches import PatchesInfo
 from ..stage import Cost, Stage
 from ..workspace import Workspace
 from .corners import move_corners, refuse_moves
-from .seek import FoundScale, Plant, no_scale, seek_scale
+from .estimate_scale import FoundScale, Plant, no_scale, seek_scale
 
 
 def inputs(workspace: Workspace) -> list[Path]:

@@ -21,7 +21,7 @@ from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.io.colmap import read_points
 from cotton3dg.options import resolve
-from cotton3dg.scale.seek import seek_scale
+from cotton3dg.scale.estimate_scale import seek_scale
 from cotton3dg.scale.stage import load_plant
 from cotton3dg.workspace import Workspace
 

@@ -22,7 +22,7 @@ from cotton3dg.core.scene import Camera
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.options import ScaleOptions
 from cotton3dg.report.verdicts import of_placed, of_sharpness, of_walk
-from cotton3dg.scale.seek import FoundScale, Plant, no_scale
+from cotton3dg.scale.estimate_scale import FoundScale, Plant, no_scale
 from cotton3dg.schemas.check import GREEN, RED, YELLOW, CheckInfo, Finding
 from cotton3dg.schemas.scale import ScaleInfo
 

@@ -8,9 +8,9 @@ from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
 from cotton3dg.options import ScaleOptions
 from cotton3dg.scale.corners import lay_through, move_corners
+from cotton3dg.scale.estimate_scale import FoundScale, Plant, facts_of
 from cotton3dg.scale.rectangle import Rectangle
 from cotton3dg.scale.references import Reference, scale_on
-from cotton3dg.scale.seek import FoundScale, Plant, facts_of
 from cotton3dg.schemas.scale import ScaleInfo
 
 CAMERAS: dict[str, Camera] = {camera.name: camera for camera in orbit(12, 1280, 720)}

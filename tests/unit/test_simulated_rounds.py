@@ -13,8 +13,8 @@ from cotton3dg.errors import BadUsage
 from cotton3dg.identity.codes import read_codes, whose
 from cotton3dg.options import SimulateOptions
 from cotton3dg.scale.card import CARD_MARKERS
+from cotton3dg.scale.grey_card import read_patches
 from cotton3dg.scale.markers import find_markers
-from cotton3dg.scale.patches import read_patches
 from cotton3dg.simulate.camera import orbit
 from cotton3dg.simulate.film import exposure_ev
 from cotton3dg.simulate.plant import grow_plant

@@ -17,8 +17,8 @@ from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
 from ..schemas.scale import NO_SOURCE, ScaleInfo
 from .card import CARD_MARKERS, scale_from_card
+from .grey_card import read_patches
 from .markers import Corner, MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
-from .patches import read_patches
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on
 from .sections import cut_table, draw_sections, scale_from_all_sections, scale_from_central_section

@@ -17,7 +17,7 @@ from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..core.scene import Float64
 from ..geometry.polylines import angle_deg, direction, length_of, path_lengths
 from ..io.tables import parse_number, read_rows
-from ..plant_map.order import base_angle_deg
+from ..plant_map.branching_order import base_angle_deg
 from ..plant_map.summary import summarise_map
 from ..schemas.skeleton import SkeletonInfo, read_map
 from ..schemas.truth import Truth

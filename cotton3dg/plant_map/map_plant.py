@@ -12,9 +12,9 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
-from .doubts import doubted
+from .branch_confidence import doubted
+from .branching_order import draw_map
 from .loops import opened
-from .order import draw_map
 from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
 from .wood import classify, thinned, wood_places

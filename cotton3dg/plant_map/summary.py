@@ -11,7 +11,7 @@ from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.plant_map import Axis, PlantMap
 from ..core.scene import Float64
 from ..geometry.polylines import length_of, nearest_on, path_lengths
-from .order import base_angle_deg
+from .branching_order import base_angle_deg
 
 DIAMETER_ABOVE_CLAMP_CM: Final = 5.0
 BRANCH_DIAMETER_CM: Final = 5.0

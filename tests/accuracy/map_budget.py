@@ -30,8 +30,8 @@ from cotton3dg.core.plant_map import PlantMap
 from cotton3dg.evaluation.plant_map import MapScores, compare_maps, evaluate_map, true_map
 from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.io.ply import read_gaussians
+from cotton3dg.plant_map.branching_order import draw_map
 from cotton3dg.plant_map.map_plant import BollPlace, map_places
-from cotton3dg.plant_map.order import draw_map
 from cotton3dg.plant_map.skeleton import (
     CENTRE_REACH_CM,
     SMOOTHING,

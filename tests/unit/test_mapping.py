@@ -17,9 +17,9 @@ from cotton3dg.geometry.polylines import (
     resampled,
     smoothed,
 )
+from cotton3dg.plant_map.branching_order import base_angle_deg, draw_map, with_straight_base
 from cotton3dg.plant_map.graph import joined, shortest_paths
 from cotton3dg.plant_map.map_plant import map_cloud, map_places
-from cotton3dg.plant_map.order import base_angle_deg, draw_map, with_straight_base
 from cotton3dg.plant_map.radii import radii_of
 from cotton3dg.plant_map.skeleton import FEWEST_PLACES, RawAxis, bare_length, extract_axes
 from cotton3dg.plant_map.summary import boll_rows, branch_rows, summarise_map

@@ -7,7 +7,7 @@ import pytest
 from scenes.branch_scene import line
 
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap
-from cotton3dg.plant_map.doubts import STILL_RIGHT, doubted
+from cotton3dg.plant_map.branch_confidence import STILL_RIGHT, doubted
 
 STEM = line((0, 0, 0), (0, 0, 60), spacing=0.25)
 LEVEL = line((0, 0, 20), (24, 0, 20), spacing=0.25)

@@ -46,7 +46,7 @@ _HOMES: Final = {
     "sfm.reconstruction": ("ReconstructionSettings", "reconstruct"),
     "train.initialise": ("start_gaussians",),
     "train.trainer": ("fit",),
-    "traits.isolate": ("isolate_plant",),
+    "traits.plant_segmentation": ("isolate_plant",),
     "traits.measure": ("measure_bolls", "summarise_plant"),
     "traits.plant_size": ("measure_silhouette",),
     "traits.surface": ("as_drawn",),

@@ -12,7 +12,7 @@ from ..core.plant_map import PlantMap
 from ..core.scene import Float64
 from ..geometry.convex_measures import calliper_diameter, convex_volume
 from ..plant_map.map_plant import map_cloud
-from ..traits.isolate import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
+from ..traits.plant_segmentation import STEM_LAYERS, STEM_RADIUS_CM, find_connected, fit_stem_axis
 from ..traits.plant_size import PlantSize, measure_places
 
 LAYER_CM: Final = 0.5

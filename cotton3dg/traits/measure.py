@@ -32,12 +32,12 @@ from .error_model import (
     plant_volume_error_cm3,
     size_error_cm,
 )
-from .isolate import Plant, isolate_plant
+from .plant_segmentation import Plant, isolate_plant
 from .plant_size import PlantSize, Sized, size_plant
 from .published import hull_of_means
 from .silhouette_hull import opaque_hull
 from .surface import as_drawn, sample_surface_of_volume, surface_rows
-from .whole_in_view import doubt_whole
+from .truncation import doubt_whole
 
 ALPHA: Final = 0.25
 """Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""

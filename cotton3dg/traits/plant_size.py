@@ -15,7 +15,7 @@ from ..core.scene import Float64, Gaussians
 from ..geometry.boxes import min_area_rectangle, nearly_least_rectangles, oriented_box
 from ..geometry.convex_measures import convex_volume
 from ..geometry.polylines import resampled
-from .isolate import Plant, find_lost_tips
+from .plant_segmentation import Plant, find_lost_tips
 from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means
 from .surface import SAMPLES, sample_visible_surface
 

@@ -45,9 +45,9 @@ from ..stage import FILE, STAGES, Cost, Stage, Work
 from ..workspace import Workspace
 from .corrections import Corrected, apply_corrections
 from .error_model import Filming
-from .isolate import Plant
 from .lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from .measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
+from .plant_segmentation import Plant
 from .plant_size import TIP_OPACITY
 from .weight import predict_weight
 

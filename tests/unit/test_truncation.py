@@ -9,7 +9,7 @@ import pytest
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.traits.stage import _filming
-from cotton3dg.traits.whole_in_view import doubt_whole, find_cut
+from cotton3dg.traits.truncation import doubt_whole, find_cut
 from cotton3dg.workspace import Workspace
 
 

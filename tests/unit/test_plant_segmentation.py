@@ -22,8 +22,8 @@ from cotton3dg.core.columns import cells_of, columns_of
 from cotton3dg.core.measurements import PlantTraits
 from cotton3dg.traits import measure
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
-from cotton3dg.traits.isolate import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.measure import measure_bolls, summarise_plant
+from cotton3dg.traits.plant_segmentation import Plant, find_connected, fit_stem_axis, isolate_plant, table_coordinates
 from cotton3dg.traits.plant_size import measure_places, measure_silhouette
 
 

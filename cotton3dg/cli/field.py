@@ -114,10 +114,10 @@ def compare(
     turn_deg: TurnDeg = None,
 ) -> None:
     """What changed between films of one plant: each boll and each trait of the others against the first."""
-    from ..evaluation.changes import compare as lay_beside
-    from ..evaluation.changes import comparison_text
-    from ..evaluation.changes_page import write_comparisons
-    from ..evaluation.filmed import find_same_films
+    from ..evaluation.change_detection import compare as lay_beside
+    from ..evaluation.change_detection import comparison_text
+    from ..evaluation.change_detection_page import write_comparisons
+    from ..evaluation.measured_plant import find_same_films
     from ..outputs import made_of, saving
 
     with report_errors(films[0]):
@@ -138,10 +138,10 @@ def repeat(
     turn_deg: TurnDeg = None,
 ) -> None:
     """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
-    from ..evaluation.filmed import find_same_films
-    from ..evaluation.repeats import repeat as lay_beside
-    from ..evaluation.repeats import repeats_text
-    from ..evaluation.repeats_page import write_repeats
+    from ..evaluation.measured_plant import find_same_films
+    from ..evaluation.repeatability import repeat as lay_beside
+    from ..evaluation.repeatability import repeats_text
+    from ..evaluation.repeatability_page import write_repeats
     from ..outputs import made_of, saving
 
     with report_errors(films[0]):

@@ -77,7 +77,7 @@ def run(
             display.print_traits(workspace)
         if repeat:
             from ..commands.run import repeat_runs
-            from ..evaluation.repeats import repeats_text
+            from ..evaluation.repeatability import repeats_text
 
             with display.ProgressDisplay() as watcher:
                 repeats = repeat_runs(workspace, chosen.options, repeat, partial(typer.echo, err=True), watcher)

@@ -8,8 +8,8 @@ from typing import Any
 
 from .. import pipeline
 from ..errors import BadUsage
-from ..evaluation.repeats import Repeats, repeat
-from ..evaluation.repeats_page import write_repeats
+from ..evaluation.repeatability import Repeats, repeat
+from ..evaluation.repeatability_page import write_repeats
 from ..schemas.frames import FramesInfo
 from ..workspace import Workspace
 

@@ -23,8 +23,8 @@ from scenes.tiny_plant import ROOT
 from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.cluster import stage as cluster
 from cotton3dg.core.columns import columns_of
-from cotton3dg.evaluation.changes import BollChange, TraitChange
-from cotton3dg.evaluation.repeats import Bias, BollRepeat, TraitRepeat
+from cotton3dg.evaluation.change_detection import BollChange, TraitChange
+from cotton3dg.evaluation.repeatability import Bias, BollRepeat, TraitRepeat
 from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.option_rules import places
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve

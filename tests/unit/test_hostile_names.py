@@ -21,7 +21,7 @@ from cotton3dg.cli.app import app
 from cotton3dg.commands import import_ as module
 from cotton3dg.commands.import_ import DOUBT, TABLE, Import, import_videos
 from cotton3dg.errors import BadInput, EnvironmentUnusable
-from cotton3dg.evaluation.repeats import _plants_of
+from cotton3dg.evaluation.repeatability import _plants_of
 from cotton3dg.io.images import list_images
 from cotton3dg.io.listing import files_below, is_there
 from cotton3dg.io.saving import printable, write_text_atomically

@@ -16,7 +16,7 @@ from ..io.saving import explain_disk_errors, write_text_atomically
 from ..io.tables import csv_text
 from ..report.figures import png_uri
 from ..report.page import fill_template, write_page
-from .changes import GONE, NEW, SAME, BollChange, Comparison, TraitChange
+from .change_detection import GONE, NEW, SAME, BollChange, Comparison, TraitChange
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

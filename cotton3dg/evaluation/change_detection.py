@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..core.columns import column, columns
 from ..errors import BadInput, BadUsage
 from .align import Alignment, NoAlignment, align
-from .filmed import Filmed, comparable_traits, read_filmed
 from .match import match_bolls
+from .measured_plant import Filmed, comparable_traits, read_filmed
 
 REACH_CM: Final = 3.0
 """How far a boll may have moved and still be taken for the same; bolls are farther apart."""

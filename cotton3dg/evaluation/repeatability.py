@@ -16,9 +16,9 @@ from ..core.columns import column
 from ..errors import BadInput, BadUsage, Cotton3dgError
 from ..io.listing import folders_in, is_there
 from ..workspace import Workspace
-from .changes import REACH_CM, compare_films
-from .filmed import Filmed, comparable_traits, read_filmed
+from .change_detection import REACH_CM, compare_films
 from .match import match_bolls
+from .measured_plant import Filmed, comparable_traits, read_filmed
 
 FEWEST: Final = 3
 """Pairs for a test of bias."""

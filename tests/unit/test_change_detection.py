@@ -10,8 +10,8 @@ from scenes.filmed_scene import filmed_again, grown, leaning, save_film
 from typer.testing import CliRunner
 
 from cotton3dg.cli.app import app
-from cotton3dg.evaluation.changes import GONE, NEW, SAME, beyond, compare, comparison_text
-from cotton3dg.evaluation.filmed import comparable_traits, error_column, find_same_films, read_filmed
+from cotton3dg.evaluation.change_detection import GONE, NEW, SAME, beyond, compare, comparison_text
+from cotton3dg.evaluation.measured_plant import comparable_traits, error_column, find_same_films, read_filmed
 from cotton3dg.io.tables import read_rows
 from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace

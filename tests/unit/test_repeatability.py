@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from cotton3dg.cli.app import app
 from cotton3dg.errors import BadInput, BadUsage
-from cotton3dg.evaluation.repeats import find_bias, repeat, repeats_text
-from cotton3dg.evaluation.repeats_page import write_repeats
+from cotton3dg.evaluation.repeatability import find_bias, repeat, repeats_text
+from cotton3dg.evaluation.repeatability_page import write_repeats
 from cotton3dg.io.tables import read_rows
 
 VOLUMES = np.array([40.0, 45, 50, 55, 60, 65])

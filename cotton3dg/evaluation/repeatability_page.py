@@ -18,8 +18,8 @@ from ..report.figures import png_uri
 from ..report.page import fill_template, write_page
 from ..report.pictures import Pictures
 from ..workspace import Workspace
-from .filmed import Filmed
-from .repeats import Bias, BollRepeat, PlantFilms, Repeats, TraitRepeat
+from .measured_plant import Filmed
+from .repeatability import Bias, BollRepeat, PlantFilms, Repeats, TraitRepeat
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

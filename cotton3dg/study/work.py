@@ -29,7 +29,7 @@ from ..schemas.train import TrainMetrics
 from ..stage import STAGES, stage_of
 from ..staleness import stale_reason
 from ..workspace import Workspace
-from .passing_models import save_passing_models
+from .checkpoints import save_passing_models
 from .plant_region import PlantRegions
 from .plot import write_plot
 from .rows import empty_row, finished_row

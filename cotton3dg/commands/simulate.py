@@ -29,7 +29,7 @@ from ..options import SimulateOptions
 from ..plants import has_results
 from ..schemas.truth import TrueMasks, TruthOrigin
 from ..simulate.camera import Orbit, orbit
-from ..simulate.film import exposure_ev, film, film_ids
+from ..simulate.camera_effects import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant
 from ..simulate.render import Float32, RenderScene, light_scene, on_turntable, render
 from ..simulate.room import build_room

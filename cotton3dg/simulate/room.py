@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..options import SimulateOptions
+from .distractors import things_on_table
 from .mesh import Float64, Mesh
 from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
-from .things import things_on_table
 
 TABLE_HEIGHT: Final = 0.75
 TABLE_THICKNESS: Final = 0.035

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.training_picture import CLASSES
+from .distractors import draw_handling, draw_thing
 from .foliage import STRAW, bracted_boll, empty_bracts, flower, lint_wisps, palmate_leaf
 from .mesh import Float64, Mesh, SolidNoise, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import LEAF, LINT_CENTRE, WOOD, Site, leaf, weather
 from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
-from .things import draw_handling, draw_thing
 from .varied_bolls import draw_kind, grow_boll
 
 OTHER, LINT, BUR, WOOD_CLASS, LEAF_CLASS = range(len(CLASSES))

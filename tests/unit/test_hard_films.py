@@ -9,7 +9,7 @@ import pytest
 from cotton3dg.commands.simulate import _stage
 from cotton3dg.options import SimulateOptions
 from cotton3dg.simulate.camera import orbit
-from cotton3dg.simulate.film import film, film_ids
+from cotton3dg.simulate.camera_effects import film, film_ids
 from cotton3dg.simulate.plant import PlantMeshes, grow_plant
 from cotton3dg.simulate.room import build_room
 from cotton3dg.simulate.truth import plant_truth

@@ -18,7 +18,7 @@ from cotton3dg.io.images import read_ids
 from cotton3dg.options import SimulateOptions, resolve
 from cotton3dg.simulate.atlas import pack
 from cotton3dg.simulate.camera import Orbit, orbit
-from cotton3dg.simulate.film import exposure_ev, film, film_ids
+from cotton3dg.simulate.camera_effects import exposure_ev, film, film_ids
 from cotton3dg.simulate.mesh import Mesh, icosphere, sheet, smooth_curve, tube
 from cotton3dg.simulate.plant import PlantMeshes, grow_plant
 from cotton3dg.simulate.render import RenderScene, develop, instance_ids, light_scene, render

@@ -16,7 +16,7 @@ from cotton3dg.scale.card import CARD_MARKERS
 from cotton3dg.scale.grey_card import read_patches
 from cotton3dg.scale.markers import find_markers
 from cotton3dg.simulate.camera import orbit
-from cotton3dg.simulate.film import exposure_ev
+from cotton3dg.simulate.camera_effects import exposure_ev
 from cotton3dg.simulate.plant import grow_plant
 from cotton3dg.simulate.render import develop, light_scene, render
 from cotton3dg.simulate.room import build_room

@@ -9,8 +9,8 @@ from scipy.spatial import KDTree
 
 from cotton3dg.core.training_picture import CLASSES, LINT, NOT_LINT, OTHER, UNKNOWN
 from cotton3dg.masks.annotated_pictures import AnnotatedPhoto, cut_picture
+from cotton3dg.simulate import distractors, training_scenes
 from cotton3dg.simulate import plates as plates_module
-from cotton3dg.simulate import things, training_scenes
 from cotton3dg.simulate.compositing import Layer, classes_in_blur, compose, draw_power
 from cotton3dg.simulate.foliage import bracted_boll, empty_bracts, lint_wisps
 from cotton3dg.simulate.mesh import SolidNoise, icosphere
@@ -147,7 +147,7 @@ def test_wisps_belong_to_no_boll(monkeypatch):
     assert seen
 
 
-@pytest.mark.parametrize("shape", [things._pot, things._clamp, things._hand])
+@pytest.mark.parametrize("shape", [distractors._pot, distractors._clamp, distractors._hand])
 def test_what_holds_plants_is_closed_and_of_its_size(shape):
     for seed in range(5):
         rng = np.random.default_rng(seed)

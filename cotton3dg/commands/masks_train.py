@@ -273,7 +273,7 @@ def _measure_accuracy(
     network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]
 ) -> dict[str, Any]:
     """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
-    # The network is judged, so without the doubts of `one_image` about faint bolls among leaves.
+    # The network is judged, so without the doubts of `single_image` about faint bolls among leaves.
     found = ((group_votes(see_at_all_looks(image, network))[0], ids) for image, ids in judged)
     scores, miou = score_masks(found)
     table = {

@@ -53,7 +53,7 @@ class Reconstructed:
     rescue: tuple[RescueStep, ...] = ()
     """What was tried because too few images were placed at first."""
     contradicted_pct: float | None = None
-    """Of the first model, as `agreement` has it."""
+    """Of the first model, as `epipolar_consistency` has it."""
 
 
 def reconstruct(

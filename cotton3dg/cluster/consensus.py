@@ -74,6 +74,7 @@ class _Votes:
         sizes = np.array([len(rows[m]) for m in order], np.int64)
         n, m = len(lifted.candidates), len(order)
         self.view_of = views[order]
+        self.mask_ids = np.array([lifted.selections[k].mask_id for k in order], np.int64)
         self.starts = np.searchsorted(self.view_of, np.arange(len(lifted.views) + 1))
         row = np.concatenate([rows[k] for k in order])
         column = np.repeat(np.arange(m), sizes)
@@ -187,7 +188,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool
         lifted: masks lifted onto the Gaussians.
         means: (N, 3) su.
         up: (3,) roughly upwards in the scene; only the numbering depends on it.
-        together: all images decided together which lint is one boll (`MasksInfo.together`); shapes then decide nothing.
+        together: all images decided together which lint is one boll (`MasksInfo.together`): masks of one id are of one.
     Returns:
         bolls numbered from the top downwards; each Gaussian is in at most one. No masks, no bolls.
     """
@@ -197,17 +198,17 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool
     votes = _Votes(lifted, (points @ up).astype(np.float32))
     sizes = np.asarray(votes.held.sum(axis=0)).ravel()
     everyone = np.ones(len(sizes), bool)
-    verdicts = votes.verdicts(votes.held, everyone)
-    usable = everyone if together else ~_holds_several(votes, verdicts, points)
+    if together:
+        nodes = np.flatnonzero(sizes >= LEAST_GAUSSIANS)
+        labels = _claim(votes, nodes, np.unique(votes.mask_ids[nodes], return_inverse=True)[1])
+        return number_bolls(_make_instances(lifted, votes, everyone, labels, {}, points), up)
+    usable = ~_holds_several(votes, votes.verdicts(votes.held, everyone), points)
     nodes = np.flatnonzero(usable & (sizes >= LEAST_GAUSSIANS))
     verdicts = votes.verdicts(votes.held[:, nodes], usable)
     evidence = _evidence(verdicts, len(sizes))
     groups = move_nodes(evidence, contract(evidence.copy()))
-    labels = _reconcile(votes, usable, nodes, groups, points)
-    flags: dict[int, str] = {}
-    if not together:
-        labels, flags = _split_large(labels, points)
-        join_halves(labels, flags, points)
+    labels, flags = _split_large(_reconcile(votes, usable, nodes, groups, points), points)
+    join_halves(labels, flags, points)
     return number_bolls(_make_instances(lifted, votes, usable, labels, flags, points), up)
 
 
@@ -271,8 +272,13 @@ def _reconcile(
         for part in np.unique(joined):
             target[names[joined == part]] = names[joined == part].min()
         groups = target[groups]
-    edge = _vote(votes, nodes, groups, EDGE_SHARE)
-    return np.where((labels < 0) & np.isin(edge, names), edge, labels)
+    return _claim(votes, nodes, groups)
+
+
+def _claim(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(F,) group of each candidate, -1 = none: those that are surely a group's, then what is left at their edges."""
+    labels, edge = (_vote(votes, nodes, groups, share) for share in (CORE_SHARE, EDGE_SHARE))
+    return np.where((labels < 0) & np.isin(edge, labels[labels >= 0]), edge, labels)
 
 
 def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:

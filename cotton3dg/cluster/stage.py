@@ -76,5 +76,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE: Final = Stage(
-    "cluster", version=9, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -19,7 +19,7 @@ from .features import Features, FeatureSettings, features_of_images
 from .keyframes import MODEL, Keyframes, first_keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
 from .mapper import drop_lost_images, map_images, place_others, settle, write_database
 from .matching import PairMatches, find_alike, match_pairs
-from .registration_recovery import Attempt, Task, rescued
+from .registration_recovery import Attempt, Task, recover_registration
 from .stationary_camera import require_walk, some_apart
 
 
@@ -105,7 +105,7 @@ def reconstruct(
     task = Task(
         image_folder, names, work_folder, settings.features, overlap, settings.seed, settings.focal_length_px, progress
     )
-    best, steps = rescued(task, Attempt(features, matches, models))
+    best, steps = recover_registration(task, Attempt(features, matches, models))
     if steps:
         watch.lap("rescue")
     kept = [drop_lost_images(model) for model in best.models]

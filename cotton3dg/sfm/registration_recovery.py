@@ -81,7 +81,7 @@ class Attempt:
         return [number for number, name in enumerate(names) if name not in kept]
 
 
-def rescued(task: Task, first: Attempt) -> tuple[Attempt, tuple[RescueStep, ...]]:
+def recover_registration(task: Task, first: Attempt) -> tuple[Attempt, tuple[RescueStep, ...]]:
     """The best attempt, and what was tried for it; nothing where the first one will do."""
     best, steps = first, []
     for name, tried in _ladder(task):

@@ -70,7 +70,7 @@ def test_case_36_models_are_ordered_by_images_then_points(monkeypatch: pytest.Mo
         monkeypatch.setattr(reconstruction, part, lambda *_: {})
     for part in ("write_database", "settle"):
         monkeypatch.setattr(reconstruction, part, lambda *_: None)
-    monkeypatch.setattr(reconstruction, "rescued", lambda _, first: (first, ()))
+    monkeypatch.setattr(reconstruction, "recover_registration", lambda _, first: (first, ()))
     monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *_, **__: found)
     settings = reconstruction.ReconstructionSettings(100, 100, 0)
     models = reconstruction.reconstruct(tmp_path, ["a", "b"], [(0, 1)], tmp_path, settings).models

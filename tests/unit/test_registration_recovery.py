@@ -19,7 +19,14 @@ from cotton3dg.sfm.image_pairs import choose_pairs
 from cotton3dg.sfm.mapper import map_images, write_database
 from cotton3dg.sfm.marker_corners import tie
 from cotton3dg.sfm.matching import PairMatches, match_pairs
-from cotton3dg.sfm.registration_recovery import Attempt, Task, follow_into_lost, place_at_once, rescued, tie_by_markers
+from cotton3dg.sfm.registration_recovery import (
+    Attempt,
+    Task,
+    follow_into_lost,
+    place_at_once,
+    recover_registration,
+    tie_by_markers,
+)
 from cotton3dg.sfm.tracking import follow
 
 OVERLAP, SEED = 6, 0
@@ -49,7 +56,7 @@ def test_each_step_is_tried_when_those_before_fell_short(monkeypatch, tmp_path, 
     for name in ("follow_into_lost", "tie_by_markers", "look_harder", "place_at_once"):
         monkeypatch.setattr(registration_recovery, name, lambda *_: told(next(results)))
     task = Task(tmp_path, [str(i) for i in range(100)], tmp_path, FEATURES, OVERLAP, SEED)
-    best, steps = rescued(task, told(first))
+    best, steps = recover_registration(task, told(first))
     assert [step.name for step in steps] == tried
     assert best.placed == max([first, *brought])
     known = first

@@ -54,6 +54,13 @@ def hard_scenes() -> dict[str, tuple[Gaussians, Camera]]:
     }
 
 
+def bound(name: str) -> float:
+    """Of the relative error of double gradients. The covariances of needles have condition numbers up to 4e12, so that
+    which instructions multiply and add at once decides what is left of the digits: 0.7e-9 to 1.1e-9 were seen, of the
+    other scenes at most 4e-14."""
+    return 1e-8 if name == "needles" else 1e-12
+
+
 @pytest.mark.parametrize("name", hard_scenes())
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_image_and_gradients_match_autograd(name: str, degree: int, record_property) -> None:
@@ -71,8 +78,8 @@ def test_image_and_gradients_match_autograd(name: str, degree: int, record_prope
     assert finite
     for key, parameter in zip(NAMES, parameters, strict=True):
         expected = np.zeros(parameter.shape) if parameter.grad is None else parameter.grad.numpy()
-        record_property("double gradients against autograd (<= 1e-9)", relative(gradients[key], expected))
-        assert relative(gradients[key], expected) < 1e-9, key
+        record_property(f"double gradients against autograd (<= {bound(name):g})", relative(gradients[key], expected))
+        assert relative(gradients[key], expected) < bound(name), key
 
 
 @pytest.mark.parametrize("name", hard_scenes())

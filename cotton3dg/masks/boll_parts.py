@@ -108,10 +108,11 @@ def gain_of_two(one: Part, other: Part) -> float:
         np.concatenate([one.rays, other.rays]),
         np.concatenate([share * one.weights, (1 - share) * other.weights]),
     )
-    both = np.stack([one.centre, other.centre])
+    both, diameter = np.stack([one.centre, other.centre]), max(one.diameter, other.diameter)
     middle = np.average(both, axis=0, weights=[share, 1 - share])
     variance = float(votes.weights @ votes.distances2(middle)) / 3
-    return fit_mixture(votes, both, variance).log_likelihood - fit_mixture(votes, middle[None], variance).log_likelihood
+    two, alone = (fit_mixture(votes, centres, variance, diameter) for centres in (both, middle[None]))
+    return two.log_likelihood - alone.log_likelihood
 
 
 def mean_width(places: Float32) -> float:

@@ -24,7 +24,12 @@ of one boll had 0.05 to 0.17 on plants of touching bolls, those of two 0.24 to 0
 MOST_VOTES: Final = 600
 """Of a part that are looked at: more would change no decision."""
 LEAST_VOTES: Final = 60
+"""Fewer say too little about two places."""
 DEPTH_SPREAD: Final = 2.5
+SHARPEST: Final = 0.01
+"""Least standard deviation of votes, in diameters: votes that agree to the last digit would be infinitely likely."""
+EMPTY: Final = 1e-9
+"""Share of all votes that a middle has at least, so that it is somewhere."""
 FREEDOM: Final = 3.0
 """Degrees of freedom of the t distributions: the fewer, the heavier their tails."""
 ITERATIONS: Final = 12
@@ -77,21 +82,27 @@ class Mixture:
     """Mean of all votes, by weight."""
 
 
-def fit_mixture(votes: PlacedVotes, centres: Float64, variance: float) -> Mixture:
-    """Expectation maximisation from centres (K, 3) and a variance, su²."""
-    shares = np.full(len(centres), 1 / len(centres))
+def fit_mixture(votes: PlacedVotes, centres: Float64, variance: float, diameter: float) -> Mixture:
+    """Expectation maximisation.
+
+    Args:
+        centres: (K, 3) su, and variance, su², to begin with.
+        diameter: of a boll, su.
+    """
+    shares, least = np.full(len(centres), 1 / len(centres)), (SHARPEST * diameter) ** 2
+    variance = max(variance, least)
     for _ in range(ITERATIONS):
         distances2 = np.stack([votes.distances2(centre) for centre in centres], axis=1)
         scaled = distances2 / variance
         log_density = np.log(shares) - 1.5 * np.log(variance) - 0.5 * (FREEDOM + 3) * np.log1p(scaled / FREEDOM)
         likelihood = np.logaddexp.reduce(log_density, axis=1)
         memberships = np.exp(log_density - likelihood[:, None])
-        held = votes.weights[:, None] * memberships
+        held = votes.weights[:, None] * (memberships + EMPTY)
         trust = held * (FREEDOM + 3) / (FREEDOM + scaled)
         fitted = Mixture(centres, variance, memberships, float(votes.weights @ likelihood))
         centres = np.stack([votes.mean(column) for column in trust.T])
-        variance = float((trust * distances2).sum() / 3)
-        shares = held.sum(axis=0).clip(min=1e-9)
+        variance = max(float((trust * distances2).sum() / 3), least)
+        shares = held.sum(axis=0)
     return fitted
 
 
@@ -102,13 +113,15 @@ def fit_two(votes: PlacedVotes, diameter: float) -> tuple[Mixture, float]:
         diameter: of a boll, su.
     """
     middle = votes.mean(votes.weights)
-    one = fit_mixture(votes, middle[None], float(votes.weights @ votes.distances2(middle)) / 3)
+    one = fit_mixture(votes, middle[None], float(votes.weights @ votes.distances2(middle)) / 3, diameter)
     away = votes.places - one.centres[0]
     away -= _ALONG * np.einsum("ni,ni->n", away, votes.rays)[:, None] * votes.rays
     trust = votes.weights / (1 + votes.distances2(one.centres[0]) / (START * diameter) ** 2)
     axes = np.linalg.eigh((away * trust[:, None]).T @ away)[1].T
     starts = (one.centres + START * diameter * np.stack([axis, -axis]) for axis in axes[1:])
-    two = max((fit_mixture(votes, start, one.variance) for start in starts), key=lambda fit: fit.log_likelihood)
+    two = max(
+        (fit_mixture(votes, start, one.variance, diameter) for start in starts), key=lambda fit: fit.log_likelihood
+    )
     return two, two.log_likelihood - one.log_likelihood
 
 

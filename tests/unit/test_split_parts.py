@@ -44,8 +44,22 @@ def test_a_fit_never_becomes_less_likely(monkeypatch):
     likelihoods = []
     for iterations in range(1, 12):
         monkeypatch.setattr("cotton3dg.masks.split_parts.ITERATIONS", iterations)
-        likelihoods.append(fit_mixture(votes, np.array([[0.5, 1, 0], [1.5, -1, 0]]), 4.0).log_likelihood)
+        likelihoods.append(fit_mixture(votes, np.array([[0.5, 1, 0], [1.5, -1, 0]]), 4.0, DIAMETER).log_likelihood)
     assert (np.diff(likelihoods) > -1e-9).all()
+
+
+@pytest.mark.parametrize("places", [[(0, 0, 0)], [(0, 0, 0), (2, 0, 0)], [(0, 0, 0), (2, 0, 0), (1e6, 0, 0)]])
+def test_votes_that_agree_to_the_last_digit_have_finite_likelihoods(places):
+    """And a middle that no vote is for is somewhere all the same."""
+    rays = np.random.default_rng(0).normal(size=(300, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    votes = PlacedVotes.of(np.resize(np.array(places, float), (300, 3)), rays, np.ones(300))
+    with np.errstate(all="raise", under="ignore"):
+        two, gain = fit_two(votes, DIAMETER)
+        far = fit_mixture(votes, np.array([[0.0, 0, 0], [1e9, 0, 0]]), 1.0, DIAMETER)
+    assert np.isfinite(two.centres).all() and np.isfinite(gain) and two.variance > 0
+    assert np.isfinite(far.centres).all() and np.isfinite(far.log_likelihood)
+    assert (gain > SPLIT_GAIN) == (len(places) == 2) or len(places) == 3
 
 
 def test_the_place_that_rays_say_least_about_is_along_them():

@@ -1,4 +1,4 @@
-"""What to film, again or for the first time: plants of a batch with the reasons and what to do better."""
+"""Plants of a batch to film, again or for the first time, with the reasons and what to do better."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FILM_AGAIN: Final = {
     "table_edge_unclear": "with all four edges of the table in view and cleared, or with the card on it",
     "no_plant": "with the plant on the table, both in view",
 }
-"""Flag that another film may mend -> what to film."""
+"""Flag that another film may clear -> what to film."""
 FILM_AGAIN_CODES: Final = (CaptureFailed.exit_code, NoScale.exit_code)
 USUAL: Final = "one slow full turn with the whole plant and the table in view"
 
@@ -83,7 +83,7 @@ def _red(root: Path) -> list[Finding]:
 
 
 def _where(cells: Mapping[str, Any], columns: Sequence[str]) -> str:
-    """What finds a plant in the field."""
+    """The cells that help to find a plant in the field."""
     roles = find_roles(columns)
     named = [f"{role} {cells[roles[role]]}" for role in ("site", "block", "row", "column", "plot") if role in roles]
     return ", ".join(text for text in named if not text.endswith(" "))

@@ -1,7 +1,7 @@
-"""What a film and a row are judged by, once for all pages: `check` before the training, the report and the index after.
+"""Criteria for a film and for a row, once for all pages: `check` before the training, the report and the index after.
 
-Green is good as it is. Yellow is what `run` flags, or what is missing or less sure than usual in the row. Red has no
-result. The limits are those by which the stages set their flags.
+Green is good as it is. Yellow means that `run` sets a flag, or that a value of the row is missing or less sure than
+usual. Red has no result. The limits are the ones at which the stages set their flags.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _others(blurred: Sequence[FrameInfo]) -> str:
 
 
 def of_light(images: Sequence[FrameInfo]) -> list[Finding]:
-    """What is wrong with the light of most images; nothing when it is well."""
+    """What is wrong with the light of most images; empty if it is good."""
     highlight = float(np.median([image.highlight for image in images]))
     white = float(np.median([image.white_share for image in images]))
     concerns = (concern.partition("; ") for concern in raise_concerns(0.0, highlight, white).values())
@@ -155,7 +155,7 @@ def find_unsure(traits: Mapping[str, object]) -> list[str]:
 
 
 def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:
-    """A trait and the ends of its interval; NaN what is blank."""
+    """A trait and the ends of its interval; NaN for a blank cell."""
     name, unit, power = column.partition("_cm")
     low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
     return parse_number(traits.get(column)), low, high

@@ -141,7 +141,7 @@ class Given:
 
 
 def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]) -> Any:
-    """`options` with `layers` of values and at last what was `asked` applied, as `options.resolve` explains."""
+    """`options` after the `layers` of values and, at last, the values of `asked`, as `options.resolve` explains."""
     values: dict[str, dict[str, Any]] = {}
     for given in given_values(stage, options, layers, asked):
         values.setdefault(given.place.table, {})[given.place.name] = given.value

@@ -22,7 +22,7 @@ ENDING: Final = {signal.SIGTERM: TERMINATED, signal.SIGHUP: HUNG_UP}
 
 @contextmanager
 def orderly() -> Iterator[None]:
-    """Let the command inside end with an exit code of its own and at most one line, whatever happens around it.
+    """Let the command inside end with an exit code of its own and at most one line, whatever happens to its process.
 
     A signal ends it as Ctrl-C does: its child processes end too, and the same command can continue in its folder.
     Unwritable messages are left out. If results cannot be printed, the command ends once its files are saved.

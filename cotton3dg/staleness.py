@@ -98,7 +98,7 @@ def _is_of_a_stage(name: str) -> bool:
 
 
 def _change(kind: str, recorded: Mapping[str, str], found: Mapping[str, str]) -> str:
-    """How the first differing file differs from its record."""
+    """The difference between the first changed file and its record."""
     for name in sorted(recorded.keys() | found.keys()):
         if recorded.get(name) != found.get(name):
             change = "is missing" if name not in found else "is new" if name not in recorded else "changed"

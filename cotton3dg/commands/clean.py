@@ -23,7 +23,7 @@ LEFT: Final = re.compile(r"\.(.+)\.(partial|old)")
 
 @dataclass(frozen=True)
 class Dropped:
-    """What was freed."""
+    """The result: what the command freed."""
 
     n_files: int
     n_bytes: int

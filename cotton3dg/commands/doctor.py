@@ -57,7 +57,7 @@ class Finding:
     name: str
     found: str
     remedy: str = ""
-    """What to do about it; empty when all is well."""
+    """The remedy; empty if all is well."""
     fatal: bool = False
     """Nothing works without it."""
 

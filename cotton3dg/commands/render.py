@@ -51,7 +51,7 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
     """Film the model and save the film with its render.json.
 
     Returns:
-        What render.json says.
+        The content of render.json.
     Raises:
         MissingInput: a required stage has not run. BadInput: its result is damaged or of another model.
         NoBolls: the film should show bolls and there are none. BadUsage: the size cannot be encoded.

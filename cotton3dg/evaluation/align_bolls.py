@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 NEAR_CM: Final = 1.0
 ALIKE_CM: Final = 1.5
-"""How far heights and distances of the same bolls may differ."""
+"""Largest difference in heights and in distances of the same bolls."""
 APART_CM: Final = 5.0
 """Bolls that are nearer to each other determine the turn poorly."""
 APART_DEG: Final = 20.0

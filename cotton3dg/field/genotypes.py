@@ -160,7 +160,7 @@ def _least_squares(design: NDArray, values: NDArray) -> tuple[NDArray, int, floa
 
 
 def _variances(values: NDArray, nuisance: NDArray, group: NDArray) -> tuple[float, float]:
-    """Variances of genotypes and of the rest by REML; NaN where statsmodels is not installed or finds none."""
+    """Variances of genotypes and of the rest by REML; NaN if statsmodels is not installed or finds none."""
     try:
         from statsmodels.regression.mixed_linear_model import MixedLM
     except ImportError:

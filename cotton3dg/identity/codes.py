@@ -90,7 +90,7 @@ def _read_by_markers(grey: Picture) -> list[str]:
 
 
 def _with_patterns(upright: Picture, modules: int) -> Picture:
-    """A code seen from above with the three corner patterns and the margin drawn anew."""
+    """A code seen from above with the three corner patterns and the margin drawn again."""
     inside = upright[4 * MODULE_PX : -4 * MODULE_PX, 4 * MODULE_PX : -4 * MODULE_PX]
     dark, bright = (int(np.percentile(inside, share)) for share in (5, 95))
     pattern = np.full((8, 8), bright, np.uint8)

@@ -17,7 +17,7 @@ from ..errors import BadInput, MissingInput
 log = logging.getLogger("cotton3dg")
 
 PARAMETER_COUNTS: Final = {0: 3, 1: 4}
-"""Of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
+"""Number of parameters of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
 MAX_COORDINATE: Final = 1e12
 """su; a pose or point beyond it is lost rather than far away, like one with NaN."""
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Final
 
 BLANKS: Final = frozenset({"", "na", "n/a", "nan", "none", "null", "-", "."})
-"""What people, R and SAS write where a number is missing; in lower case."""
+"""Texts with which people, R and SAS mark a missing number; in lower case."""
 GAP: Final = re.compile(r"(?<=\d)[ \u00a0\u2009\u202f'\u2019](?=\d{3}(?!\d))")
 """A separator between thousands that is neither a comma nor a dot."""
 OTHER: Final = {".": ",", ",": "."}

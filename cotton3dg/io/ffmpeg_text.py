@@ -23,7 +23,7 @@ HARMLESS: Final = re.compile(
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What a video's header says."""
+    """The facts in a video's header."""
 
     codec: str
     width: int
@@ -45,7 +45,7 @@ class VideoFacts:
     stream: int = field(default=0, kw_only=True)
     """Number of the film's stream in the file."""
     rivals: int = field(default=0, kw_only=True)
-    """How many more films the file holds."""
+    """Number of further films in the file."""
 
     @property
     def is_hdr(self) -> bool:

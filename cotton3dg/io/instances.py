@@ -29,7 +29,7 @@ class Instance:
     """One drawn object."""
 
     label: str
-    """Its class, as the file names it; empty where it names none."""
+    """Its class in the file; empty if the file names none."""
     pixels: NDArray[np.int64]
     """(n,) indices into the flattened image."""
     score: float = 1.0

@@ -1,4 +1,4 @@
-"""Excel files: numbers as numbers, text as text whatever it looks like, a sheet a table."""
+"""Excel files: numbers stay numbers, text stays text whatever it looks like, and each sheet is a table."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def workbook_cells(content: bytes, name: str) -> list[list[str]]:
     """Rows of the first sheet as text: whole numbers with all digits and without a point, dates as year-month-day.
 
     Raises:
-        BadInput: not an Excel file, or a cell without a value that can be trusted.
+        BadInput: the file is not an Excel file, or a cell has no value that can be trusted.
     """
     try:
         values, formulas = (_sheet(content, data_only) for data_only in (True, False))

@@ -1,5 +1,5 @@
-"""YOLO segmentation labels: a text file an image, a line an instance: class, then x y of its corners in shares of the
-image's width and height (https://docs.ultralytics.com/datasets/segment). A file without lines is an image without any.
+"""YOLO segmentation labels: one text file per image, one line per instance: class, then x y of its corners in shares of
+the image's width and height (https://docs.ultralytics.com/datasets/segment). An empty file is an image without any.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _is_label(path: Path) -> bool:
 
 
 def read_class_names(folder: Path) -> dict[int, str]:
-    """Number -> name of the classes, from `classes.txt` or `data.yaml`; empty where there is neither.
+    """Number -> name of the classes, from `classes.txt` or `data.yaml`; empty if there is neither.
 
     Raises:
         BadInput: the encoding of the file is not known.

@@ -38,7 +38,7 @@ def to_film(folder: Path, plants: Sequence[Mapping[str, Any]], trial: Trial) -> 
     """A row for each plant: its name, where it stands, why, and what to film.
 
     A plant is on the list when its run failed for its film, when `check` found the film red, when it has flags that
-    another film may mend, or when the field book has it and nobody filmed it.
+    another film may clear, or when the field book has it and nobody filmed it.
 
     Args:
         folder: of the batch. plants: its rows, with `flags` as a list.
@@ -71,7 +71,7 @@ def _reasons(root: Path, plant: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _red(root: Path) -> list[Finding]:
-    """What `check` found red in the film that is there now."""
+    """The red findings of `check` for the present film."""
     try:
         workspace = Workspace(root)
         info = CheckInfo.load_if_there(workspace.check_json)

@@ -1,4 +1,4 @@
-"""What the files of a plant's folder say about it, as far as they still belong to its video."""
+"""The facts in the files of a plant's folder, as far as the files still belong to its video."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Facts:
     bolls: list[dict[str, str]]
     """Rows of bolls.csv."""
     columns: dict[str, str]
-    """What each column means, by its name."""
+    """The meaning of each column, by its name."""
     frames: FramesInfo | None
     sfm: SfmInfo | None
     metrics: TrainMetrics | None

@@ -250,7 +250,7 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
 
 
 def drawn_map(pictures: Pictures) -> Markup | None:
-    """The plant map as an SVG inside the page; it holds nothing but numbers and our own words."""
+    """The plant map as an SVG inside the page; it contains only numbers and the program's own words."""
     from markupsafe import Markup
 
     return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None

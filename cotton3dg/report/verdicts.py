@@ -89,7 +89,7 @@ WELL_LIT: Final = Finding(GREEN, "Light", "well lit")
 
 
 def of_framing(n_lost: int, n_placed: int) -> Finding | None:
-    """Frames whose middle is not the plant; None where there are none."""
+    """Frames whose middle is not the plant; None if there are none."""
     if not n_lost:
         return None
     text = f"the plant has left the frame in {n_lost} of {n_placed} frames"
@@ -97,7 +97,7 @@ def of_framing(n_lost: int, n_placed: int) -> Finding | None:
 
 
 def of_distance(width_px: float, text: str) -> Finding:
-    """Whether bolls are large enough in the images that they are measured in; `text` says that they are."""
+    """Whether bolls are large enough in the images where they are measured; `text` is the remark if so."""
     if width_px < SMALL_BOLL_PX:
         said = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
         return Finding(YELLOW, "Bolls", said, "film closer, or raise train.max_side")

@@ -1,4 +1,4 @@
-"""Whether a film is good enough, while the plant still stands: placed frames, views, sharpness, light, table, a count.
+"""Whether a film will do while the plant still stands: placed frames, views, sharpness, light, table, first count.
 
 It runs the stages before the training, or the first half of them, and `run` goes on from there. If a run has made
 results, it works in a temporary folder and leaves them as they are.

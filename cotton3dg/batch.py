@@ -51,21 +51,21 @@ INDEX: Final = "index.html"
 SAME_FILM: Final = "same_film"
 
 MEMORY_OF_A_RUN_GIB: Final = 3.0
-"""What one plant needs with room to spare; decides how many run side by side unless --jobs does."""
+"""Memory of one plant with room to spare; it decides how many run side by side unless --jobs does."""
 
 WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
-"""A second try may help here, and where a signal ended the process. A bad video stays a bad video."""
+"""A second try may help here, and after a signal that ended the process. A bad video stays a bad video."""
 
 INTERRUPTING: Final = frozenset({INTERRUPTED, TERMINATED, HUNG_UP, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
-"""Exit codes of a run that was ended from outside, not by a fault; negative: before it could put things in order."""
+"""Exit codes of a run that ended from outside and not by a fault; negative: before it could clean up."""
 
 STATES: Final = (State.FAILED, State.WAITING, State.DONE)
-"""In the order of the table: what needs attention comes first."""
+"""States in the order of the table: plants that need attention come first."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of one plant."""
+    """The outcome for one plant."""
 
     folder: str
     state: State = State.WAITING
@@ -83,7 +83,7 @@ def find_plants(folder: Path) -> list[Path]:
     A leaf without video or images is a plant whose video was forgotten; leaving it out would hide that.
 
     Raises:
-        MissingInput: `folder` is no folder, or none below it has a capture or is an empty one that waits for it.
+        MissingInput: `folder` is not a folder, or none below it has a capture or is an empty one that waits for it.
         BadUsage: `folder` is a plant itself.
     """
     if not folder.is_dir():
@@ -105,7 +105,7 @@ def require_named(plants: Sequence[Path], options: Mapping[str, Any]) -> None:
     Args:
         options: of every stage, as all plants share them.
     Raises:
-        MissingInput, BadInput: an option names what is not there, beside no plant either.
+        MissingInput, BadInput: an option names a file that does not exist, not even beside a plant.
     """
     for stage in STAGES:
         found: list[Cotton3dgError] = []
@@ -120,7 +120,7 @@ def require_named(plants: Sequence[Path], options: Mapping[str, Any]) -> None:
 
 
 def default_jobs() -> int:
-    """Plants to run side by side: one a core, as far as memory goes."""
+    """Plants to run side by side: one per core, as far as memory allows."""
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return max(1, min(len(usable_cores()), int(memory_gib / MEMORY_OF_A_RUN_GIB)))
 
@@ -137,22 +137,22 @@ class Batch:
     tell: Callable[[str], None] = print
     command: Sequence[str] = RUN
     index: bool = True
-    """Write the page of all plants beside the table."""
+    """Whether to write the page of all plants beside the table."""
     results: dict[str, Result] = field(default_factory=dict)
     _tried: int = 0
     _tables: dict[tuple[str, str], list[dict[str, Any]]] = field(default_factory=dict)
-    """Of the plants that are done, as the batch's tables are saved again after each plant."""
+    """Rows of finished plants, cached because the batch saves its tables again after each plant."""
     _processes: set[subprocess.Popen[str]] = field(default_factory=set)
     _same_film: dict[str, str] = field(default_factory=dict)
-    """Folders of plants whose film another one has, too -> that one."""
+    """Folder of a plant -> another folder with the same film."""
     _saving: threading.Lock = field(default_factory=threading.Lock)
     _draining: threading.Event = field(default_factory=threading.Event)
 
     def run(self, plants: Sequence[Path]) -> list[Result]:
         """Run all plants; returns every result the batch knows, failures first.
 
-        The first Ctrl-C lets the running plants finish and starts no others, the second interrupts them. So does at
-        once a signal that ends the batch.
+        The first Ctrl-C lets the running plants finish and starts no others; the second interrupts them. A signal that
+        ends the batch interrupts them at once.
         """
         if self.jobs < 1:
             raise BadUsage(f"--jobs {self.jobs}: at least 1")
@@ -179,7 +179,7 @@ class Batch:
                     if self._draining.is_set():
                         self._interrupt(signal.SIGINT)
                     self._draining.set()
-                except SystemExit:  # another signal: it does not ask twice
+                except SystemExit:  # another signal, which comes only once
                     self._draining.set()
                     self._interrupt(signal.SIGTERM)
                     raise
@@ -190,10 +190,10 @@ class Batch:
         return self.ordered()
 
     def look_over(self) -> None:
-        """What is to be seen before anything is written: say which plants share a film, to flag them in the table.
+        """Look at the plants before anything is written: report which share a film, and flag these in the table.
 
         Raises:
-            BadInput: a file of the user's is called like one of the tables.
+            BadInput: a file of the user's has the name of one of the tables.
         """
         for name, columns in KNOWN.items():
             refuse_other_table(self.folder / name, columns)
@@ -203,7 +203,7 @@ class Batch:
                 self.tell(f"{name} has the same film as {other}; put each plant's own film into its folder")
 
     def ordered(self) -> list[Result]:
-        """Failures first, then what waits, then what is done; by folder."""
+        """Results with failures first, then waiting plants, then finished ones; by folder."""
         return sorted(self.results.values(), key=lambda result: (STATES.index(result.state), result.folder))
 
     def _one(self, name: str, slots: SimpleQueue[list[int]], began: float, total: int) -> None:
@@ -226,7 +226,7 @@ class Batch:
             self.tell(f"[{self._tried}/{total}] {name}: {self._outcome(result)}; about {_duration(left_s)} left")
 
     def _attempt(self, name: str, slot: list[int]) -> Result:
-        # A session of its own keeps the terminal's Ctrl-C from it: whether it ends is decided here.
+        # A session of its own keeps the terminal's Ctrl-C away from the process: this code decides whether it ends.
         process = subprocess.Popen(
             [*self.command, str((self.folder / name).absolute()), "--wait", *self.arguments],
             stdout=subprocess.DEVNULL,
@@ -304,7 +304,7 @@ class Batch:
             self._save_index(rows, Trial(tuple(column.name for column in added.values()), means, fits, unfilmed))
 
     def _save_index(self, rows: list[dict[str, Any]], trial: Trial) -> None:
-        """Whatever goes wrong with the page is only told, for the tables do not need it."""
+        """Save the page of all plants; an error there is only reported, because the tables do not need the page."""
         try:
             from .report.index import index_page
             from .report.page import write_page
@@ -315,7 +315,7 @@ class Batch:
             self.tell(f"{INDEX} could not be made ({type(error).__name__}: {error}); the tables are not affected")
 
     def _rows(self, result: Result, table: str) -> list[dict[str, Any]]:
-        """Rows of a plant's table; none unless it is done, for older ones tell of another video or other options."""
+        """Rows of a plant's table; none unless it is done: older rows belong to another video or other options."""
         if result.state != State.DONE:
             return []
         key = result.folder, table
@@ -330,10 +330,10 @@ class Batch:
 
 
 def saved_results(folder: Path) -> dict[str, Result]:
-    """What the saved table says of each folder.
+    """The result of each folder in the saved table.
 
     Raises:
-        MissingInput: there is no table.
+        MissingInput: the table does not exist.
     """
     if not (folder / TABLE).is_file():
         raise MissingInput(f"{TABLE} is missing; run the whole batch first")
@@ -345,12 +345,12 @@ def saved_results(folder: Path) -> dict[str, Result]:
 
 
 def result_of(name: str, code: int, said: str) -> Result:
-    """What a run that has ended means for its plant.
+    """The result of a plant whose run has ended.
 
     Args:
         name: the plant's folder, relative to the batch's.
-        code: of its exit; negative: the signal that ended it.
-        said: what it printed.
+        code: exit code; negative: the signal that ended the run.
+        said: the run's output.
     """
     if code == 0:
         return Result(name, State.DONE, 0)
@@ -360,7 +360,7 @@ def result_of(name: str, code: int, said: str) -> Result:
 
 
 def _bound(pid: int, slot: list[int], jobs: int) -> None:
-    """Keep a process to its share of cores and memory, where the system can (Linux)."""
+    """Limit a process to its share of cores and memory, if the system can (Linux)."""
     if not hasattr(resource, "prlimit"):
         return
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // jobs
@@ -368,18 +368,18 @@ def _bound(pid: int, slot: list[int], jobs: int) -> None:
         os.sched_setaffinity(pid, slot)
         resource.prlimit(pid, resource.RLIMIT_DATA, (memory, memory))
     except ProcessLookupError:
-        pass  # it ended already, and its exit code says how
+        pass  # it has already ended, and its exit code says how
 
 
 def _reason(name: str, code: int, said: str) -> str:
     """The last line that a failed run printed, without its plant's name; or the signal that ended it."""
-    if OUT_OF_MEMORY.search(said):  # also where a library ended the process by itself
+    if OUT_OF_MEMORY.search(said):  # also if a library ended the process by itself
         return "ran out of memory; use fewer --jobs, --preset draft or a machine with more memory"
     if code < 0:
         cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
         return f"ended by signal {-code}{cause}"
     lines = [line.strip() for line in said.splitlines() if line.strip()]
-    printed = " ".join(printable(name).split())  # on one line, whatever the folder is called
+    printed = " ".join(printable(name).split())  # on one line, for any name of the folder
     return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
 
 

@@ -1,8 +1,8 @@
-"""Where the options of a plant come from, and what is kept of how they were chosen.
+"""Where the options of a plant come from, and which choices are kept.
 
-Order of precedence: command line > plant's `cotton3dg.toml` > those of the folders above, nearest first > what the
-plant's last run was made with > preset > default. `--preset`, `--reset` and `--time-budget` begin anew: the last run
-does not count then.
+Order of precedence: command line > plant's `cotton3dg.toml` > those of the folders above, nearest first > options of
+the plant's last run > preset > default. `--preset`, `--reset` and `--time-budget` begin anew: they ignore the last
+run.
 """
 
 from __future__ import annotations
@@ -45,28 +45,28 @@ BUDGET: Final = "--time-budget"
 
 @dataclass(frozen=True)
 class Asked:
-    """What a command is given of the options."""
+    """The options that a command line gives."""
 
     preset: str | None = None
     reset: bool = False
     values: Values = field(default_factory=dict)
     budgeted: Values = field(default_factory=dict)
-    """What a time budget takes; files and `values` win."""
+    """Values that a time budget chooses; files and `values` win."""
 
     @property
     def anew(self) -> str:
-        """What makes the last run not count; empty where it does."""
+        """The option that makes a command ignore the last run; empty if it does not."""
         return f"--preset {self.preset}" if self.preset else BUDGET if self.budgeted else "--reset" * self.reset
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Values of one origin."""
+    """Values from one origin."""
 
     name: str
     values: Values
     preset: str = ""
-    """That a file names."""
+    """The preset that a file names."""
 
     def of(self, stage: str) -> Mapping[str, Any]:
         return self.values.get(stage, {})
@@ -74,17 +74,17 @@ class Layer:
 
 @dataclass(frozen=True)
 class Base:
-    """What the last run's choices stand on, and what wins over them: a preset, and the files."""
+    """The preset on which the last run's choices build, and the files that win over them."""
 
     plant: Workspace | None
     files: tuple[Layer, ...]
-    """The nearest last."""
+    """Layers of the files, the nearest last."""
     preset: str
     preset_from: str = LAST_RUN
 
     @property
     def usual(self) -> tuple[Layer, ...]:
-        """What holds where nothing else is given. A renamed folder makes the tables stale."""
+        """The layers that hold without any further values. A renamed folder makes the tables stale."""
         named = {"traits": {"plant_id": self.plant.plant_id}} if self.plant else {}
         return Layer("the folder's name", named), Layer("", PRESET_VALUES[self.preset])
 
@@ -93,7 +93,7 @@ class Base:
         return _resolved((*self.usual, *self.files))
 
     def choices(self, made: Mapping[str, Any]) -> Choices:
-        """What is to be kept so that `made`, options of stages, come out again."""
+        """The choices to keep so that `made`, options of stages, result again."""
         of_file = self.preset_from in (layer.name for layer in self.files)
         values = {stage: differences(options, self.options[stage]) for stage, options in made.items()}
         named = "" if of_file or self.preset == STANDARD else self.preset
@@ -106,27 +106,27 @@ class Chosen:
 
     base: Base
     upper: tuple[Layer, ...]
-    """What wins over the preset; that of the command line is the last."""
+    """Layers that win over the preset; that of the command line is the last."""
     options: dict[str, Any]
-    """Of every stage."""
+    """Options of every stage."""
     anew: str = ""
     """As `Asked.anew`."""
 
     def to_keep(self, stages: Iterable[str]) -> Choices:
-        """What a run of `stages` leaves for the next one. The others stay as they were made, unless they never were."""
+        """The choices that a run of `stages` keeps for the next one. Other stages keep theirs if they have ever run."""
         plant = self.base.plant
         others = _made(plant, set(STAGES) - set(stages)) if plant and self.anew else {}
         return self.base.choices(self.options | others)
 
     def summary(self) -> str:
-        """The preset and each option that differs from it, with where they come from; empty where all is usual."""
+        """The preset and each option that differs from it, with their origins; empty if everything is usual."""
         found = [] if self.base.preset == STANDARD else [f"preset {self.base.preset} ({self.base.preset_from})"]
         for stage, place, value in self._differing(self.base):
             found.append(f"{stage}.{place.name} {_shown(value)} ({self._origin(stage, place)})")
         return ", ".join(found)
 
     def changes(self, stages: Iterable[str]) -> str:
-        """Each option that is not as the results of `stages` were made with, and what changes it; may be empty."""
+        """Each option that differs from the one behind the results of `stages`, and what changes it; may be empty."""
         found: dict[str, list[str]] = {}
         for stage in stages:
             record = self.base.plant.read_record(stage) if self.base.plant else None
@@ -150,14 +150,14 @@ class Chosen:
         return found
 
     def _differing(self, base: Base) -> Iterator[tuple[str, Place, Any]]:
-        """Options that count and are not as without files and choices."""
+        """Options in effect that differ from their values without files and choices."""
         usual = _resolved(base.usual)
         for stage, options in self.options.items():
             differs = differences(options, usual[stage])
             yield from ((stage, place, differs[place.path]) for place in counting(options) if place.path in differs)
 
     def _origin(self, stage: str, place: Place) -> str:
-        """Who gives a value; empty where it is the preset's or a default."""
+        """The origin of a value; empty if it is the preset's or a default."""
         layers = (*self.base.usual, *self.upper)
         number = origins(stage, *(layer.of(stage) for layer in layers)).get(place.path)
         return "" if number is None else layers[number].name
@@ -167,10 +167,10 @@ class Chosen:
 
 
 def choose(plant: Workspace | None, asked: Asked | None = None, folder: Path | None = None) -> Chosen:
-    """Options of a plant; without one, of those in a folder, as far as these say nothing themselves.
+    """Options of a plant or, without one, of the plants in a folder that set none themselves.
 
     Raises:
-        BadUsage: an option or a preset that there is not, or a value that it does not take.
+        BadUsage: an option or a preset does not exist, or an option does not accept a value.
     """
     asked = asked or Asked()
     folder = plant.root if plant else folder
@@ -188,7 +188,7 @@ def choose(plant: Workspace | None, asked: Asked | None = None, folder: Path | N
 
 
 def last_choices(plant: Workspace, files: tuple[Layer, ...]) -> Choices:
-    """What the plant's last run was made with and files do not give."""
+    """The choices of the plant's last run that files do not give."""
     kept = _kept(plant)
     if kept is None:  # by an earlier version
         kept = _recognised(_made(plant, STAGES), plant, files)
@@ -196,7 +196,7 @@ def last_choices(plant: Workspace, files: tuple[Layer, ...]) -> Choices:
 
 
 def choices_of(plant: Workspace, options: Mapping[str, Any], stages: Iterable[str]) -> Choices:
-    """What a program that runs `stages` with these options leaves for the next run."""
+    """The choices that a program that runs `stages` with these options keeps for the next run."""
     bare = choose(plant)
     if all(options[stage] == bare.options[stage] for stage in stages):
         return bare.to_keep(stages)
@@ -205,9 +205,9 @@ def choices_of(plant: Workspace, options: Mapping[str, Any], stages: Iterable[st
 
 
 def option_files(folder: Path) -> list[Path]:
-    """Where options may stand for what is in a folder: in it and in those above, the farthest first.
+    """The files with options for a folder: in it and in the folders above, the farthest first.
 
-    The search ends at the user's home, and below folders like /tmp, in which anybody may leave a file.
+    The search ends at the user's home, and below folders like /tmp, where anybody may leave a file.
     """
     own, home = _absolute(folder), Path(os.path.expanduser("~"))  # noqa: PTH111 - fails where there is no home
     found: list[Path] = []
@@ -246,10 +246,10 @@ def _read_files(folder: Path) -> tuple[Layer, ...]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read `cotton3dg.toml`: one table a stage, and perhaps a `preset`. A missing file is an empty one.
+    """Read `cotton3dg.toml`: one table per stage, and perhaps a `preset`. A missing file counts as an empty one.
 
     Raises:
-        BadUsage: the file cannot be parsed or is not made of tables.
+        BadUsage: the file cannot be parsed or does not consist of tables.
     """
     if not path.exists():
         return {}
@@ -269,7 +269,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _presets(files: Iterable[Layer]) -> list[tuple[str, str]]:
-    """Those that files name, and where; the nearest first."""
+    """The presets that files name, and the files; the nearest first."""
     return [(layer.preset, layer.name) for layer in files if layer.preset][::-1]
 
 
@@ -291,7 +291,7 @@ def _resolved(layers: Iterable[Layer], asked: Layer | None = None) -> dict[str, 
 
 
 def _kept(plant: Workspace) -> Choices | None:
-    """What the last run left; None where it left nothing that can be read."""
+    """The choices that the last run kept; None if there are none that can be read."""
     try:
         kept = Choices.load(plant.choices_json)
         check_preset(kept.preset or STANDARD)
@@ -301,9 +301,9 @@ def _kept(plant: Workspace) -> Choices | None:
 
 
 def _made(plant: Workspace, stages: Iterable[str]) -> dict[str, Any]:
-    """Options that the stages last ran with, of those that ever did."""
+    """The options of each stage's last run, for stages that have run."""
     kept = _kept(plant) or Choices()
-    # The name in the record may be that of the folder, which was renamed since.
+    # The name in the record may be that of the folder, which may have been renamed since.
     named = {"plant_id": kept.values.get("traits", {}).get("plant_id", plant.plant_id)}
     found: dict[str, Any] = {}
     for stage in stages:
@@ -313,14 +313,14 @@ def _made(plant: Workspace, stages: Iterable[str]) -> dict[str, Any]:
                 values = record.options | (named if stage == "traits" else {})
                 found[stage] = recorded(stage, values, record.stage_version)
         except BadUsage:
-            continue  # of another version
+            continue  # the record is from another version
     return found
 
 
 def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, ...]) -> Choices:
-    """`made`, options of stages, as a preset and what is not of it.
+    """`made`, options of stages, as a preset and the values that differ from it.
 
-    The preset is that of a file or else, of those whose values are all there, the one that says most.
+    The preset is that of a file or else, among the presets with all their values in `made`, the one that sets most.
     """
     if named := _presets(files):
         return Base(plant, files, *named[0]).choices(made)
@@ -338,7 +338,7 @@ def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, .
 
 
 def _is_known(stage: str, values: Mapping[str, Any]) -> bool:
-    """Whether this version takes the values that another may have kept."""
+    """Whether this version accepts values that another version may have kept."""
     try:
         return stage in STAGES and bool(resolve(stage, values))
     except BadUsage:
@@ -346,5 +346,5 @@ def _is_known(stage: str, values: Mapping[str, Any]) -> bool:
 
 
 def _shown(value: Any) -> str:
-    """As it would be written: 120 for 120.0, true, and `none` for an empty text."""
+    """A value as a user writes it: 120 for 120.0, true, and `none` for an empty text."""
     return str(value).lower() if isinstance(value, bool) else str(value).removesuffix(".0") or "none"

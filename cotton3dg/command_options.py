@@ -1,4 +1,4 @@
-"""Options of the commands that are no stages; `options.py` has those of the stages and resolves both."""
+"""Options of the commands that are not stages; `options.py` has those of the stages and resolves both."""
 
 from __future__ import annotations
 

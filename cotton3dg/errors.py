@@ -16,13 +16,13 @@ class Cotton3dgError(Exception):
 
 
 class BadUsage(Cotton3dgError):
-    """What was typed or given cannot be used: an option, a file, a stage out of order."""
+    """The command, an option or a file cannot be used, or a stage is out of order."""
 
     exit_code = 2
 
 
 class MissingInput(BadUsage):
-    """A file that is named, or that a stage reads, does not exist."""
+    """A file that the user names, or that a stage reads, does not exist."""
 
 
 class BadInput(BadUsage):
@@ -30,7 +30,7 @@ class BadInput(BadUsage):
 
 
 class EnvironmentUnusable(Cotton3dgError):
-    """Something this machine lacks: a library, ffmpeg, write permission."""
+    """This machine lacks something: a library, ffmpeg, write permission."""
 
     exit_code = 3
 
@@ -66,16 +66,16 @@ class StageFailed(Cotton3dgError):
 
 
 DOUBTFUL: Final = 9
-"""Exit code of a check that would have a film, though usable, filmed again: no error, the check was done."""
+"""Exit code of a check that advises another film although this one is usable; not an error, the check is done."""
 
 HUNG_UP: Final = 129
 INTERRUPTED: Final = 130
 UNREAD: Final = 141
 TERMINATED: Final = 143
-"""Exit codes as shells have them: after a terminal was closed, Ctrl-C, a pipe whose reader has ended, SIGTERM."""
+"""Exit codes of shells: after a closed terminal, Ctrl-C, a pipe whose reader has ended, SIGTERM."""
 
 SOME_FAILED: Final = 8
-"""Exit code where some of many are not done, though the others are: no error of its own."""
+"""Exit code if some of many are not done although the others are; not an error of its own."""
 
 EXIT_CODES: Final = {
     0: "done",
@@ -93,11 +93,11 @@ EXIT_CODES: Final = {
     UNREAD: "whatever reads the output has ended, as `head` does; what was saved is whole",
     TERMINATED: "ended by SIGTERM, as schedulers send it; the same command continues",
 }
-"""What each exit code of the command line means; docs/troubleshooting.md and the manual page say the same."""
+"""The meaning of each exit code of the command line; docs/troubleshooting.md and the manual page say the same."""
 
 
 def unknown(what: str, word: str, known: Iterable[str]) -> BadUsage:
-    """What to say of `word`, called `what`, that is none of those that are known: the likeliest of them, and all."""
+    """The error for `word`, a `what` that is not known; it names the likeliest known word, and all of them."""
     known = list(known)
     near = get_close_matches(word.lower(), known, 1)
     advice = f"did you mean {near[0]}? There are" if near else "use"
@@ -106,7 +106,7 @@ def unknown(what: str, word: str, known: Iterable[str]) -> BadUsage:
 
 @contextmanager
 def blame_capture() -> Iterator[None]:
-    """Within it a file that cannot be read is one of the capture, which another film may mend."""
+    """Report an unreadable file inside the block as a fault of the capture, for which another film may help."""
     try:
         yield
     except BadInput as error:

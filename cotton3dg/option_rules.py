@@ -1,7 +1,7 @@
-"""What an option says of itself, and what follows: its flag, its bounds, and with which methods it counts.
+"""The declaration of an option and its consequences: its flag, its bounds, and the methods with which it counts.
 
-A stage that can do its work by several methods has a table of options for each method that needs some. The stage's
-first option chooses the method.
+A stage with several methods has a table of options for each method that needs some. The stage's first option chooses
+the method.
 """
 
 from __future__ import annotations
@@ -58,23 +58,23 @@ def options_of(kind: type, *methods: str) -> Any:
 
 @dataclass(frozen=True)
 class Place:
-    """Where an option stands."""
+    """The place of an option in the options of a stage or command."""
 
     item: Field[Any]
     kind: type
     table: str = ""
-    """The field of the stage's options that holds it; empty of an option of the stage itself."""
+    """The field of the stage's options that holds it; empty for an option of the stage itself."""
     methods: tuple[str, ...] = ()
-    """With which the table counts."""
+    """Methods with which the table counts."""
 
     @property
     def name(self) -> str:
-        """That of its flag."""
+        """The name of its flag."""
         return self.item.name
 
     @property
     def path(self) -> str:
-        """As `--set` and TOML write it behind the stage."""
+        """The path that `--set` and TOML write behind the stage."""
         return f"{self.methods[0]}.{self.name}" if self.table else self.name
 
     def counts_with(self, method: Any) -> bool:
@@ -110,12 +110,12 @@ def counting(options: Any) -> list[Place]:
 
 
 def as_dict(options: Any) -> dict[str, Any]:
-    """Plain values for a record, by the names of their flags: those that have an effect with the chosen method."""
+    """Plain values for a record, by the names of their flags; only those that have an effect with the chosen method."""
     return {place.name: place.value_in(options) for place in counting(options)}
 
 
 def differences(options: Any, base: Any) -> dict[str, Any]:
-    """Values of `options`, as TOML writes them behind the stage, that are not those of `base`."""
+    """Values of `options` that differ from those of `base`, as TOML writes them behind the stage."""
     return {
         place.path: place.value_in(options)
         for place in places(options)
@@ -124,7 +124,7 @@ def differences(options: Any, base: Any) -> dict[str, Any]:
 
 
 def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of `values`, by the names of their flags, that have an effect with the method that they name."""
+    """The entries of `values`, by the names of their flags, that have an effect with the method that they name."""
     known = places(options)
     method = values.get(known[0].name, known[0].value_in(options))
     return {place.name: values[place.name] for place in known if place.counts_with(method) and place.name in values}
@@ -132,16 +132,16 @@ def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Given:
-    """The value of an option that some layer gives."""
+    """The value of an option that a layer gives."""
 
     place: Place
     value: Any
     layer: int
-    """The last one that gives it."""
+    """The last layer that gives it."""
 
 
 def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]) -> Any:
-    """`options` with `layers` of values and at last what was `asked` applied, as `options.resolve` explains."""
+    """`options` after the `layers` of values and, at last, the values of `asked`, as `options.resolve` explains."""
     values: dict[str, dict[str, Any]] = {}
     for given in given_values(stage, options, layers, asked):
         values.setdefault(given.place.table, {})[given.place.name] = given.value
@@ -153,7 +153,7 @@ def resolved(stage: str, options: Any, layers: Sequence[Mapping[str, Any]], aske
 def given_values(
     stage: str, options: Any, layers: Sequence[Mapping[str, Any]], asked: Mapping[str, Any]
 ) -> list[Given]:
-    """What the layers, of which `asked` is the last, say of a stage's options; of each option the last word."""
+    """The last value of each option of a stage that the layers give; `asked` is the last layer."""
     every_layer = (*layers, asked)
     known = places(options)
     chooser = known[0]
@@ -177,7 +177,7 @@ def given_values(
 
 
 def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, Any]]:
-    """Each value with the name that `--set` would give it."""
+    """Each value with its name in `--set`."""
     for name, value in layer.items():
         if name in tables and isinstance(value, dict):
             yield from ((f"{name}.{inner}", each) for inner, each in value.items())
@@ -186,7 +186,7 @@ def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, An
 
 
 def _no_effect(stage: str, name: str, chooser: str, method: Any, found: list[Place]) -> BadUsage:
-    """What to say of an option that was asked for and has no effect."""
+    """The error for an option that the user gave and that has no effect."""
     said = f"{stage}.{name} has no effect with {chooser} = {method}; "
     others = " or ".join(dict.fromkeys(other for place in found for other in place.methods))
     if not others:
@@ -208,7 +208,7 @@ def checked(stage: str, options: Any) -> Any:
 
 def _check_value(where: str, value: Any, place: Place) -> None:
     rules = place.item.metadata
-    if value == place.item.default:  # 0 may stand for what nobody gave
+    if value == place.item.default:  # 0 may stand for an option that nobody gave
         return
     low, high, choices = rules["at_least"], rules["at_most"], rules["choices"]
     if isinstance(value, float) and not math.isfinite(value):
@@ -238,7 +238,7 @@ def _converted(where: str, value: Any, kind: type) -> Any:
 
 
 def flags(options: type) -> dict[str, tuple[Place, str]]:
-    """Flag -> an option that it sets, and what `--help` shows; options of methods that are called alike share one."""
+    """Flag -> an option that it sets, and what `--help` shows; options of methods with the same name share one."""
     alike: dict[str, list[Place]] = {}
     for place in places(options):
         alike.setdefault(place.name, []).append(place)
@@ -246,7 +246,7 @@ def flags(options: type) -> dict[str, tuple[Place, str]]:
 
 
 def _united_help(found: list[Place]) -> str:
-    """What is to be said of one flag, with the methods that it is for."""
+    """The help of one flag, with the methods that use it."""
     methods_of: dict[str, list[str]] = {}
     for place in found:
         methods_of.setdefault(help_text(place.item), []).extend(place.methods[:1])

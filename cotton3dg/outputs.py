@@ -1,7 +1,7 @@
-"""Files that a command saves where a person says.
+"""Files that a command saves in a folder of the user's choice.
 
-What a command made before of the same may be made again. What it made of something else, what was changed since, and
-what somebody else made stays: the command says so and writes nothing.
+A command may replace files that it made before from the same inputs. Files from other inputs, files that were changed
+since, and files from somebody else stay: the command says so and writes nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PARTIAL: Final = ".cotton3dg.partial"
 
 
 def made_of(command: str, *inputs: Path | str) -> str:
-    """What tells outputs apart: a command and what it read; paths are made absolute."""
+    """The origin of outputs: a command and its inputs; paths become absolute."""
     return " ".join([command, *(str(each.resolve() if isinstance(each, Path) else each) for each in inputs)])
 
 
@@ -32,9 +32,9 @@ def saving(folder: Path, made_of: str, *, instead: str = "--out") -> Iterator[Pa
     """A private folder whose files go to `folder`, made if needed, when the block ends without an error.
 
     Args:
-        instead: what a person gives to save elsewhere, for messages.
+        instead: the option to save elsewhere, for messages.
     Raises:
-        BadUsage: a file of one of their names is there and is not to be replaced, or `folder` is not for outputs.
+        BadUsage: a file with one of their names exists and must stay, or `folder` is not for outputs.
     """
     if folder.exists() and not folder.is_dir():
         raise BadUsage(f"{folder} is a file where a folder is due; give another {instead}")
@@ -50,7 +50,7 @@ def saving(folder: Path, made_of: str, *, instead: str = "--out") -> Iterator[Pa
             yield partial
             _put(partial, folder, made_of, instead)
             if is_new:
-                (folder / OWNER_MARK).touch()  # so that `batch` takes it for no plant
+                (folder / OWNER_MARK).touch()  # so that `batch` does not take it for a plant
         finally:
             shutil.rmtree(partial, ignore_errors=True)
             if is_new and not any(folder.iterdir()):
@@ -61,11 +61,11 @@ def _put(partial: Path, folder: Path, made_of: str, instead: str) -> None:
     known = MadeFiles.load_if_there(folder / LIST)
     made = {path.name: MadeFile(made_of, file_sha256(path)) for path in sorted(partial.iterdir())}
     for name in made:
-        # A folder of this tool's that has no list yet was made by an earlier version.
+        # An earlier version made a folder of this tool that has no list yet.
         if (folder / name).exists() and not (known is None and (folder / OWNER_MARK).exists()):
             _refuse(folder / name, known.files.get(name) if known else None, made_of, instead)
     before = known.files if known else {}
-    # Killed while it puts them there, it may put them there again.
+    # If the process is killed while it moves the files, the same command may replace them.
     MadeFiles(before | {name: MadeFile(made_of, "") for name in made}).save(folder / LIST)
     for name in made:
         (partial / name).replace(folder / name)
@@ -83,17 +83,17 @@ def _refuse(path: Path, entry: MadeFile | None, made_of: str, instead: str) -> N
 
 
 def note_all(folder: Path, made_of: str) -> None:
-    """Remember all files below a folder as they are."""
+    """Record all files below a folder as they are."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     entries = {path.relative_to(folder).as_posix(): MadeFile(made_of, file_sha256(path)) for path in files}
     MadeFiles(entries).save(folder / LIST)
 
 
 def refuse_changed(folder: Path) -> None:
-    """Refuse to make a folder again that a person has worked in since.
+    """Refuse to replace a folder in which a person has worked since.
 
     Raises:
-        BadUsage: names a file that was changed or added.
+        BadUsage: a file was changed or added; the message names it.
     """
     if not folder.is_dir():
         return

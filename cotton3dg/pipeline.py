@@ -1,4 +1,4 @@
-"""Stages in order: which are stale and why, and running them with a record each."""
+"""Stages in order: which are stale and why, and runs of them with a record each."""
 
 from __future__ import annotations
 
@@ -37,8 +37,7 @@ from .workspace import Workspace
 log = logging.getLogger("cotton3dg")
 
 NOT_OF_THE_PLANT: Final = (BadUsage, EnvironmentUnusable)
-"""Failures that speak of what was typed, of a file that somebody gave, or of this machine. What was finished before is
-as good as it was."""
+"""Failures because of the command, a file from the user, or this machine. Earlier results stay valid."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +47,14 @@ class Step:
     stage: str
     options: Any
     reason: str
-    """Why it has to run; empty when its result is up to date."""
+    """Why the stage has to run; empty if its result is up to date."""
 
 
 class Watcher:
-    """What `run` tells while it works. The command line shows it; this one is silent."""
+    """Receives the messages of `run` while it works. The command line shows them; this class is silent."""
 
     def watched(self, name: str, reason: str = "") -> Progress:
-        """The progress of what is no stage."""
+        """The progress of work that is not a stage."""
         return silent
 
     def started(self, step: Step) -> Progress:
@@ -81,9 +80,9 @@ def stage_options(
     """Options of every stage, as the command `run` takes them (`choices.py`).
 
     Args:
-        preset: to begin with; by default what the plant's last run was made with.
-        overrides: what the command line would say with --set.
-        chosen: by a program that begins anew; the plant's files win over it.
+        preset: preset to begin with; by default that of the plant's last run.
+        overrides: values as the command line gives them with --set.
+        chosen: choice of a program that begins anew; the plant's files win over it.
     """
     return choose(workspace, Asked(preset, values=overrides or {}, budgeted=chosen or {})).options
 
@@ -92,7 +91,7 @@ def selected(first: str = STAGES[0], last: str = STAGES[-1]) -> tuple[str, ...]:
     """The stages from `first` to `last`.
 
     Raises:
-        BadUsage: an unknown stage, or none between the two.
+        BadUsage: a stage is unknown, or no stage lies between the two.
     """
     for name in (first, last):
         if name not in STAGES:
@@ -107,7 +106,7 @@ def _reason_to_run(workspace: Workspace, stage: str, options: Any, stages: tuple
     if force:
         return "forced"
     reason = stale_reason(workspace, stage, options)
-    # A whole run does well without what `clean` dropped; whoever names a stage wants its files.
+    # A whole run does not need the files that `clean` dropped; a user who names a stage wants its files.
     if not reason and stages != STAGES and workspace.dropped(workspace.folder(stage)):
         reason = "clean dropped its files"
     return reason
@@ -126,12 +125,12 @@ def _remade_for(workspace: Workspace, stage: str) -> list[Step]:
 
 
 def _runs_after(maker: str, workspace: Workspace, stage: str, options: Any) -> bool:
-    """Whether a stage has to run because `maker` does; one without a result does so after any."""
+    """Whether a stage has to run because `maker` does; a stage without a result runs after any."""
     return workspace.read_record(stage) is None or stage_of(stage).follows(workspace, options, [maker])
 
 
 def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], *, force: bool = False) -> list[Step]:
-    """What `run` would do, without doing it; stages that read what a stale one makes are taken for stale as well."""
+    """The steps that `run` would take; stages that read the result of a stale one count as stale, too."""
     steps: list[Step] = []
     for stage in stages:
         due = [step.stage for step in reversed(steps) if step.reason]
@@ -149,10 +148,10 @@ def plan(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...],
 
 
 def require_inputs(workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...] = STAGES) -> None:
-    """Look for the capture and for all that these stages need, before any of them touches anything.
+    """Look for the capture and for all files that these stages need, before any of them changes anything.
 
     Raises:
-        MissingInput, BadInput: something is not there, or is not what it should be.
+        MissingInput, BadInput: a file is missing, or is not what it should be.
     """
     workspace.capture()
     for position, stage in enumerate(stages):
@@ -171,14 +170,14 @@ def run(
     report: bool = False,
     choices: Choices | None = None,
 ) -> None:
-    """Run those of `stages` that are stale, in order, holding the plant's lock (after a wait for it, if `wait`).
+    """Run the stale ones of `stages` in order while holding the plant's lock (after a wait for it, if `wait`).
 
     Args:
-        choices: what the next run is to begin with; by default these options.
-        report: make the plant's page at the end, also after a failure, unless nothing changed.
+        choices: those with which the next run begins; by default these options.
+        report: make the plant's page at the end, also after a failure, unless nothing has changed.
     Raises:
-        Cotton3dgError: the first failure; results of earlier stages stay. Where what is needed is not there, nothing
-            was touched.
+        Cotton3dgError: the first failure; results of earlier stages stay. If an input is missing, nothing has
+        changed.
     """
     watcher = watcher or Watcher()
     require_inputs(workspace, options, () if wait else stages)
@@ -202,7 +201,7 @@ def _run(
     try:
         with _logged(workspace):
             workspace.drop_unfinished(STAGES)
-            # Before a stage starts, so that an interrupted run goes on as it was asked for.
+            # Save the choices before a stage starts, so that an interrupted run continues with them.
             _keep(workspace, choices)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
@@ -223,7 +222,7 @@ def _run(
                 _cut(workspace.log_file, log_bytes)
         raise
     finally:
-        # Not after Ctrl-C: whoever interrupts wants it to end.
+        # Not after Ctrl-C: the user wants the run to end.
         if report and (failure or sys.exc_info()[0] is None):
             with _logged(workspace):
                 _make_report(workspace, failure, watcher)
@@ -238,7 +237,7 @@ def _size(file: Path) -> int | None:
 
 
 def _cut(file: Path, size: int | None) -> None:
-    """Take back what was appended to a file: a mistake that changed nothing is no part of the plant's history."""
+    """Remove text appended to a file: a mistake that changed nothing does not belong to the plant's history."""
     with suppress(OSError):
         if size is None:
             file.unlink(missing_ok=True)
@@ -254,7 +253,7 @@ def _last_choices(workspace: Workspace) -> Choices | None:
 
 
 def _keep(workspace: Workspace, choices: Choices | None) -> None:
-    """What the next run is to begin with; None where nothing says so but the records of the stages."""
+    """Save the choices with which the next run begins; None = only the records of the stages give them."""
     if choices is None:
         workspace.choices_json.unlink(missing_ok=True)
     elif choices != _last_choices(workspace):
@@ -262,7 +261,7 @@ def _keep(workspace: Workspace, choices: Choices | None) -> None:
 
 
 def begin(workspace: Workspace, stage: str, options: Any, watcher: Watcher) -> None:
-    """Do of a stage what can be done beforehand, holding the plant's lock; its run goes on from there.
+    """Do the part of a stage that can be done beforehand, holding the plant's lock; its run goes on from there.
 
     Raises:
         Cotton3dgError: it failed; nothing is recorded.
@@ -283,7 +282,7 @@ def begin(workspace: Workspace, stage: str, options: Any, watcher: Watcher) -> N
 
 
 def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
-    """Make the plant's page; whatever goes wrong with it is a warning, for the result does not need it."""
+    """Make the plant's page; an error there is only a warning, because the result does not need the page."""
     try:
         from .report import page
 
@@ -296,7 +295,7 @@ def _make_report(workspace: Workspace, failure: str, watcher: Watcher) -> None:
 
 
 def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
-    """Run one stage and save its record, also when it fails: but not over a finished one for a mistake."""
+    """Run one stage and save its record, also if it fails; a mistake does not replace the record of a finished run."""
     stage = stage_of(step.stage)
     record = stage.record(step.options, step.reason)
     _reset_peak_memory()
@@ -325,7 +324,7 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     if failure:
         finished, of_plant = workspace.read_record(step.stage), has_begun and not isinstance(failure, NOT_OF_THE_PLANT)
         if of_plant or not (finished and finished.is_ok):
-            # That the stage failed matters more than a failure to say so.
+            # The failure of the stage matters more than a failure to record it.
             with suppress(Cotton3dgError):
                 workspace.write_record(replace(record, error=str(failure), exit_code=failure.exit_code))
         log.error("%s failed: %s", step.stage, failure)
@@ -338,7 +337,7 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
 
 
 def _explained(error: Exception, stage: str, workspace: Workspace) -> Cotton3dgError:
-    """What an error means that no stage foresaw."""
+    """The meaning of an error that no stage foresaw."""
     if is_out_of_memory(error):
         return OutOfResources(
             f"{stage} ran out of memory; use --preset draft, fewer --jobs or a machine with more memory"
@@ -348,7 +347,7 @@ def _explained(error: Exception, stage: str, workspace: Workspace) -> Cotton3dgE
 
 @contextmanager
 def _logged(workspace: Workspace) -> Iterator[None]:
-    """Append everything that is logged to the plant's run.log."""
+    """Append all log messages to the plant's run.log."""
     try:
         handler: logging.Handler = logging.FileHandler(workspace.log_file, encoding="utf-8", errors="backslashreplace")
     except OSError:
@@ -373,7 +372,7 @@ def _cpu_seconds() -> float:
 
 
 def _reset_peak_memory() -> None:
-    """Give back what was freed and let the kernel's high-water mark start anew: each stage its own figure (Linux)."""
+    """Return freed memory and reset the kernel's high-water mark, so that each stage has its own figure (Linux)."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)  # glibc's: a process that ran other stages or plants keeps hundreds of MiB
     try:
@@ -383,7 +382,7 @@ def _reset_peak_memory() -> None:
 
 
 def _peak_memory_mib() -> float:
-    """High-water mark of resident memory since the last reset, or since the start where there is no reset."""
+    """High-water mark of resident memory since the last reset, or since the start if there is no reset."""
     try:
         status = Path("/proc/self/status").read_text()
         return round(int(status.split("VmHWM:")[1].split()[0]) / 1024, 1)
@@ -392,7 +391,7 @@ def _peak_memory_mib() -> float:
 
 
 def status(workspace: Workspace, options: dict[str, Any]) -> list[StageState]:
-    """How each stage does with these options, and why it is to run."""
+    """The state of each stage with these options, and why it has to run."""
     return [
         state_of(step.stage, workspace.read_record(step.stage), step.reason)
         for step in plan(workspace, options, STAGES)

@@ -1,4 +1,4 @@
-"""Which folders are plants: what a command is given, and what a batch finds. Nothing is made before a film is found."""
+"""Which folders are plants, for commands and for batches. Nothing is written before a film is found."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
 
 LEVELS_BELOW: Final = 2
-"""How deep plants are sought below a folder that is none: a field may have a folder for each row. Not all of a home."""
+"""Depth of the search for plants below other folders: a field may have a folder for each row. Not all of a home."""
 
 
 def plant_at(given: Path, *, make: bool = False) -> Workspace:
-    """The plant that a command is given: its folder, or its film.
+    """The plant that the user names by its folder or its film.
 
-    The plant of a film is the folder that it lies in, once there are results, or else one of its name beside it.
+    The plant of a film is the folder of the film, if that has results, or else a folder with its name beside it.
 
     Args:
-        make: a film's folder, which shares the film, where there is none yet.
+        make: make a folder for a film, which shares the film, if there is none yet.
     Raises:
-        BadUsage: a folder of plants.
-        MissingInput: there is no such folder, no film or photos in it, or nothing was run of a film.
-        BadInput: no video, or the folder of its name has another one.
+        BadUsage: the folder holds plants.
+        MissingInput: the folder does not exist or has no film or photos, or no stage has run for a film.
+        BadInput: the file is not a video, or the folder with its name has another one.
     """
     workspace = _plant_of_film(given, make) if given.is_file() else Workspace(given)
     if is_plant(workspace):
@@ -63,7 +63,7 @@ def has_results(workspace: Workspace) -> bool:
 
 
 def may_be_plant(folder: Path) -> bool:
-    """As `is_plant`; also a folder that cannot be used, as its run will explain."""
+    """As `is_plant`, but also true for an unusable folder, whose run will explain the problem."""
     try:
         return is_plant(Workspace(folder))
     except Cotton3dgError:
@@ -71,7 +71,7 @@ def may_be_plant(folder: Path) -> bool:
 
 
 def refuse_plant(folder: Path) -> None:
-    """Raise BadUsage where a field is asked for and the folder of one plant was given."""
+    """Raise BadUsage if the command needs a field and the user gives the folder of one plant."""
     if is_plant(Workspace(folder)) and not any(_plants_below(folder, LEVELS_BELOW)):
         raise BadUsage(f"this folder is one plant and no field; use `cotton3dg run {shlex.quote(str(folder))}`")
 
@@ -82,7 +82,7 @@ def plants_in(folder: Path) -> list[Path]:
 
 
 def _plants_in(folder: Path, seen: set[Path]) -> list[Path]:
-    """Of folders that are not among those `seen`, which are free of links: links may lead in circles."""
+    """Plants in folders that are not in `seen`, which holds paths without links: links may lead in circles."""
     found: list[Path] = []
     for child in _folders(folder):
         if (own := child.resolve()) not in seen:
@@ -92,11 +92,11 @@ def _plants_in(folder: Path, seen: set[Path]) -> list[Path]:
 
 
 def same_films(field: Path, names: Sequence[str]) -> dict[str, str]:
-    """Plants of a field whose video another one of them has, too -> the first other one."""
+    """Plant of a field -> the first other plant with the same video; only plants that share one."""
     by_size: dict[int, list[tuple[str, Path]]] = {}
     for name in names:
         videos: list[Path] = []
-        with suppress(Cotton3dgError):  # one that cannot be used; its run will explain
+        with suppress(Cotton3dgError):  # an unusable folder; its run will explain
             videos = Workspace(field / name).videos()
         if len(videos) == 1 and (size := videos[0].stat().st_size):
             by_size.setdefault(size, []).append((name, videos[0]))
@@ -125,12 +125,12 @@ def _plants_below(folder: Path, levels: int) -> Iterator[Path]:
 
 
 def _folders(folder: Path) -> list[Path]:
-    """Those that may be plants or hold some: neither hidden nor made by this tool."""
+    """Folders that may be plants or hold some: neither hidden nor made by this tool."""
     return [
         path
         for path in folders_in(folder)
         if not is_there(path / OWNER_MARK)
-        # A plot may be called `check`; what a plant's folder holds under such a name has no video.
+        # A plot may have the name `check`; a folder with such a name inside a plant's folder has no video.
         and (path.name not in OWN_FOLDERS or Workspace(path).videos())
     ]
 

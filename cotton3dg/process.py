@@ -22,15 +22,15 @@ ENDING: Final = {signal.SIGTERM: TERMINATED, signal.SIGHUP: HUNG_UP}
 
 @contextmanager
 def orderly() -> Iterator[None]:
-    """Let the command inside end with an exit code of its own and at most one line, whatever happens around it.
+    """Let the command inside end with an exit code of its own and at most one line, whatever happens to its process.
 
-    A signal ends it as Ctrl-C does: what it started ends too, and its folder is one that the same command continues.
-    Where messages cannot be written they are left out; where results cannot be printed it ends, after what is saved.
+    A signal ends it as Ctrl-C does: its child processes end too, and the same command can continue in its folder.
+    Unwritable messages are left out. If results cannot be printed, the command ends once its files are saved.
     """
     for number in ENDING:
-        if signal.getsignal(number) == signal.SIG_DFL:  # nohup has it ignored
+        if signal.getsignal(number) == signal.SIG_DFL:  # nohup makes processes ignore it
             signal.signal(number, _end)
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns if the home has no place for its cache
     sys.stderr = _reopened(sys.stderr, _Messages)
     sys.stdout = _reopened(sys.stdout, _Results)
     try:
@@ -42,14 +42,14 @@ def orderly() -> Iterator[None]:
 
 def _end(number: int, frame: FrameType | None) -> None:
     for other in ENDING:
-        signal.signal(other, signal.SIG_IGN)  # while things are put in order
+        signal.signal(other, signal.SIG_IGN)  # during the clean-up
     with suppress(OSError):
         os.write(2, f"ended by {signal.Signals(number).name}; the same command continues\n".encode())
     raise SystemExit(ENDING[signal.Signals(number)])
 
 
 class _Messages(io.FileIO):
-    """A stream that is silent once it fails: no work is lost because its messages cannot be read."""
+    """A stream that stays silent after a failure: work goes on even if nobody can read its messages."""
 
     _lost = False
 
@@ -63,7 +63,7 @@ class _Messages(io.FileIO):
         return len(content)
 
     def _give_up(self, error: OSError) -> None:
-        """What follows the first failure."""
+        """React to the first failure."""
 
 
 class _Results(_Messages):
@@ -78,10 +78,10 @@ class _Results(_Messages):
 
 
 def _reopened(stream: TextIO, kind: type[_Messages]) -> TextIO:
-    """The same stream as a `kind`; letters that it does not have are written as `\\xe9`. None stays None."""
+    """The same stream as a `kind`; letters that it does not have become `\\xe9`. None stays None."""
     try:
         raw = kind(stream.fileno(), "w", closefd=False)
-    except (AttributeError, OSError, ValueError):  # closed, or no file
+    except (AttributeError, OSError, ValueError):  # closed, or not a file
         return stream
     return io.TextIOWrapper(
         io.BufferedWriter(raw),

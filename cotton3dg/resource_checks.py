@@ -1,4 +1,4 @@
-"""Memory and disk that stages need, told before they start where it can be, and clearly where it runs out."""
+"""Memory and disk that stages need: checks before they start if possible, and clear errors if they run out."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .workspace import Workspace
 
 MIB: Final = 2**20
 SPARE_MIB: Final = 16
-"""For records, the log and the small tables."""
+"""Disk for records, the log and the small tables."""
 LEAST_MEMORY_MIB: Final = {resource.RLIMIT_AS: 2000, resource.RLIMIT_DATA: 1000}
-"""Address space and data that the libraries take with a small plant. Below it some of them end the process without a
-word that can be caught."""
+"""Address space and data that the libraries take with a small plant. Below it some of them end the process without an
+exception."""
 OUT_OF_MEMORY: Final = re.compile(
     r"allocate memory|out of memory|bad.?alloc|insufficient memory|failed to map segment|can't start new thread|"
     r"Resource temporarily unavailable",
     re.IGNORECASE,
 )
-"""How libraries say it that have no error of their own for it."""
+"""Messages of libraries that have no error class of their own for it."""
 
 
 def check_disk(workspace: Workspace, stage: str, options: Any) -> None:
-    """Refuse to start a stage that the disk has no room for; what is there now stays until the new result is whole.
+    """Refuse to start a stage for which the disk has no room; the old result stays until the new one is whole.
 
     Raises:
-        OutOfResources: says what is needed and what is free.
+        OutOfResources: the message gives the needed and the free space.
     """
     needed_mib, free_mib = needed_disk_mib(workspace, stage, options), shutil.disk_usage(workspace.root).free / MIB
     if free_mib < needed_mib:
@@ -41,10 +41,10 @@ def check_disk(workspace: Workspace, stage: str, options: Any) -> None:
 
 
 def check_memory() -> None:
-    """Refuse to start where a limit (ulimit -v, ulimit -d, a scheduler) leaves too little memory for anything.
+    """Refuse to start if a limit (ulimit -v, ulimit -d, a scheduler) leaves too little memory for any stage.
 
     Raises:
-        OutOfResources: says what is needed and what is allowed.
+        OutOfResources: the message gives the needed and the allowed memory.
     """
     for kind, needed_mib in LEAST_MEMORY_MIB.items():
         allowed = resource.getrlimit(kind)[0]
@@ -56,12 +56,12 @@ def check_memory() -> None:
 
 
 def needed_disk_mib(workspace: Workspace, stage: str, options: Any) -> float:
-    """About what a stage writes; generous."""
+    """Generous estimate of what a stage writes."""
     return SPARE_MIB + stage_of(stage).disk_bytes(workspace, options) / MIB
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error, or one that it came from, means that there is no memory left, whichever library says so."""
+    """Whether an error, or one of its causes, means that memory has run out, in any library."""
     cause = error.__cause__ or error.__context__
     return (
         isinstance(error, MemoryError)

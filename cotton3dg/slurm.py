@@ -1,8 +1,8 @@
 """Batches on a Slurm cluster: a job for each plant, through submitit (extra `[slurm]`).
 
-A job leaves what became of its plant in the plant's folder, beside its log, so that anybody who sees the folder can
-tell, and nothing that a job pickled is ever read. A job that its time limit or another user's job ends is queued again
-and goes on with the stage that it was in.
+A job saves the outcome in the plant's folder, beside its log, so that anybody who sees the folder can read it; the
+program never reads anything that a job pickled. If the time limit or another user's job ends a job, it is queued again
+and continues with the stage that it was in.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from .schemas.batch import Jobs, PlantOutcome
 from .workspace import Workspace
 
 JOBS_FOLDER: Final = ".slurm"
-"""Below the batch's folder: the scripts of the jobs, what they print themselves, and who works on which plant."""
+"""Folder below the batch's: the scripts of the jobs, their own output, and which job works on which plant."""
 JOBS: Final = f"{JOBS_FOLDER}/jobs.json"
 LOG: Final = "slurm.log"
 OUTCOME: Final = "records/batch.json"
-"""In the plant's folder."""
+"""Path of the outcome in the plant's folder."""
 
 DEFAULTS: Final[dict[str, Any]] = {"time": 120, "cpus_per_task": 2, "mem": "4G"}
-"""As sbatch calls them, time in minutes. Several times what a plant takes at the standard preset; what needs longer is
-queued again."""
+"""Settings with sbatch's names, time in minutes: several times the time of a plant at the standard preset. A job that
+needs longer is queued again."""
 MOST_TIMEOUTS: Final = 10
 MAX_ARRAY_SIZE: Final = 1001
-"""Slurm's default, where it does not say."""
+"""Slurm's default, for a cluster that does not say."""
 
 
 class PlantJob:
-    """What a job does, as submitit pickles it."""
+    """The work of a job, in the form that submitit pickles."""
 
     def __init__(self, folder: Path, arguments: Sequence[str], retries: int, command: Sequence[str] = RUN) -> None:
         self.folder, self.arguments, self.retries, self.command = folder, list(arguments), retries, list(command)
         self.process: subprocess.Popen[bytes] | None = None
 
     def __call__(self, name: str) -> None:
-        """Run a plant, again after a fault of the machine, and save what became of it."""
+        """Run a plant, again after a fault of the machine, and save the outcome."""
         (self.folder / name / OUTCOME).unlink(missing_ok=True)
         for attempt in range(self.retries + 1):
             result = self._attempt(name)
@@ -74,16 +74,16 @@ class PlantJob:
             return result_of(name, code, log.read().decode("utf-8", "replace"))
 
     def checkpoint(self, name: str) -> Any:
-        """Called by submitit before the time limit, or when another job takes the place: what to queue again."""
+        """submitit calls it before the time limit, or when another job takes the place; returns what to queue again."""
         from submitit.helpers import DelayedSubmission
 
         if self.process:
-            self.process.kill()  # what its stages have saved is whole at any moment
+            self.process.kill()  # the saved results of its stages are whole at any moment
         return DelayedSubmission(PlantJob(self.folder, self.arguments, self.retries, self.command), name)
 
 
 def _deaf_to_the_time_limit() -> None:
-    """Slurm's warning goes to all processes of a job; the one that runs the plant leaves the answer to its parent."""
+    """Ignore Slurm's warning: it goes to all processes of a job, and the parent of this one answers it."""
     signal.signal(signal.SIGUSR2, signal.SIG_IGN)
 
 
@@ -91,10 +91,10 @@ def slurm_executor(folder: Path, settings: Sequence[str]) -> Any:
     """submitit's executor.
 
     Args:
-        settings: KEY=VALUE, as sbatch calls them, time in minutes: partition=short, time=60, mem=8G, account=cotton.
+        settings: KEY=VALUE with sbatch's names, time in minutes: partition=short, time=60, mem=8G, account=cotton.
     Raises:
         EnvironmentUnusable: no submitit, or no Slurm.
-        BadUsage: a setting that there is not.
+        BadUsage: a setting does not exist.
     """
     try:
         import submitit
@@ -129,14 +129,14 @@ def _setting(text: str) -> tuple[str, int | float | str]:
 
 
 def max_array_size() -> int:
-    """How many jobs one array may hold here."""
+    """Largest number of jobs in one array on this cluster."""
     told = _said_by("scontrol", "show", "config")
     found = re.search(r"^MaxArraySize\s*=\s*(\d+)", told, re.MULTILINE)
     return max(1, int(found[1]) if found else MAX_ARRAY_SIZE)
 
 
 def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int) -> dict[str, str]:
-    """Submit those plants that no job has in hand, in arrays of at most `array_size`; the jobs by plant."""
+    """Submit the plants that no job works on, in arrays of at most `array_size`; return the jobs by plant."""
     batch.look_over()
     jobs = _jobs(batch.folder)
     waiting = _queued(jobs.values()) if jobs else {}
@@ -153,9 +153,9 @@ def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int)
 
 
 def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> list[Result]:
-    """What became of the plants until now, with their options and files as they stand.
+    """The present results of the plants, with their options and files as they are now.
 
-    The tables are saved again where there are jobs; else they are as the batch left them.
+    The function saves the tables again if there are jobs; else it leaves them as the batch wrote them.
     """
     jobs = _jobs(batch.folder)
     waiting = _queued(jobs.values()) if jobs else {}
@@ -173,7 +173,7 @@ def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> 
 
 
 def _as_it_stands(folder: Path, result: Result, asked: Asked | None) -> Result:
-    """What `status` says of a plant: one that was done may be stale, one that was not may be done since."""
+    """The result that `status` shows: a finished plant may have become stale, another may have finished since."""
     workspace = Workspace(folder / result.folder)
     try:
         states = plant_status(workspace, choose(workspace, asked).options)
@@ -208,7 +208,7 @@ def _jobs(folder: Path) -> dict[str, str]:
 
 
 def _queued(jobs: Any) -> dict[str, str]:
-    """State of those of `jobs` that wait or run."""
+    """State of the jobs among `jobs` that wait or run."""
     told = _said_by("squeue", "--noheader", "--array", "--user", getpass.getuser(), "--format", "%i %T")
     found = dict(line.split(maxsplit=1) for line in told.splitlines() if " " in line.strip())
     return {job: found[job].strip() for job in jobs if job in found}

@@ -1,7 +1,7 @@
-"""What a stage is: everything that the rest of the program knows of it, declared in its room's `stage.py` as STAGE.
+"""The definition of a stage: all that the rest of the program knows of it, declared in its room's `stage.py` as STAGE.
 
 `stage.py` loads the inputs, calls the pure functions of the room, and saves the outputs through `workspace.writing`.
-Stages meet in files only. `pipeline.py` runs them; `staleness.py` decides what is to be made again.
+Stages meet in files only. `pipeline.py` runs them; `staleness.py` decides which results are stale.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ EITHER: Final = "file or folder"
 
 @dataclass(frozen=True)
 class Footage:
-    """What there is to be read."""
+    """The frames of a capture, before any stage reads them."""
 
     frames: int
     width: int
@@ -41,20 +41,20 @@ class Footage:
 
 @dataclass(frozen=True)
 class Work:
-    """What a run has to do, as far as it is known before."""
+    """The work of a run, as far as it is known in advance."""
 
     options: Mapping[str, Any]
-    """Of all stages."""
+    """Options of all stages."""
     source: Footage
 
     @property
     def images(self) -> int:
-        """Taken from the capture."""
+        """Number of images taken from the capture."""
         return min(self.options["frames"].count, self.source.frames)
 
     @property
     def views(self) -> int:
-        """Images that get masks."""
+        """Number of images that get masks."""
         return min(self.options["masks"].views, self.images)
 
     @property
@@ -63,7 +63,7 @@ class Work:
         return fit_size(self.source.width, self.source.height, self.options["frames"].max_side)
 
     def megapixels(self, max_side: int) -> float:
-        """Of an image whose longer side is at most `max_side` px."""
+        """Megapixels of an image whose longer side is at most `max_side` px."""
         width, height = fit_size(*self.size, max_side)
         return width * height / 1e6
 
@@ -74,7 +74,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Cost:
-    """Seconds of one core, of work that all cores share and of work that one must do alone."""
+    """Seconds of one core: for work that all cores share, and for work that one core does alone."""
 
     shared_s: float
     alone_s: float = 0.0
@@ -84,7 +84,7 @@ class Cost:
         return self.shared_s + self.alone_s
 
     def seconds(self, cores: float) -> float:
-        """On the clock of an idle machine."""
+        """Seconds on the clock of an idle machine."""
         return self.alone_s + self.shared_s / cores
 
     def times(self, factor: float) -> Cost:
@@ -96,36 +96,36 @@ class Stage:
     """One stage."""
 
     name: str
-    """Also of its room, its command and its folder; its options stand under it in `options.STAGE_OPTIONS`."""
+    """Also the name of its room, its command and its folder, and the key of its options in `options.STAGE_OPTIONS`."""
     version: int
-    """Raised when the same inputs give another result."""
+    """Raised when the code gives another result for the same inputs."""
     inputs: Callable[[Workspace], list[Path]]
     """Files and folders of the plant that the result depends on."""
     run: Callable[[Workspace, Any, Progress], StageOutcome]
     """Workspace, options of the stage and progress."""
     cost: Callable[[Work], Cost]
-    """On the machine that the constants of `planning.cost` were measured on."""
+    """Cost on the machine on which the constants of `planning.cost` were measured."""
     begin: Callable[[Workspace, Any, Progress], None] | None = None
-    """Does what tells how good the capture is, and keeps it for `run`; None where nothing can be done beforehand."""
+    """Does the part that shows how good the capture is, and keeps it for `run`; None if there is no such part."""
     splats: bool = False
-    """Whether its time goes with that of the splatting core instead of with that of images."""
+    """Whether its time scales with that of the splatting core instead of with that of images."""
     disk_bytes: Callable[[Workspace, Any], float] = lambda workspace, options: 0.0
-    """About what it writes, by its options and by the size of what it reads; generous."""
+    """Generous estimate of the bytes that it writes, from its options and the size of its inputs."""
     names: Mapping[str, str] = field(default_factory=dict)
-    """Option that names something of the user's, as `--set` writes it -> FILE, FOLDER or EITHER."""
+    """Option that names a file or folder of the user, as `--set` writes it -> FILE, FOLDER or EITHER."""
     also_reads: Callable[[Workspace, Any], list[Path]] = lambda workspace, options: []
-    """Files anywhere that it reads with these options, besides those."""
+    """Further files, in any place, that it reads with these options."""
     parts: Callable[[Workspace, Any], dict[str, str]] = lambda workspace, options: {}
-    """SHA-256 of what it reads of files that hold more than what is for it, by the name of the file, # and what."""
+    """SHA-256 of the parts that it reads of files that hold more, by the file's name, # and the part's name."""
     droppable: Callable[[Workspace], list[Path]] = lambda workspace: []
-    """What `clean` drops, as it can be made again and no result is."""
+    """Files that `clean` drops: they can be made again and are not results."""
 
     def named_files(self, workspace: Workspace, options: Any) -> list[Path]:
-        """What its options name, wherever that is: a file made anew under the same name gives another result."""
+        """The files that its options name, in any place: a new file under the same name gives another result."""
         return [path for _, path in self._named(workspace, options)]
 
     def reads(self, workspace: Workspace, options: Any) -> list[Path]:
-        """All that the result depends on besides the options."""
+        """All files on which the result depends, besides the options."""
         return [
             *self.inputs(workspace),
             *self.named_files(workspace, options),
@@ -133,10 +133,10 @@ class Stage:
         ]
 
     def require_named(self, workspace: Workspace, options: Any) -> None:
-        """Look for what its options name.
+        """Look for the files and folders that its options name.
 
         Raises:
-            MissingInput: it is not there. BadInput: a folder where a file is due, or the other way round.
+            MissingInput: one is missing. BadInput: one is a folder instead of a file, or a file instead of a folder.
         """
         for place, path in self._named(workspace, options):
             said, kind = f"{self.name}.{place} = {str(path)!r}", self.names[place]
@@ -151,7 +151,7 @@ class Stage:
         Args:
             made: stages that run before it.
         Raises:
-            MissingInput: one has none.
+            MissingInput: one of them has no result.
         """
         for path in self.inputs(workspace):
             maker = path.relative_to(workspace.root).parts[0] if path.is_relative_to(workspace.root) else ""
@@ -159,7 +159,7 @@ class Stage:
                 workspace.require(path, maker)
 
     def _named(self, workspace: Workspace, options: Any) -> Iterator[tuple[str, Path]]:
-        """Options that name something and count, and what they name."""
+        """The options in effect that name a file or folder, and its path."""
         known = list(places(options))
         method = known[0].value_in(options)
         for place in known:
@@ -167,11 +167,11 @@ class Stage:
                 yield place.path, workspace.named_file(text)
 
     def input_hashes(self, workspace: Workspace, options: Any) -> dict[str, str]:
-        """SHA-256 of the same, by names."""
+        """SHA-256 of all that it reads, by name."""
         return workspace.hashes(*self.reads(workspace, options)) | self.parts(workspace, options)
 
     def follows(self, workspace: Workspace, options: Any, stages: Collection[str]) -> bool:
-        """Whether it reads what one of these stages makes, or its record."""
+        """Whether it reads the result or the record of one of these stages."""
         paths = (
             path.relative_to(workspace.root)
             for path in self.reads(workspace, options)
@@ -182,7 +182,7 @@ class Stage:
         return not makers.isdisjoint(stages)
 
     def record(self, options: Any, reason: str) -> Record:
-        """Of a run that begins."""
+        """The record of a run that begins."""
         return Record(
             self.name,
             stage_version=self.version,
@@ -193,10 +193,10 @@ class Stage:
 
 
 def twice_the_model(workspace: Workspace, _: Any) -> float:
-    """Disk of a stage that writes something for each Gaussian."""
+    """Bytes on the disk of a stage that writes data for each Gaussian."""
     return 2 * workspace.gaussians_ply.stat().st_size if workspace.gaussians_ply.exists() else 0
 
 
 def stage_of(name: str) -> Stage:
-    """A stage by its name; its room is opened when needed, because some pull in large libraries."""
+    """A stage by its name; its room is imported when needed, because some rooms import large libraries."""
     return cast("Stage", importlib.import_module(f"cotton3dg.{name}.stage").STAGE)

@@ -1,4 +1,4 @@
-"""Which results are what their stage would make again, and why not. Decided by content alone, never by time."""
+"""Which results are up to date, and why others are not. Content alone decides, never time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ UP_TO_DATE: Final = ""
 
 @dataclass(frozen=True)
 class StageState:
-    """How one stage of a plant does."""
+    """The state of one stage of a plant."""
 
     stage: str
     state: State
     reason: str
-    """Why it is not done; empty when it is."""
+    """Why the stage is not done; empty if it is."""
     record: Record | None
-    """Of its last run."""
+    """The record of its last run."""
 
     @property
     def done(self) -> bool:
@@ -34,7 +34,7 @@ class StageState:
 
 
 def state_of(stage: str, record: Record | None, reason: str) -> StageState:
-    """The state of a stage that has to run for a reason, or for none."""
+    """The state of a stage that has to run for a reason; without one it does not."""
     if record and not record.is_ok:
         return StageState(stage, State.FAILED, record.error or f"{stage} failed; see run.log", record)
     if reason == UP_TO_DATE:
@@ -43,10 +43,10 @@ def state_of(stage: str, record: Record | None, reason: str) -> StageState:
 
 
 def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
-    """Why `stage` has to run, or '' when its saved result is what it would make again.
+    """Why `stage` has to run, or '' if its saved result is the one that it would make again.
 
-    Decided by options, the stage's version, and the hashes of inputs and outputs. An option that the record does not
-    name is younger than it: the result is what the option's default makes, or else the version had been raised.
+    Options, the stage's version, and the hashes of inputs and outputs decide. An option that the record does not name
+    is younger than the record: its default gives the same result, or else the version would have been raised.
     """
     known, record = stage_of(stage), workspace.read_record(stage)
     if record is None:
@@ -63,7 +63,7 @@ def stale_reason(workspace: Workspace, stage: str, options: Any) -> str:
 
 
 def changed_options(record: Record, options: Any) -> dict[str, tuple[Any, Any]]:
-    """Those that count and are not what a stage ran with: name -> value then and now."""
+    """The options in effect that differ from those of a stage's run: name -> value then and now."""
     chosen = as_dict(options)
     method = next(iter(chosen))
     usual = as_dict(resolve(record.stage, {method: chosen[method]}))
@@ -72,7 +72,7 @@ def changed_options(record: Record, options: Any) -> dict[str, tuple[Any, Any]]:
 
 
 def recorded_states(workspace: Workspace) -> tuple[StageState, ...]:
-    """The state of every stage by the records alone; no large file is read, and options are taken as they were.
+    """The state of every stage from the records alone, without reading large files, and with the options as they were.
 
     A stage that fails leaves the results of later stages as they were, made from other frames or options: a stage is
     done only when its record is ok, all stages before it are done, and it read what they wrote.
@@ -98,7 +98,7 @@ def _is_of_a_stage(name: str) -> bool:
 
 
 def _change(kind: str, recorded: Mapping[str, str], found: Mapping[str, str]) -> str:
-    """How the first file differs from what a record says of it."""
+    """The difference between the first changed file and its record."""
     for name in sorted(recorded.keys() | found.keys()):
         if recorded.get(name) != found.get(name):
             change = "is missing" if name not in found else "is new" if name not in recorded else "changed"

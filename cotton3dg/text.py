@@ -1,4 +1,4 @@
-"""Text that a person gives, as editors and spreadsheets of all countries save it."""
+"""Text files from users, as editors and spreadsheets of all countries save them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .errors import BadInput, Cotton3dgError
 
 MARKS: Final = {
     codecs.BOM_UTF8: "utf-8",
-    codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark it begins with
+    codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, because it begins with the mark of UTF-16
     codecs.BOM_UTF32_BE: "utf-32-be",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-"""Byte order marks; an editor that writes one says what it writes."""
+"""Byte order marks; a mark names the encoding."""
 LATIN_PAGES: Final = ("cp1252", "cp1250", "cp1254")
-"""What Windows writes in Western and Central Europe, America and Turkey; a text is certain where all read the same."""
+"""Windows code pages of Western and Central Europe, America and Turkey; a text is certain if all read the same."""
 LATIN: Final = re.compile(r"[A-Za-z][äöü]?ß|[A-Za-z][à-öø-ÿ]|[À-ÖØ-Þà-öø-ÿ][a-z]|°|[\x00-\x7f]")
 """A letter with an accent stands alone beside plain ones; in Chinese, Korean, Greek or Cyrillic it does not."""
 
@@ -28,13 +28,13 @@ def read_text(path: Path, refusal: type[Cotton3dgError] = BadInput) -> str:
 
     Raises:
         OSError: the file cannot be read.
-        BadInput: it is in another encoding, or no text; `refusal` instead, where one is given.
+        BadInput: it is in another encoding, or not text; `refusal` instead, if the caller gives one.
     """
     return decode_text(path.read_bytes(), path.name, refusal)
 
 
 def decode_text(content: bytes, name: str, refusal: type[Cotton3dgError] = BadInput) -> str:
-    """As `read_text`, of the bytes of a file of that name."""
+    """As `read_text`, but for the bytes of a file with that name."""
     mark = next((mark for mark in MARKS if content.startswith(mark)), b"")
     try:
         text = content[len(mark) :].decode(MARKS.get(mark, "utf-8"))
@@ -50,7 +50,7 @@ def decode_text(content: bytes, name: str, refusal: type[Cotton3dgError] = BadIn
 
 
 def _latin(content: bytes) -> str | None:
-    """Text of an older encoding where there is no doubt about its letters, else None."""
+    """Text in an older encoding if there is no doubt about its letters, else None."""
     try:
         readings = {content.decode(page) for page in LATIN_PAGES}
     except UnicodeDecodeError:

@@ -32,7 +32,7 @@ from .schemas.record import Record
 
 VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK: Final = ".cotton3dg"
-"""Empty file in every folder that this tool wrote, so that nobody else's folder is ever replaced."""
+"""Empty file in every folder that this tool wrote, so that it never replaces any other folder."""
 PACKAGE: Final = Path(__file__).resolve().parent
 
 
@@ -57,9 +57,9 @@ class Workspace:
     scale_points = _Below("scale_points.csv")
     """Two points of known distance that the user picked in images, for scale --method distance."""
     corrections_json = _Below("corrections.json")
-    """What a person says of single bolls."""
+    """Corrections of single bolls by a person."""
     truth_json = _Below("truth.json")
-    """What is known of a simulated plant; no stage reads it."""
+    """The truth of a simulated plant; no stage reads it."""
 
     # --------------------------------------------- what stages write, by stage
     frames_json = _Below("frames/frames.json")
@@ -77,13 +77,13 @@ class Workspace:
     masks_json = _Below("masks/masks.json")
     selections_npz = _Below("segment/selections.npz")
     segment_json = _Below("segment/segment.json")
-    """What the segmentation took, and how its maps agree with the masks."""
+    """How the segmentation ran, and how its maps agree with the masks."""
     probabilities_npy = _Below("segment/probabilities.npy")
     """(N,) float32: how likely each Gaussian is lint."""
     lint_ply = _Below("segment/lint.ply")
     """The Gaussians whose probability is above the threshold."""
     features_npy = _Below("segment/features.npy")
-    """(N, C) float32: smoothed affinity features, zero where there is none; alike within a boll."""
+    """(N, C) float32: smoothed affinity features, similar within a boll; zero for a Gaussian without one."""
     bolls_json = _Below("cluster/bolls.json")
     labels_npy = _Below("cluster/labels.npy")
     bolls_ply = _Below("cluster/bolls.ply")
@@ -92,11 +92,11 @@ class Workspace:
     """Bolls as one view shows them, beside all views together."""
     scale_json = _Below("scale/scale.json")
     patches_json = _Below("scale/patches.json")
-    """The grey patches of the plant's card, where it was sought and seen."""
+    """The grey patches of the plant's card, if the stage sought and saw it."""
     traits_csv = _Below("traits/traits.csv")
     bolls_csv = _Below("traits/bolls.csv")
     columns_csv = _Below("traits/columns.csv")
-    """What each column of the two tables means."""
+    """The meaning of each column of the two tables."""
     branches_csv = _Below("traits/branches.csv")
     skeleton_json = _Below("traits/skeleton.json")
     """The plant's map: stem, branches, and where each boll sits."""
@@ -110,7 +110,7 @@ class Workspace:
     """Films of the model."""
     corrected_bolls_json = _Below("traits/bolls.json")
     corrected_labels_npy = _Below("traits/labels.npy")
-    """The bolls that were measured, where they were corrected: as those of `cluster`."""
+    """The measured bolls after corrections, in the form of those of `cluster`."""
     plant_npy = _Below("traits/plant.npy")
     """(N,) bool: which Gaussians are the plant."""
 
@@ -118,7 +118,7 @@ class Workspace:
     report_html = _Below("report.html")
     """The plant's page: everything to look at in one file."""
     check_json = _Below("check/check.json")
-    """What a first look at the film found."""
+    """The findings of a first look at the film."""
     check_html = _Below("check/check.html")
     annotations_json = _Below("annotations/bolls.json")
     """The masks as COCO, for annotation tools; the images they belong to are beside it."""
@@ -131,7 +131,7 @@ class Workspace:
     train_rejected = _Below("records/train.rejected.npz")
     """The first training step that had no finite loss: its Gaussians, view and optimiser, for diagnosis."""
     choices_json = _Below("records/options.json")
-    """What was chosen of the options when it last ran."""
+    """The chosen options of the last run."""
     dropped_json = _Below("records/dropped.json")
     """Names of the files that `clean` dropped."""
     log_file = _Below("run.log")
@@ -170,7 +170,7 @@ class Workspace:
         )
 
     def videos(self) -> list[Path]:
-        """Those in the plant's folder itself."""
+        """The videos in the plant's folder itself."""
         return files_in(self.root, VIDEO_SUFFIXES)
 
     def folder(self, stage: str) -> Path:
@@ -184,7 +184,7 @@ class Workspace:
         return self.undistorted / "images" / name
 
     def has_images(self, picks: Iterable[Pick]) -> bool:
-        """Whether the undistorted images that were pointed at are there, or dropped by `clean`, and are the same."""
+        """Whether the undistorted images of the picks are there, or were dropped by `clean`, and are unchanged."""
         for pick in picks:
             found = list(self.hashes(self.undistorted_image(pick.image)).values())
             if not found or pick.sha256 not in ("", *found):
@@ -192,7 +192,7 @@ class Workspace:
         return True
 
     def named_file(self, text: str) -> Path:
-        """A path that an option names: from the plant's folder or, where there is none, from where the command runs."""
+        """A path that an option names, from the plant's folder or, if nothing is there, from the working folder."""
         beside = self.root / text
         return beside if beside.exists() else Path(text)
 
@@ -217,11 +217,11 @@ class Workspace:
         return self.root / "cluster" / f"boll_{boll_id:03d}.ply"
 
     def study_setting(self, sweep: str, value: str) -> Workspace:
-        """A folder like this one's for another setting; made if needed."""
+        """A folder like this plant's for another setting; made if needed."""
         return self._like_this(self.root / "study", sweep, value)
 
     def repeat_run(self, number: int) -> Workspace:
-        """A folder like this one's for another run of the same capture; made if needed."""
+        """A folder like this plant's for another run of the same capture; made if needed."""
         return self._like_this(self.repeats, str(number))
 
     def _like_this(self, ours: Path, *names: str) -> Workspace:
@@ -233,14 +233,14 @@ class Workspace:
         return Workspace(folder)
 
     def share_inputs(self, other: Workspace) -> None:
-        """Give `other` what the user gave, without taking up space again: the capture, own masks, picked points."""
+        """Give `other` the user's files without a second copy on the disk: the capture, own masks, picked points."""
         for source in (self.capture(), self.masks_input, self.scale_points):
             target = other.root / source.name
             if source.exists() and not target.exists():
                 link(source, target)
 
     def share_result(self, stage: str, other: Workspace) -> None:
-        """Give `other` a finished stage without taking up space again; files are replaced, never changed in place."""
+        """Give `other` a finished stage without a second copy on the disk: no stage changes files in place."""
         with other.writing(stage) as folder:
             link(self.folder(stage), folder)
         record = self.read_record(stage)
@@ -248,7 +248,7 @@ class Workspace:
             other.write_record(record)
 
     def final_bolls(self) -> tuple[Path, Path]:
-        """bolls.json and labels.npy of the bolls that `traits` measured: corrected ones where there are any."""
+        """bolls.json and labels.npy of the bolls that `traits` measured: the corrected ones if there are any."""
         if self.corrected_bolls_json.is_file():
             return self.corrected_bolls_json, self.corrected_labels_npy
         return self.bolls_json, self.labels_npy
@@ -289,7 +289,7 @@ class Workspace:
                 fsync(final.parent)
                 shutil.rmtree(old, ignore_errors=True)
         except (RuntimeError, ValueError) as error:
-            # What libraries say on a full disk can be anything.
+            # On a full disk, libraries raise all kinds of errors.
             if shutil.disk_usage(self.root).free >= FULL_BELOW_BYTES:
                 raise
             raise full_disk(self.root) from error
@@ -297,7 +297,7 @@ class Workspace:
             shutil.rmtree(partial, ignore_errors=True)
 
     def drop_unfinished(self, stages: Iterable[str]) -> None:
-        """Remove what runs left that were killed while they saved; for whoever holds the lock."""
+        """Remove the remains of runs that were killed during a save; only for the holder of the lock."""
         for stage in stages:
             for left in ("partial", "old"):
                 shutil.rmtree(self.root / f".{stage}.{left}", ignore_errors=True)
@@ -326,15 +326,15 @@ class Workspace:
         self.keep(record, record.stage)
 
     def keep(self, document: Document, name: str) -> None:
-        """Save what is to be remembered of this plant under a name beside the records of the stages."""
+        """Save a document of this plant under a name beside the records of the stages."""
         with explain_disk_errors(self.root):
             document.save(self.record_file(name))
 
     def hashes(self, *paths: Path) -> dict[str, str]:
-        """SHA-256 of files, and of all files below folders, by path: from the plant's folder, from cotton3dg for what
-        comes with the program, wherever that is installed, or else absolute.
+        """SHA-256 of files, and of all files below folders, by path: relative to the plant's folder, relative to
+        cotton3dg for files that come with the program, wherever that is installed, or else absolute.
 
-        What `clean` dropped counts as if it were still there.
+        Files that `clean` dropped count as if they still existed.
         """
         files: list[Path] = []
         for path in paths:
@@ -353,12 +353,12 @@ class Workspace:
         return (path.relative_to(PACKAGE.parent) if path.is_relative_to(PACKAGE) else path).as_posix()
 
     def dropped(self, *paths: Path) -> dict[str, str]:
-        """Hashes of the files, below `paths` if given, that `clean` dropped and nothing has made again since."""
+        """Hashes of the files, below `paths` if given, that `clean` dropped and no stage has made again since."""
         try:
             names = DroppedFiles.load(self.dropped_json).names
         except BadInput:
             return {}
-        # A stage that wrote anew took its old record away, and with it the word for files that it no longer makes.
+        # A stage that wrote its folder again removed its old record, and with it the files that it no longer makes.
         outputs: dict[str, str] = {}
         for stage in {name.split("/")[0] for name in names}:
             record = self.read_record(stage)
@@ -380,6 +380,6 @@ class Workspace:
 
 
 OWN_NAMES: Final = frozenset(item.path.split("/")[0] for item in vars(Workspace).values() if isinstance(item, _Below))
-"""Names of all that a plant's folder holds besides the video."""
+"""Names of everything that a plant's folder holds besides the video."""
 OWN_FOLDERS: Final = frozenset(name for name in OWN_NAMES if not Path(name).suffix)
-"""Those of folders: no plant is called so unless it has a video."""
+"""The names of folders among them: a folder with such a name is only a plant if it has a video."""

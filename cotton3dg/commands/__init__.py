@@ -1,1 +1,1 @@
-"""What is no stage: each command's own loading, calling and saving, below the command line."""
+"""Commands that are not stages: each one's own loading, calling and saving, below the command line."""

@@ -1,4 +1,4 @@
-"""One file for the developers: what happened to a plant, and on what machine; no images unless asked for."""
+"""One file for the developers: what happened to a plant, and on what machine; images only on request."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def pack(workspace: Workspace, out: Path, machine: str, *, images: bool = False)
     Returns:
         `out`.
     Raises:
-        BadUsage: `out` is no .zip, or the folder holds nothing of a run.
+        BadUsage: `out` is not a .zip, or the folder holds nothing of a run.
     """
     if out.suffix != ".zip":
         raise BadUsage(f"--out {out}: give a name that ends in .zip")

@@ -50,7 +50,7 @@ def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> s
 
 
 def _warning(cards: list[tuple[str, list[str]]]) -> str:
-    """A line about what the cards do not show in letters; empty where they show all."""
+    """A line about the text that the cards cannot show; empty if they show all of it."""
     ids = unprintable(plant_id for plant_id, _ in cards)
     lines = unprintable(line for _, lines in cards for line in lines)
     if not ids and not lines:

@@ -1,7 +1,7 @@
-"""Whether a film will do, while the plant still stands: placed frames, views, sharpness, light, table, a first count.
+"""Whether a film will do while the plant still stands: placed frames, views, sharpness, light, table, first count.
 
-It runs the stages that come before the training, or the first half of them, and `run` goes on from there. Where a run
-has made results, it works in a folder that goes again, and leaves them as they are.
+It runs the stages before the training, or the first half of them, and `run` goes on from there. If a run has made
+results, it works in a temporary folder and leaves them as they are.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from ..workspace import Workspace
 def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choices: Choices | None = None) -> CheckInfo:
     """Look at a plant's film; saves check/check.json and check/check.html.
 
-    What a run has made is looked at where it is made with the same options, and left alone in any case.
+    The check uses the results of a run if they were made with the same options, and never changes them.
 
     Args:
         options: of every stage, as `run` would take them.
-        choices: what `run` is to begin with when it goes on from the check.
+        choices: those with which `run` begins when it goes on from the check.
     Returns:
         The verdict; a film that a stage refuses is red.
     Raises:
@@ -63,7 +63,7 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choic
 
 @contextmanager
 def _where_to_work(workspace: Workspace, options: dict[str, Any]) -> Iterator[Workspace]:
-    """The plant's folder, from which `run` goes on; a passing one, with what can be used, where that has results."""
+    """The plant's folder, from which `run` goes on; if it has results, a temporary one with the usable ones."""
     records = map(workspace.read_record, STAGES[1:])
     if not any(record and record.is_ok for record in records):
         yield workspace
@@ -80,7 +80,7 @@ def _where_to_work(workspace: Workspace, options: dict[str, Any]) -> Iterator[Wo
 
 @contextmanager
 def _passing_folder(workspace: Workspace) -> Iterator[Path]:
-    """It goes again at the end; `clean` drops that of a killed check."""
+    """A temporary folder, removed at the end; `clean` drops the one of a killed check."""
     with explain_disk_errors(workspace.root):
         folder = tempfile.TemporaryDirectory(dir=workspace.root, prefix=".check.", suffix=".partial")
     with folder as name:
@@ -90,9 +90,9 @@ def _passing_folder(workspace: Workspace) -> Iterator[Path]:
 def _place(
     workspace: Workspace, options: dict[str, Any], watcher: Watcher, scratch: Path, choices: Choices | None
 ) -> tuple[tuple[str, ...], Path]:
-    """Names of the images that were to be placed, and the folder of those that were, without lens distortion.
+    """Names of the images to place, and the folder of the placed ones, without lens distortion.
 
-    The keyframes of a film, where these will do; else all images, as `run` places them.
+    It places the keyframes of a film if these are enough, else all images, as `run` does.
     """
     names = tuple(path.name for path in workspace.frame_images())
     if stale_reason(workspace, "sfm", options["sfm"]):
@@ -124,7 +124,7 @@ def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distort
 def _save(
     workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None, place: Workspace
 ) -> CheckInfo:
-    """Write what was found, with the film that it is of; returns that.
+    """Save the findings together with the film that they belong to, and return them.
 
     Args:
         place: where the frames are.

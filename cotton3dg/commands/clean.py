@@ -1,7 +1,7 @@
-"""Drop what a finished plant's folder does not need: the images that its stages made, and what killed runs left.
+"""Drop what a finished plant's folder does not need: images that its stages made, and remains of killed runs.
 
-Results, records with their hashes and everything of the user's stay. The stages stay up to date; should one have to
-run that reads dropped files, the pipeline makes those again first.
+Results, records with their hashes and all files of the user stay. The stages stay up to date; before a stage runs
+that reads dropped files, the pipeline makes these again.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ..stage import STAGES, stage_of
 from ..workspace import Workspace
 
 LEFT: Final = re.compile(r"\.(.+)\.(partial|old)")
-"""How a file or folder is called while it is being replaced."""
+"""The name of a file or folder while it is being replaced."""
 
 
 @dataclass(frozen=True)
 class Dropped:
-    """What was freed."""
+    """The result: what the command freed."""
 
     n_files: int
     n_bytes: int
     finished: bool
-    """Whether the images went too: those of an unfinished plant are still needed."""
+    """Whether the images were dropped as well: an unfinished plant still needs them."""
 
 
 def clean(workspace: Workspace) -> Dropped:
@@ -41,7 +41,7 @@ def clean(workspace: Workspace) -> Dropped:
         records = [workspace.read_record(stage) for stage in STAGES]
         finished = all(record and record.is_ok for record in records)
         images = _find_unchanged_images(workspace) if finished else []
-        # The names come first: killed in between, files that still are there count as there.
+        # Save the names first: if the process is killed in between, files that still exist count as present.
         if images:
             names = {path.relative_to(workspace.root).as_posix() for path in images}
             DroppedFiles(tuple(sorted(names | workspace.dropped().keys()))).save(workspace.dropped_json)
@@ -55,7 +55,7 @@ def clean(workspace: Workspace) -> Dropped:
 
 
 def _find_unchanged_images(workspace: Workspace) -> list[Path]:
-    """What stages can make again and is what their records say; a file that somebody changed is theirs."""
+    """Files that stages can make again and that match their records; a file that somebody changed is the user's."""
     found = []
     for stage in STAGES:
         record = workspace.read_record(stage)
@@ -69,7 +69,7 @@ def _find_unchanged_images(workspace: Workspace) -> list[Path]:
 
 
 def _find_partial_folders(workspace: Workspace) -> list[Path]:
-    """Folders of unfinished saves. In the plant's own folder only names of ours count."""
+    """Folders of unfinished saves. In the plant's own folder only the names of this program count."""
     stages, films = _find_partials(workspace.root), _find_partials(workspace.render)
     ours = {*STAGES, "annotations", "check"}
     return [
@@ -90,6 +90,6 @@ def _find_leftovers(workspace: Workspace) -> list[Path]:
 
 
 def _find_partials(folder: Path) -> list[tuple[Path, str]]:
-    """What is called like something half saved, with the name that it was to get."""
+    """Paths with the name of an unfinished save, and the name that each would have got."""
     found = [(path, LEFT.fullmatch(path.name)) for path in folder.iterdir()] if folder.is_dir() else []
     return [(path, name[1]) for path, name in found if name]

@@ -34,49 +34,49 @@ EXAMPLE: Final = "000000.jpg:412,530 000012.jpg:388,541"
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be done with a plant's corrections."""
+    """The changes to a plant's corrections that a command asks for."""
 
     file: Path | None = None
-    """Saved by the report's page."""
+    """The file that the report's page saved."""
     merge: Sequence[str] = ()
-    """Numbers of bolls by comma."""
+    """Numbers of bolls, separated by commas."""
     split: Sequence[int] = ()
     delete: Sequence[int] = ()
     branch: Sequence[int] = ()
     add: Sequence[str] = ()
     """`IMAGE:X,Y IMAGE:X,Y`, px in undistorted images."""
     corner: Sequence[str] = ()
-    """The same: where a corner of the table is."""
+    """In the same form: where a corner of the table is."""
     ruler: Sequence[str] = ()
-    """The same of both ends, with a slash between them."""
+    """In the same form: both ends, with a slash between them."""
     undo: bool = False
 
 
 @dataclass(frozen=True)
 class Length:
-    """What a ruler measured."""
+    """The length that a ruler measures."""
 
     length_cm: float
     error_cm: float
-    """Standard error, of picks and scale."""
+    """Standard error, from picks and scale."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it."""
+    """The result of the corrections."""
 
     kept: Corrections
     refused: tuple[str, ...]
-    """Those that do not apply."""
+    """Corrections that do not apply."""
     lengths: tuple[Length | None, ...]
-    """Of the rulers that are kept; None where its ends are not known any more, or there is no scale."""
+    """Lengths of the rulers that are kept; None if the ends are no longer known or the plant has no scale."""
     before: float
     after: float
-    """Count of bolls."""
+    """Count of bolls after the corrections."""
 
 
 def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None = None) -> Outcome:
-    """Keep further corrections, or take the last back, and measure the bolls again with all that are kept.
+    """Add corrections, or take back the last one, and measure the bolls again with all that are kept.
 
     Raises:
         BadUsage: a correction that makes no sense, or a boll that is not there.
@@ -91,7 +91,7 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
         raise BadUsage("there is no correction to take back")
     known = _Known(workspace)
     own: tuple[Correction, ...] = ()
-    # Those that are kept have their places, unless somebody copied the page's file here.
+    # Kept corrections already have their places, unless somebody copied the page's file here.
     said = kept.corrections[:-1] if asked.undo else kept.corrections
     for correction in (*said, *_from_file(asked.file), *_from_words(asked)):
         if problem := correction.problem():
@@ -125,7 +125,7 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
 def _scale_again(
     workspace: Workspace, options: dict[str, Any], choices: Choices, watcher: pipeline.Watcher | None
 ) -> None:
-    """The scale with the corners that are kept; the plant's row goes on to tell the seconds of the plant's run."""
+    """Compute the scale with the kept corners; the plant's row still gives the seconds of the plant's run."""
     before = workspace.read_record("scale")
     pipeline.run(workspace, options, ("scale",), watcher=watcher, choices=choices)
     after = workspace.read_record("scale")
@@ -134,7 +134,7 @@ def _scale_again(
 
 
 class _Known:
-    """The plant as its tables and its report show it."""
+    """The plant that its tables and its report show."""
 
     def __init__(self, workspace: Workspace):
         self.workspace = workspace
@@ -147,10 +147,10 @@ class _Known:
         self.scale_info = ScaleInfo.load(workspace.scale_json)
 
     def placed(self, correction: Correction) -> Correction:
-        """The same with the places of its bolls and the images of its picks; one that was placed before is as it was.
+        """The correction with the places of its bolls and the images of its picks; one that has them stays as it is.
 
         Raises:
-            BadUsage: a boll or an image is not there, or picks do not meet.
+            BadUsage: a boll or an image does not exist, or the picks do not meet.
         """
         if correction.model:
             return correction
@@ -165,7 +165,7 @@ class _Known:
         return replace(correction, bolls=places, picks=picks, model=self.model)
 
     def length(self, ruler: Correction) -> Length | None:
-        """What a ruler measures by the scale of now."""
+        """The length that a ruler measures with the present scale."""
         scale = self.scale_info.scale
         if scale is None:
             return None
@@ -188,7 +188,7 @@ class _Known:
         return Length(length_cm, float(np.hypot(picked_cm, length_cm * scale.relative_error)))
 
     def _of(self, place: Place) -> Place:
-        """A boll, or a place that the page names as its tables do, in the scene and in the plant's frame."""
+        """A boll, or a place in the coordinates of the tables, in the scene and in the plant's frame."""
         if place.centre_cm is not None:
             return self._at(self._scene(place.centre_cm), place.boll_id)
         if place.boll_id not in self.bolls:
@@ -196,7 +196,7 @@ class _Known:
         return self._at(self.bolls[place.boll_id].centre, place.boll_id)
 
     def _seen(self, pick: Pick) -> Pick:
-        """The same with the image's hash."""
+        """The pick with its image's hash."""
         if pick.image not in self.cameras:
             raise BadUsage(f"{pick.image} is no placed image; look into sfm/undistorted/images")
         if not self.workspace.has_images((pick,)):
@@ -205,7 +205,7 @@ class _Known:
         return replace(pick, sha256=sha256)
 
     def _meet(self, picks: Sequence[Pick]) -> PickedPoint:
-        """The place that picks in several images show."""
+        """The point that picks in several images show."""
         pixels = np.array([(pick.x_px, pick.y_px) for pick in picks])
         picked = point_of_picks([self.cameras[pick.image] for pick in picks], pixels)
         if picked is None:
@@ -213,7 +213,7 @@ class _Known:
         return picked
 
     def _at(self, point: Float64, boll_id: int = 0) -> Place:
-        """A scene point, told in the plant's frame too where there is one: by the scale as it was found."""
+        """A scene point, also in the plant's frame if there is one, with the scale that the stage found."""
         found = (self.scale_info.found or self.scale_info).scale
         foot, cm = self._foot(), None
         if found is not None and foot is not None:
@@ -221,14 +221,14 @@ class _Known:
         return Place(boll_id, cm, tuple(float(x) for x in point))
 
     def _scene(self, centre_cm: Sequence[float]) -> Float64:
-        """The scene point of a place in the plant's frame as the tables have it."""
+        """The scene point of a place that the tables give in the plant's frame."""
         scale, foot = self.scale_info.scale, self._foot()
         if scale is None or foot is None:
             raise BadUsage("the plant's frame is not known any more; open its report anew and say it again")
         return PlantFrame(scale, foot).scene(centre_cm)
 
     def _foot(self) -> Float64 | None:
-        """(3,) su, where the stem meets the table, as the tables tell it; None where no boll has a place."""
+        """(3,) su, where the stem meets the table according to the tables; None if no boll has a place."""
         scale = self.scale_info.scale
         known = [boll_id for boll_id, cm in self.cm.items() if boll_id in self.bolls and np.isfinite(cm).all()]
         if scale is None or not known:
@@ -249,7 +249,7 @@ def _from_file(file: Path | None) -> tuple[Correction, ...]:
 
 
 def _from_words(asked: Asked) -> list[Correction]:
-    """What the command line asks for."""
+    """The corrections that the command line asks for."""
     found = []
     for text in asked.merge:
         numbers = [number.strip() for number in text.split(",")]

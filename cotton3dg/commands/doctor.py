@@ -1,4 +1,4 @@
-"""What this machine offers and lacks: each finding with the command that mends it."""
+"""What this machine offers and lacks: each finding comes with the command that fixes it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MODULE_OF: Final = {
     "pillow": "PIL",
     "zxing-cpp": "zxingcpp",
 }
-"""Distribution -> module, where the names differ."""
+"""Distribution -> module, if the names differ."""
 
 ONLY_FOR: Final = {
     "open3d": "clusters by DBSCAN, point clouds of scanners",
@@ -40,10 +40,10 @@ ONLY_FOR: Final = {
     "torch": "segmentation by affinity, training of networks",
     "zxing-cpp": "cards that name plants",
 }
-"""Distribution -> what it is needed for; a default run needs all others."""
+"""Distribution -> what needs it; a default run needs all others."""
 
 PHONE_CODECS: Final = ("h264", "hevc")
-"""What smartphones film with."""
+"""The codecs of smartphones."""
 
 LEAST_MEMORY_GIB: Final = 4.0
 LEAST_DISK_GIB: Final = 2.0
@@ -52,21 +52,21 @@ LEAST_DISK_GIB: Final = 2.0
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at."""
+    """One thing that the command examines."""
 
     name: str
     found: str
     remedy: str = ""
-    """What to do about it; empty when all is well."""
+    """The remedy; empty if all is well."""
     fatal: bool = False
     """Nothing works without it."""
 
 
 def examine(folder: Path) -> list[Finding]:
-    """Everything that matters for running plants in `folder`. Takes seconds: the large libraries are imported.
+    """Examine everything that matters for runs in `folder`. It takes seconds, because it imports the large libraries.
 
     Raises:
-        MissingInput: there is no such folder.
+        MissingInput: the folder does not exist.
     """
     if not folder.is_dir():
         raise MissingInput(f"{folder} is not a folder; give the one where plants are to be run")
@@ -83,7 +83,7 @@ def examine(folder: Path) -> list[Finding]:
 
 
 def is_ready(findings: list[Finding]) -> bool:
-    """Whether plants can be run."""
+    """Whether the machine can run plants."""
     return not any(finding.fatal and finding.remedy for finding in findings)
 
 
@@ -97,7 +97,7 @@ def conclude(findings: list[Finding]) -> str:
 
 
 def mend(findings: list[Finding], tell: Callable[[str], None]) -> None:
-    """Run what mends them, as far as this user may: pip always, apt-get as root or where sudo asks for no password."""
+    """Run the remedies that this user may run: pip always, apt-get as root or if sudo needs no password."""
     for remedy in dict.fromkeys(finding.remedy for finding in findings if finding.remedy):
         commands = _commands_of(remedy)
         if not commands:
@@ -110,10 +110,10 @@ def mend(findings: list[Finding], tell: Callable[[str], None]) -> None:
 
 
 def _commands_of(remedy: str) -> list[list[str]]:
-    """What a remedy is for this user to run; empty where it is no command, or not for them."""
+    """The commands of a remedy for this user; empty if it is not a command, or this user may not run it."""
     words = shlex.split(remedy)
     if words[:2] == ["pip", "install"]:
-        # Not by looking for its module: for pip, setuptools' finder then brings back the distutils of old.
+        # Do not look for its module: for pip, setuptools' finder then brings back the old distutils.
         if any(metadata.distributions(name="pip")):
             return [[sys.executable, "-m", *words]]
         return [["uv", "pip", "install", "--python", sys.executable, *words[2:]]] if shutil.which("uv") else []
@@ -124,7 +124,7 @@ def _commands_of(remedy: str) -> list[list[str]]:
 
 
 def _as_root() -> list[str] | None:
-    """What stands in front of a command that needs root; None where this user may not."""
+    """The words in front of a command that needs root; None if this user may not run it."""
     if os.geteuid() == 0:
         return []
     sudo = ["sudo", "-n"]
@@ -139,7 +139,7 @@ def _list_libraries() -> list[str]:
 
 
 def _examine_library(name: str) -> Finding:
-    """Imported in a process of its own: a library built for another processor ends the one that imports it."""
+    """Import it in a separate process: a library built for another processor ends the process that imports it."""
     try:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -152,7 +152,7 @@ def _examine_library(name: str) -> Finding:
 
 
 def _import_finding(name: str, version: str, code: int, said: str) -> Finding:
-    """What the end of `import` means."""
+    """The finding for an `import` that has ended."""
     if code == 0:
         return Finding(name, version)
     if library := missing_library(said):

@@ -1,4 +1,4 @@
-"""A field's tables as databases and spreadsheets take them."""
+"""A field's tables in the formats of databases and spreadsheets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "
 
 
 def export(folder: Path, kind: str, out: Path | None = None) -> str:
-    """Write a field in a format; returns what was saved, and what the lab has to add.
+    """Write a field in a format; return a text on what it saved and what the lab has to add.
 
     Args:
         out: folder for the files; default: `export/KIND` in the field.
@@ -44,7 +44,7 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
         if lacking := missing(books["miappe.xlsx"]):
             remark = f"\nMIAPPE also asks for {', '.join(lacking)}; write them into {folder / STUDY_FILE}"
     elif kind == "frictionless":
-        # The tables as they are: a package's paths may not leave its folder.
+        # Copy the tables unchanged: a package's paths may not leave its folder.
         texts = {name: read_text(folder / name) for name in field.tables}
         texts["datapackage.json"] = json_text(data_package(field))
     elif kind == "cottongen":
@@ -59,5 +59,5 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
         for name, sheets in books.items():
             write_workbook(partial / name, sheets)
     if out is None:
-        (target.parent / OWNER_MARK).touch()  # so that `batch` takes it for no plant
+        (target.parent / OWNER_MARK).touch()  # so that `batch` does not take it for a plant
     return f"{len(field.plants)} plants saved in {target}: {', '.join([*texts, *books])}{remark}"

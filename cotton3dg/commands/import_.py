@@ -1,7 +1,7 @@
 """A folder for each plant from a phone's videos, named by the cards that the videos show.
 
-What was read of a video is remembered by the file's content, so an import that was interrupted goes on, and so does one
-after the field book was mended. Nothing is guessed and nothing is replaced: what is in doubt is told, and stays.
+The import remembers the codes of each video by the file's content, so that it continues after an interruption or after
+a correction of the field book. It never guesses and never replaces a file: it reports a doubtful video and leaves it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ HOW: Final = ("copy", "move", "link")
 EVERY_S: Final = 0.25
 MOST_FRAMES: Final = 160
 SMALL_SIDE: Final = 1920
-"""Videos are read at this size first and, where that does not tell, as filmed."""
+"""Longer side at which videos are read first; if that gives no code, they are read at full size."""
 STILLS: Final = (".heic", ".heif", ".jpg", ".jpeg", ".dng")
 LIVE_PHOTO_S: Final = 5.0
 LEFTOVERS: Final = (".lrv",)
@@ -70,7 +70,7 @@ COLUMNS: Final = (
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one video."""
+    """The outcome for one video."""
 
     file: str
     plant_id: str = ""
@@ -83,7 +83,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Import:
-    """What is asked for."""
+    """The request of an import."""
 
     into: Path
     fieldbook: Path | None = None
@@ -95,12 +95,12 @@ class Import:
 
 
 def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = silent) -> list[Row]:
-    """Make the plants' folders; returns a row for each video, which `import.csv` has too.
+    """Make the plants' folders; return a row for each video, as `import.csv` has it.
 
     Raises:
         BadUsage: an unknown way to take the videos, or another field book than the field's own.
         BadInput: the field book or the table of names cannot be read.
-        MissingInput: there are no videos.
+        MissingInput: the sources hold no videos.
     """
     if asked.how not in HOW:
         raise unknown(f"--how {asked.how}", asked.how, HOW)
@@ -134,7 +134,7 @@ def import_videos(sources: Sequence[Path], asked: Import, progress: Progress = s
 
 
 def _videos(sources: Sequence[Path], into: Path) -> Iterator[Path]:
-    """Files that are named, and videos at any depth below folders that are, each once and in order of name.
+    """The named files, and the videos at any depth below the named folders, each once and in order of name.
 
     A folder that cannot be read is among them.
     """
@@ -156,7 +156,7 @@ def _videos(sources: Sequence[Path], into: Path) -> Iterator[Path]:
 
 
 def _photos(sources: Sequence[Path]) -> str:
-    """What to do where there are photos, perhaps, but no videos."""
+    """The remedy if there are no videos, but perhaps photos."""
     photos = [photo for source in sources for photo in files_below(source, (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES))]
     if not photos:
         return "give videos, or folders that hold them"
@@ -166,7 +166,7 @@ def _photos(sources: Sequence[Path]) -> str:
 
 
 def _unusable(path: Path) -> str:
-    """Why a file or folder cannot be taken at all; empty if it can."""
+    """Why the import cannot take a file or folder; empty if it can."""
     try:
         require_utf8(path).open("rb").close()
     except Cotton3dgError as error:
@@ -177,7 +177,7 @@ def _unusable(path: Path) -> str:
 
 
 def _companion(path: Path, videos: Sequence[Path]) -> str:
-    """Why a file of a phone's folder is no film of a plant; empty if it may be one."""
+    """Why a file in a phone's folder is not a film of a plant; empty if it may be one."""
     if path.suffix.lower() in LEFTOVERS:
         return "a camera's small copy of another video"
     for still in (path.with_suffix(suffix) for low in STILLS for suffix in (low, low.upper())):
@@ -202,11 +202,11 @@ def _field_book(asked: Import) -> FieldBook | None:
 
 
 def _keep_book(asked: Import) -> None:
-    """The field book goes with the field, as CSV that `batch` reads."""
+    """Save the field book in the field, as CSV that `batch` reads."""
     own = asked.into / FIELD_BOOK
     if asked.fieldbook and not own.exists():
         book = read_fieldbook(asked.fieldbook, asked.id_column)
-        # The ids' column keeps its name where it would be found again.
+        # The column of the ids keeps its name if `read_fieldbook` would find it again.
         columns = [Column(name, "", "") for name in (book.id_column, *book.columns)]
         with explain_disk_errors(asked.into):
             asked.into.mkdir(parents=True, exist_ok=True)
@@ -235,7 +235,7 @@ def _given(path: Path, named: dict[str, str]) -> str:
 def _read(
     videos: Sequence[Path], prints: dict[Path, str], named: set[Path], asked: Import, progress: Progress
 ) -> dict[str, ReadVideo]:
-    """Codes in each video, by its fingerprint; those that were read before are not read again."""
+    """Codes in each video, by its fingerprint; no video is read twice."""
     memory = asked.into / MEMORY
     known = dict((ReadVideos.load_if_there(memory) or ReadVideos()).videos)
     due = {prints[path]: path for path in videos if prints[path] not in known and path not in named}
@@ -252,7 +252,7 @@ def _read(
 
 
 def read_video(path: Path) -> ReadVideo:
-    """The codes in a video: first in frames of `SMALL_SIDE` px, then in all their pixels where that does not tell."""
+    """The codes in a video: first in frames of `SMALL_SIDE` px and, if these give none, in frames of full size."""
     try:
         facts = video.probe(path)
         length_s = facts.duration_s if facts.duration_s > 0 else 60.0
@@ -271,7 +271,7 @@ def read_video(path: Path) -> ReadVideo:
 
 
 def _identify(path: Path, read: ReadVideo, book: FieldBook | None, given: str) -> Row:
-    """Whose video it is, or why it is not known."""
+    """The plant of a video, or why it is not known."""
     if given:
         problem = id_problem(given)
         if not problem and book and given not in book.rows:
@@ -289,7 +289,7 @@ _REMEDY: Final = f"write its plant_id into {TABLE} and give that with --names"
 
 
 def _find_doubles(rows: dict[Path, Row], prints: dict[Path, str]) -> None:
-    """Take the id from videos that share it, or the folder that it makes; of the same video twice the first counts."""
+    """Remove the id from videos that share it, or share its folder; of two copies of one video the first counts."""
     first: dict[str, Path] = {}
     for path, own in prints.items():
         if (other := first.setdefault(own, path)) is not path:
@@ -307,7 +307,7 @@ def _find_doubles(rows: dict[Path, Row], prints: dict[Path, str]) -> None:
 
 
 def _place(path: Path, row: Row, asked: Import) -> Row:
-    """Put a video whose plant is known into the plant's folder."""
+    """Put a video of a known plant into the plant's folder."""
     if not row.plant_id:
         return row
     folder = asked.into / folder_name(row.plant_id)
@@ -319,7 +319,7 @@ def _place(path: Path, row: Row, asked: Import) -> Row:
         return _compare_with(taken[0], path, row)
     if not asked.dry_run:
         with explain_disk_errors(asked.into):
-            # The folder appears with its video in it, or not at all.
+            # The folder appears together with its video, or not at all.
             partial = asked.into / partial_name(folder.name)
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
@@ -334,7 +334,7 @@ def _place(path: Path, row: Row, asked: Import) -> Row:
 
 
 def _compare_with(folder: Path, path: Path, row: Row) -> Row:
-    """What a folder that is there says of a video that belongs into it."""
+    """The row of a video whose folder already exists."""
     try:
         own = Workspace(folder).capture()
     except Cotton3dgError:
@@ -346,7 +346,7 @@ def _compare_with(folder: Path, path: Path, row: Row) -> Row:
 
 
 def _take(path: Path, target: Path, how: str) -> None:
-    """Copy with its dates, or link; a move is a link, or a copy on another disk, and `path` goes at last."""
+    """Copy with dates, or link; a move is a link, or a copy on another disk, and removes `path` at the end."""
     if how in ("link", "move"):
         try:
             os.link(path.resolve(), target)
@@ -359,7 +359,7 @@ def _take(path: Path, target: Path, how: str) -> None:
 
 
 def _save(rows: Sequence[Row], into: Path) -> None:
-    """Write `import.csv`: these rows, and those of files of earlier imports."""
+    """Write `import.csv` with these rows and the rows of files from earlier imports."""
     table = into / TABLE
     own = {row.file for row in rows}
     before = []

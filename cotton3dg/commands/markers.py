@@ -1,4 +1,4 @@
-"""A sheet of markers to print. Not a stage of the pipeline: it is laid on the table before filming."""
+"""A sheet of markers to print. Not a stage of the pipeline: the user lays it on the table before filming."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAPER_CM: Final = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.
 
 
 def print_markers(file: Path, options: MarkersOptions) -> str:
-    """Write the sheet; returns how it is used.
+    """Write the sheet; return a text on how to use it.
 
     Raises:
         BadUsage: another suffix than .pdf and .png, or the paper is too small.

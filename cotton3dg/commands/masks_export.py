@@ -1,4 +1,4 @@
-"""The masks of a plant as COCO, for annotation tools. Not a stage of the pipeline: no other one reads it.
+"""The masks of a plant as COCO, for annotation tools. Not a stage of the pipeline: no stage reads it.
 
     annotations/  bolls.json (polygons)   images/ (undistorted, as the masks)
 
@@ -28,7 +28,7 @@ def export(workspace: Workspace) -> Path:
         The COCO file.
     Raises:
         MissingInput: there are no masks.
-        BadUsage: somebody has worked on those that were exported before.
+        BadUsage: somebody has changed the masks of an earlier export.
     """
     masks = MasksInfo.load(workspace.require(workspace.masks_json, "masks"))
     cameras = {camera.name for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))}

@@ -1,6 +1,6 @@
 """Train a network that finds bolls. Not a stage of the pipeline: it makes weights for `masks --weights`.
 
-bolls:  bolls.onnx   checkpoint.npz   scenes/   backgrounds/   training.json (images, options, accuracy on what judges)
+bolls:  bolls.onnx   checkpoint.npz   scenes/   backgrounds/   training.json (images, options, accuracy on test images)
 yolo:   best.pt   best.onnx (runs without ultralytics)   training.json
 """
 
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 LEAST_IMAGES: Final = 2
 BLUR_PX: Final = (0.5, 2.0)
-"""Standard deviations of blurred copies, of images as large as the model sees them: a moving phone's range."""
+"""Standard deviations of blurred copies, in images of the size that the model sees: the range of a moving phone."""
 PICTURE_PX: Final = 192
 PLATES_A_SCENE: Final = 20
 SCENES_A_ROOM: Final = 10
 """Scenes for each set of backgrounds."""
 JUDGING_SCENES: Final = 4
-"""Simulated scenes that judge and never train, with numbers that no training reaches."""
+"""Simulated scenes for judging only, with numbers that no training reaches."""
 FIRST_JUDGING_SCENE: Final = 1_000_000
 JUDGING_PICTURES: Final = 64
 BATCH: Final = 12
@@ -56,7 +56,7 @@ FINE_TUNING_RATE: Final = 2e-4
 
 Draw = Callable[[np.random.Generator], TrainingPicture]
 Start = Literal["nothing", "imagenet", "bolls"]
-"""What a network knows before it is trained."""
+"""What a network knows before the training."""
 
 
 def train(folder: Path, options: MasksTrainOptions, progress: Progress = silent) -> Path:
@@ -143,7 +143,7 @@ def _train_bolls(
     options: MasksTrainOptions,
     progress: Progress,
 ) -> tuple[list[Path], dict[str, Any]]:
-    """bolls.onnx, and its accuracy on photos and on simulated pictures that it did not learn from."""
+    """Train bolls.onnx; return its accuracy on photos and simulated pictures outside the training data."""
     from ..masks.bolls_network import to_onnx
     from ..masks.bolls_training import LEARNING_RATE, TrainingSettings, restore_norms
     from ..masks.bolls_training import train as fit
@@ -190,14 +190,14 @@ def _train_bolls(
 
 
 def _computes_bfloat16() -> bool:
-    """Whether the machine has instructions for numbers of half the digits."""
+    """Whether the machine has instructions for bfloat16 numbers."""
     import torch
 
     return torch.cuda.is_available() or bool(torch.cpu.get_capabilities().get("avx512_bf16"))
 
 
 def read_simulated(folder: Path, scenes: range, progress: Progress = silent) -> tuple[list[Plate], NDArray[np.uint8]]:
-    """Plates and backgrounds (B, H, W, 3) of scenes by number, made where they are not in the folder yet."""
+    """Plates and backgrounds (B, H, W, 3) of scenes by number, made if the folder does not have them yet."""
     plates, backgrounds = [], []
     for kind in ("scenes", "backgrounds"):
         (folder / kind).mkdir(parents=True, exist_ok=True)
@@ -273,7 +273,7 @@ def _measure_accuracy(
     network: BollNetwork, judged: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint16]]]
 ) -> dict[str, Any]:
     """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
-    # The network is judged, so without the doubts of `single_image` about faint bolls among leaves.
+    # This judges the network alone, without the doubts of `single_image` about faint bolls among leaves.
     found = ((group_votes(see_at_all_looks(image, network))[0], ids) for image, ids in judged)
     scores, miou = score_masks(found)
     table = {
@@ -308,7 +308,7 @@ def write_dataset(
     options: MasksTrainOptions,
     rng: np.random.Generator,
 ) -> None:
-    """Images and labels as ultralytics reads them, with blurred copies of some that train."""
+    """Write images and labels as ultralytics reads them, with blurred copies of some training images."""
     import cv2
 
     for part in ("train", "val"):

@@ -40,10 +40,10 @@ from ..schemas.scale import read_scale
 from ..workspace import Workspace
 
 QUALITY: Final = 18
-"""x264's constant rate factor; hardly to be told from the images themselves."""
+"""x264's constant rate factor; viewers can hardly distinguish the video from the images themselves."""
 BACKGROUNDS: Final = {"black": 0.0, "white": 1.0}
 DEPTH_RANGE: Final = (0.5, 1.5)
-"""Depths between which colours change, in distances of the camera from what it looks at: plant and table."""
+"""Range of depths that the colours span, in distances of the camera from its target: plant and table."""
 RECORD: Final = "render.json"
 
 
@@ -51,12 +51,12 @@ def render(workspace: Workspace, options: RenderOptions, progress: Progress = si
     """Film the model and save the film with its render.json.
 
     Returns:
-        What render.json says.
+        The content of render.json.
     Raises:
-        MissingInput: a stage that is needed has not run. BadInput: its result is damaged or of another model.
-        NoBolls: bolls are to be shown and there are none. BadUsage: a size that cannot be encoded.
+        MissingInput: a required stage has not run. BadInput: its result is damaged or of another model.
+        NoBolls: the film should show bolls and there are none. BadUsage: the size cannot be encoded.
     """
-    workspace.require(workspace.gaussians_ply, "train")  # before a lock is left where nothing was trained
+    workspace.require(workspace.gaussians_ply, "train")  # before a lock is left in a folder without a model
     with workspace.locked():
         gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
         cameras = _order_cameras(workspace)
@@ -157,7 +157,7 @@ def _read_labels(workspace: Workspace, gaussians: Gaussians) -> NDArray[np.int32
 
 
 def _find_plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np.bool_]:
-    """(N,) which of the n Gaussians are the plant; none of them where that is neither known nor required."""
+    """(N,) which of the n Gaussians are the plant; none of them if that is neither known nor required."""
     unknown = np.zeros(n, bool)
     if not required and not workspace.plant_npy.exists():
         return unknown
@@ -176,10 +176,10 @@ def _find_plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np
 
 
 def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) -> tuple[Float64, Float64]:
-    """What the camera turns around: the middle of the plant, else of the orbit; and up by the table, else by the orbit.
+    """The point that the camera circles: the middle of the plant, else of the orbit; and up by the table or orbit.
 
     Args:
-        plant: (P, 3) means of the plant's Gaussians, su; P = 0 where it is not known.
+        plant: (P, 3) means of the plant's Gaussians, su; P = 0 if it is not known.
     """
     orbit = fit_orbit(cameras)
     scale = read_scale(workspace.scale_json) if workspace.scale_json.exists() else None
@@ -188,12 +188,12 @@ def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) 
     if not len(plant):
         return orbit.centre, scale.up
     places = plant.astype(np.float64) @ scale.table_frame.T
-    # Of the extent without its outermost hundredth: what is left of floaters may be far off.
+    # The extent without its outermost hundredth: remaining floaters may be far away.
     return np.percentile(places, [1, 99], axis=0).mean(axis=0) @ scale.table_frame, scale.up
 
 
 def _choose_size(workspace: Workspace, camera: Camera, options: RenderOptions) -> tuple[int, int]:
-    """Width and height, px: those of the training images, where one is given the other by their aspect."""
+    """Width and height, px: those of the training images; if one is given, their aspect ratio gives the other."""
     record = workspace.read_record("train")
     trained = (record.options if record else {}).get("max_side", TrainOptions().max_side)
     width, height = fit_size(camera.width, camera.height, trained)

@@ -1,4 +1,4 @@
-"""`run --repeat`: one film measured several times; how much of a row hangs on frames and on chance in training."""
+"""`run --repeat`: measures one film several times; how much a row depends on frames and on chance in training."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def repeat_runs(
     tell: Callable[[str], None],
     watcher: pipeline.Watcher | None = None,
 ) -> Repeats:
-    """Run a finished plant's capture `times` times more and lay the runs beside it; tables and picture in `repeats/`.
+    """Run a finished plant's capture `times` more times and compare the runs with it; tables and picture in `repeats/`.
 
-    Each run has a frame fewer than the one before and another seed of training. Frames stand at even steps of the way,
-    so that one fewer moves all but the first and the last. What the runs share, they do not tell of: the film itself,
-    its light, and the size of the table.
+    Each run has one frame fewer than the run before and another seed of training. Frames stand at even steps of the
+    way, so that one frame fewer moves all but the first and the last. The runs show nothing about what they share: the
+    film itself, its light, and the size of the table.
 
     Raises:
-        BadUsage: the model was trained elsewhere, on given frames.
+        BadUsage: the model was trained elsewhere, on frames that the user gave.
         Cotton3dgError: a run failed, or cannot be compared.
     """
     if options["train"].model:

@@ -1,4 +1,4 @@
-"""A plant with exact truth: video.mp4, the pipeline's only input, and beside it what is true of it.
+"""A plant with exact truth: video.mp4, the pipeline's only input, and beside it the true values.
 
 Not a stage of the pipeline: it makes the folder that a run starts from.
 
@@ -38,14 +38,14 @@ from ..workspace import Workspace
 
 FRAMES_PER_SECOND: Final = 30
 CARD_DOTS: Final = 60
-"""A cm of a simulated card: as fine as a film from half a metre sees it."""
+"""Dots per cm of a simulated card: as fine as a film from half a metre shows it."""
 QUALITY: Final = 12
 """x264's constant rate factor; a phone at 15 Mbit/s is about as good."""
 
 TABLE_REMARK: Final = "# The table of this film, as simulate made it."
 
 STANDARD_PLANT: Final = {"seed": 1, "bolls": 12, "frames": 120}
-"""What `study --standard` films unless the folder has a plant."""
+"""The plant that `study --standard` films if the folder has none."""
 
 
 def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent) -> Path:
@@ -57,7 +57,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         BadUsage: the folder holds something that simulate did not write, or the size cannot be encoded.
     """
     _check(folder, options)
-    with explain_disk_errors(folder):  # whether it can be made is known before the work
+    with explain_disk_errors(folder):  # an error about the folder comes before the work
         folder.mkdir(parents=True, exist_ok=True)
     progress(0, options.frames, "growing")
     plant = grow_plant(options)
@@ -88,7 +88,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
 
 
 def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[RenderScene, Float32 | None]:
-    """What the camera goes round, and, of a plant that turns itself, what stands still behind it: (H, W, 3) light."""
+    """The scene that the camera circles and, for a plant on a turntable, the fixed background: (H, W, 3) light."""
     room = build_room(options, plant.stem_base, _printed_card(options.card) if options.card else None)
     if not options.turntable:
         return light_scene(plant, room), None
@@ -97,7 +97,7 @@ def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[R
 
 
 def _printed_card(plant_id: str) -> Float32:
-    """(H, W, 3) sRGB in 0..1 of a card on A4, as a printer makes it of white paper and black ink."""
+    """(H, W, 3) sRGB in 0..1 of a card on A4, as printed with black ink on white paper."""
     if problem := id_problem(plant_id):
         raise BadUsage(f"--card {plant_id!r} is no id: {problem}")
     sheet = draw_card(code_picture(card_text(plant_id)), plant_id, (), PAPER_CM["a4"], CARD_DOTS)
@@ -105,7 +105,7 @@ def _printed_card(plant_id: str) -> Float32:
 
 
 def _say_table(options_file: Path, options: SimulateOptions) -> None:
-    """What a person would measure; a file that somebody changed stays."""
+    """Write what a person would measure; keep a file that somebody changed."""
     ours = not options_file.exists() or options_file.read_text(encoding="utf-8").startswith(TABLE_REMARK)
     if options.table and ours:
         sides = f"table_length_cm = {options.table_length_cm:g}\ntable_width_cm = {options.table_width_cm:g}\n"

@@ -1,1 +1,1 @@
-"""Results beside the truth: tables, bolls, masks and scanned clouds."""
+"""Comparison of results with the truth: tables, bolls, masks and scanned clouds."""

@@ -1,10 +1,11 @@
 """Two films of one plant in one frame: the turn about the vertical, found from its bolls and branches.
 
-In both plant frames z is up from the table top and the stem stands at the origin; what is not known is how the plant
-was turned between the films, how far the foot of the stem was guessed beside the place, and whether the plant leans
-otherwise. Bolls and branches are compared relative to the stem, which takes shift and lean away; the turn at which
-most of them lie on each other is the candidate. It is believed if chance does not do as well: each branch with its
-bolls is turned by an angle of its own, many times over, and the best turn of such plants is looked for in the same way.
+In both plant frames z is up from the table top and the stem stands at the origin. Three things are unknown: how the
+plant was turned between the films, how far the guessed foot of the stem is off its place, and whether the plant leans
+differently. The module compares bolls and branches relative to the stem, which removes shift and lean; the candidate
+is the turn at which most of them lie on each other. It accepts the candidate if chance does not do as well: it turns
+each branch with its bolls by an angle of its own, many times, and looks for the best turn of such plants in the same
+way.
 """
 
 from __future__ import annotations
@@ -22,68 +23,68 @@ from .match import match_bolls
 
 Float64 = NDArray[np.float64]
 Groups = list[list[Float64]]
-"""Items of a plant by what turns together: a branch on the stem with all that it bears."""
+"""Items of a plant in groups that turn together: a branch on the stem with all that it bears."""
 
 STEP_DEG: Final = 2.0
 NEAR_CM: Final = 1.5
 """Standard deviation of the places of one boll in two films, relative to the stem."""
 CHANCE_FROM_CM: Final = 3.0
-"""A branch is compared from this far off the stem: nearer to it, all turns are alike."""
+"""Distance from the stem at which the comparison of a branch begins: nearer to it, all turns are alike."""
 APART_DEG: Final = 20.0
-"""Another turn is one that differs by more."""
+"""Two turns that differ by more count as different."""
 FEWEST: Final = 3
-"""Bolls and branches from which a turn can be told."""
+"""Least number of bolls and branches that determine a turn."""
 MOST_CHANCE: Final = 0.01
 LEAST_LEAD: Final = 1.0
-"""Bolls or branches that lie on each other at the best turn and not at the second best."""
+"""Least number of bolls or branches that lie on each other at the best turn and not at the second best."""
 LEAST_SHARE: Final = 0.5
-"""Of the bolls and branches of the plant that has fewer, that must lie on the other's."""
+"""Least share of the bolls and branches of the plant that has fewer that must lie on those of the other plant."""
 SHUFFLES: Final = 1999
 MOST_LEAN_DEG: Final = 12.0
 STEM_STEP_CM: Final = 4.0
 STEM_WEIGHT: Final = 0.3
-"""Of a place of the stem beside a boll: the stem bends."""
+"""Weight of a place on the stem relative to a boll: the stem bends."""
 WOOD_WEIGHT: Final = 0.05
-"""Of a cm of a branch: its points slide along it."""
+"""Weight of a cm of a branch: its points slide along it."""
 REFINEMENTS: Final = 6
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What of a plant is compared, in its plant frame."""
+    """The parts of a plant that are compared, in its plant frame."""
 
     centres_cm: Float64
-    """(B, 3) of its bolls; NaN where not known."""
+    """(B, 3) centres of its bolls; NaN if not known."""
     branch_of: tuple[int, ...]
-    """Branch of each boll; 0 = on the stem or not known."""
+    """The branch of each boll; 0 = on the stem or not known."""
     plant_map: PlantMap
-    """Without axes where there is none."""
+    """A map without axes if the plant has none."""
 
     @property
     def stem(self) -> Float64:
-        """(N, 3) cm; upright from the origin where there is no map."""
+        """(N, 3) cm; upright from the origin if the plant has no map."""
         return self.plant_map.stem.curve if self.plant_map.axes else np.array([[0, 0, 0], [0, 0, 1.0]])
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where a film's plant frame is in that of another."""
+    """The pose of one film's plant frame in that of another."""
 
     rotation: Float64
     """(3, 3)."""
     shift_cm: Float64
     """(3,)"""
     turn_deg: float
-    """How far the plant was turned on the table from the first film to this one, counter-clockwise seen from above.
-    The ends of a table look alike, so half a turn may be wanting."""
+    """Turn of the plant on the table from the first film to this one, counter-clockwise seen from above. The ends of a
+    table look alike, so the value may lack half a turn."""
     lean_deg: float
-    """Angle of the two verticals: the plant leans otherwise by so much."""
+    """Angle between the two verticals: the change in the plant's lean."""
     n_items: int
-    """Bolls and branches that could be compared."""
+    """Number of bolls and branches in the comparison."""
     support: float
-    """How many of them lie on each other, weighed by how near."""
+    """Number of them that lie on each other, each weighted by how near it lies."""
     chance: float
-    """Share of shuffled plants that fit as well; NaN where the turn was given."""
+    """Share of shuffled plants that fit as well; NaN if the user gave the turn."""
 
     def apply(self, points_cm: NDArray) -> Float64:
         """(N, 3) places of the other film in the frame of the first."""
@@ -92,7 +93,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class NoAlignment:
-    """The films cannot be laid on each other."""
+    """The films cannot be aligned."""
 
     reason: str
 
@@ -102,14 +103,14 @@ def align(a: Layout, b: Layout, reach_cm: float, turn_deg: float | None = None) 
 
     Args:
         reach_cm: how far a boll may have moved.
-        turn_deg: how far the plant was turned from a to b where that is known, to some 10 degrees and perhaps half a
-            turn, as the ends of a table look alike; None = find it.
+        turn_deg: turn of the plant from a to b if it is known, to some 10 degrees and perhaps up to half a turn,
+        because the ends of a table look alike; None = find it.
     """
     curves = [_turn_curves(a, b, by_stem) for by_stem in (True, False)]
     n_items = len(curves[0].sizes)
     if not n_items or not curves[0].n_targets:
         return NoAlignment("there are no bolls and branches in both films to align the plants by")
-    # Relative to the stem where that is followed alike in both films, else relative to the foot.
+    # Relative to the stem if both films follow it alike, else relative to the foot.
     found = max(curves, key=lambda each: float(each.total(turn_deg).max()))
     total = found.total(turn_deg)
     best = int(total.argmax())
@@ -164,7 +165,7 @@ def about_vertical(angle: float) -> Float64:
 # --------------------------------------------------------------- the turn
 @dataclass(frozen=True)
 class _Curves:
-    """How well each item of one plant lies on the other plant, by the turn."""
+    """How well each item of one plant lies on the other plant, for each turn."""
 
     scores: Float64
     """(G, T) of each group, that is a branch with its bolls, at each turn: the sum over its items, 0..1 each."""
@@ -175,8 +176,8 @@ class _Curves:
     """Whether the first plant was turned instead of the second."""
 
     def total(self, around_deg: float | None = None) -> Float64:
-        """(T,) at each turn that takes the second plant back; -1 where that is more than half `APART_DEG` off taking
-        `around_deg`, or half a turn more, back."""
+        """(T,) total at each turn that takes the second plant back; -1 at a turn more than half `APART_DEG` away from
+        the one that takes back `around_deg`, or half a turn more."""
         total = self.scores.sum(axis=0)
         if self.backwards:
             total = np.roll(total[::-1], 1)
@@ -186,7 +187,7 @@ class _Curves:
         return total
 
     def chance(self, reached: float) -> float:
-        """Share of plants whose groups are turned at random that reach as much at their best turn."""
+        """Share of plants with randomly turned groups that reach as much at their best turn."""
         rng = np.random.default_rng(0)
         n_groups, n_turns = self.scores.shape
         turns = np.arange(n_turns)
@@ -199,7 +200,7 @@ class _Curves:
 
 
 def _turn_curves(a: Layout, b: Layout, by_stem: bool) -> _Curves:
-    """Compare the plant with fewer items with the other, which chance does less well than the other way round."""
+    """Compare the plant with fewer items with the other; chance does less well than in the other direction."""
     turned, still, backwards = _fewer_first(_items(a, by_stem), _items(b, by_stem))
     targets = _targets(still)
     angles = np.radians(np.arange(0, 360, STEP_DEG))
@@ -219,7 +220,7 @@ def _fewer_first(
 
 
 def _targets(groups: Groups) -> dict[bool, Float64]:
-    """Places that bolls (False) and points of branches (True) may lie on; one that is nowhere near at least."""
+    """Targets for bolls (False) and for points of branches (True); at least one, which may be far from everything."""
     nowhere = np.full((1, 3), np.inf)
     return {
         many: np.vstack([*(item for group in groups for item in group if (len(item) > 1) == many), nowhere])
@@ -228,7 +229,7 @@ def _targets(groups: Groups) -> dict[bool, Float64]:
 
 
 def _support(a: Layout, b: Layout, rotation: Float64, shift: Float64) -> float:
-    """How many items of the plant with fewer lie on the other's once they are in one frame."""
+    """How many items of the plant with fewer lie on those of the other in a common frame."""
     moved = [[item @ rotation.T + shift for item in group] for group in _items(b, by_stem=False)]
     fewer, more, _ = _fewer_first(_items(a, by_stem=False), moved)
     targets = _targets(more)
@@ -254,7 +255,7 @@ def _items(layout: Layout, by_stem: bool) -> Groups:
 
 
 def _first_order(plant_map: PlantMap) -> dict[int, int]:
-    """Rank of a branch -> that of the branch on the stem that it belongs to."""
+    """Rank of a branch -> rank of the branch on the stem to which it belongs."""
     axis_of: dict[int, Axis] = {axis.rank: axis for axis in plant_map.axes}
     first = {}
     for rank in axis_of:
@@ -267,7 +268,7 @@ def _first_order(plant_map: PlantMap) -> dict[int, int]:
 
 
 def _from_stem(points: NDArray, layout: Layout, by_stem: bool) -> Float64:
-    """(N, 3) points whose x and y count from the stem at their height; above its tip, from the tip."""
+    """(N, 3) points with x and y relative to the stem at their height or, above its tip, to the tip."""
     stem = layout.stem
     if not by_stem or not layout.plant_map.axes:
         return np.asarray(points, np.float64)
@@ -294,12 +295,12 @@ def _refine(a: Layout, b: Layout, angle: float, reach_cm: float) -> tuple[Float6
     wood_a, wood_b = (_targets(_items(layout, by_stem=False))[True][:-1] for layout in (a, b))
     shift = stem_a.mean(axis=0) - stem_b.mean(axis=0) @ rotation.T if len(stem_a) else np.zeros(3)
     for round_ in range(REFINEMENTS):
-        # The first matches are made from afar, for the shift is not known yet.
+        # The first matches allow larger distances, because the shift is not known yet.
         afar = 2.0 if round_ < 2 else 1.0
         pairs = match_bolls(a.centres_cm, b.centres_cm @ rotation.T + shift, afar * reach_cm)
         ends_a, ends_b = a.centres_cm[pairs[:, 0]], b.centres_cm[pairs[:, 1]]
         away = np.linalg.norm(ends_a - (ends_b @ rotation.T + shift), axis=1)
-        # Bolls that moved by themselves say nothing of the frame.
+        # Bolls that moved by themselves carry no information on the frame.
         trusted = away <= max(2.5 * float(np.median(away)), 0.5) if len(away) else np.zeros(0, bool)
         near_a, near_b = _near_wood(wood_a, wood_b, rotation, shift, afar * NEAR_CM)
         to = np.vstack([ends_a[trusted], stem_a, near_a])
@@ -310,7 +311,7 @@ def _refine(a: Layout, b: Layout, angle: float, reach_cm: float) -> tuple[Float6
         weights = np.repeat([1.0, STEM_WEIGHT, WOOD_WEIGHT], counts)
         fitted, moved = _fit(source, to, weights, rotation, leans=len(stem_a) > 0)
         if abs(_turn(about_vertical(-angle) @ fitted)) > np.radians(0.5 * APART_DEG):
-            break  # what is left stands on the stem's line and tells no turn
+            break  # the rest lies on the stem's line and does not determine a turn
         rotation, shift = fitted, moved
     return rotation, shift
 
@@ -329,7 +330,7 @@ def _near_wood(
 
 
 def _turn(rotation: Float64) -> float:
-    """Its part about the vertical, rad."""
+    """The rotation's part about the vertical, rad."""
     return float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]))
 
 
@@ -350,7 +351,7 @@ def _stem_places(a: Layout, b: Layout) -> tuple[Float64, Float64]:
 
 
 def _fit(source: Float64, to: Float64, weights: Float64, before: Float64, *, leans: bool) -> tuple[Float64, Float64]:
-    """Least squares (Kabsch): about the vertical alone unless `leans`, and where the lean would be no plant's."""
+    """Least squares (Kabsch): about the vertical alone unless `leans`, or if the lean is too large for a plant."""
     share = weights / weights.sum()
     middle_s, middle_t = share @ source, share @ to
     s, t = source - middle_s, to - middle_t

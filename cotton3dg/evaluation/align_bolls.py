@@ -1,8 +1,8 @@
-"""Two films of one plant in one frame by its bolls alone, for films in which the foot of the stem is only a guess.
+"""Alignment of two films of one plant by its bolls alone, if the foot of the stem is only a guess.
 
-Heights are those above the table in both films. Every two bolls of one film that lie as high and as far apart as two of
-the other propose a turn and a shift; the proposal that lays most bolls on each other is believed if bolls that are each
-turned at random about their middle do not do as well.
+Heights count from the table in both films. Each pair of bolls in one film with the same heights and distance as a pair
+in the other film proposes a turn and a shift. The module accepts the proposal that lays most bolls on each other,
+unless bolls that are each turned at random about their middle do as well.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Float64 = NDArray[np.float64]
 
 NEAR_CM: Final = 1.0
 ALIKE_CM: Final = 1.5
-"""How far heights and distances of the same bolls may differ."""
+"""Largest difference in heights and in distances of the same bolls."""
 APART_CM: Final = 5.0
-"""Bolls nearer to each other tell the turn badly."""
+"""Bolls that are nearer to each other determine the turn poorly."""
 APART_DEG: Final = 20.0
 FEWEST: Final = 4
 MOST_CHANCE: Final = 0.01
@@ -32,19 +32,19 @@ SHUFFLES: Final = 199
 
 @dataclass(frozen=True)
 class BollAlignment:
-    """a = turned b + shift."""
+    """The transformation a = turned b + shift."""
 
     angle: float
     """About the vertical, rad."""
     shift_cm: Float64
     """(3,)"""
     support: float
-    """Bolls that lie on each other, weighed by how near."""
+    """Number of bolls that lie on each other, each weighted by how near it lies."""
     chance: float
 
 
 def align_by_bolls(a: NDArray, b: NDArray) -> BollAlignment | None:
-    """Lay (B, 3) centres b on (A, 3) centres a, cm; None where that is not supported."""
+    """Lay (B, 3) centres b on (A, 3) centres a, cm; None if too few bolls support it."""
     a, b = (centres[np.isfinite(centres).all(axis=1)] for centres in (a, b))
     fewer = min(len(a), len(b))
     if fewer < FEWEST:
@@ -90,7 +90,7 @@ def _proposals(a: Float64, b: Float64) -> tuple[Float64, Float64]:
 
 
 def _scores(a: Float64, b: Float64, angles: Float64, shifts: Float64) -> Float64:
-    """(P,) how many of b lie on a after each turn and shift, weighed by how near."""
+    """(P,) how many bolls of b lie on a after each turn and shift, weighted by how near they lie."""
     placed = np.stack([_turned(b, np.full(len(b), angle)) + shift for angle, shift in zip(angles, shifts, strict=True)])
     squares = ((placed[:, :, None] - a) ** 2).sum(axis=-1).min(axis=2)
     return np.asarray(np.exp(-0.5 * squares / NEAR_CM**2).sum(axis=1))
@@ -104,7 +104,7 @@ def _turned(points: Float64, angles: Float64) -> Float64:
 
 
 def _fitted(a: Float64, b: Float64, angle: float, shift: Float64) -> tuple[float, Float64]:
-    """Turn and shift by all bolls that match, least squares."""
+    """Turn and shift from all bolls that match, by least squares."""
     for _ in range(3):
         pairs = match_bolls(a, _turned(b, np.full(len(b), angle)) + shift, 2 * ALIKE_CM)
         to, source = a[pairs[:, 0]], b[pairs[:, 1]]

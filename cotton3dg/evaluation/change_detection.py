@@ -1,4 +1,4 @@
-"""Two films of one plant side by side: what became of each boll, and of each trait."""
+"""Two films of one plant side by side: the change of each boll and of each trait."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .match import match_bolls
 from .measured_plant import Filmed, comparable_traits, read_filmed
 
 REACH_CM: Final = 3.0
-"""How far a boll may have moved and still be taken for the same; bolls are farther apart."""
+"""The farthest that a boll may move and still count as the same; bolls are farther apart."""
 SURE: Final = 1.96
-"""A change of so many standard errors happens by chance in one case of twenty."""
+"""Chance gives a change of this many standard errors in one case of twenty."""
 SAME: Final = "same"
 GONE: Final = "gone"
 NEW: Final = "new"
@@ -77,7 +77,7 @@ class TraitChange:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Another film beside the first."""
+    """The comparison of another film with the first."""
 
     first: Filmed
     other: Filmed
@@ -92,19 +92,19 @@ class Comparison:
 
     @property
     def median_moved_cm(self) -> float:
-        """NaN without a boll that is the same."""
+        """NaN if no boll is the same."""
         moved = [boll.moved_cm for boll in self.bolls if boll.state == SAME]
         return float(np.median(moved)) if moved else math.nan
 
 
 def compare(folders: Sequence[Path], reach_cm: float = REACH_CM, turn_deg: float | None = None) -> list[Comparison]:
-    """Lay each film on the first one.
+    """Align each film with the first one.
 
     Args:
-        turn_deg: how far the plant was turned between the films, if it is known; None = found from bolls and branches.
+        turn_deg: turn of the plant between the films, if it is known; None = find it from bolls and branches.
     Raises:
         BadUsage: fewer than two folders, or a folder twice.
-        BadInput: no turn lays a film on the first.
+        BadInput: no turn aligns a film with the first.
     """
     if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
         raise BadUsage("give two folders or more of finished plants, each once")
@@ -113,10 +113,10 @@ def compare(folders: Sequence[Path], reach_cm: float = REACH_CM, turn_deg: float
 
 
 def compare_films(first: Filmed, other: Filmed, reach_cm: float, turn_deg: float | None = None) -> Comparison:
-    """Lay one film on another.
+    """Align one film with another.
 
     Raises:
-        BadInput: no turn does it.
+        BadInput: no turn aligns them.
     """
     alignment = align(first.layout, other.layout, reach_cm, turn_deg)
     if isinstance(alignment, NoAlignment):
@@ -132,7 +132,7 @@ def compare_films(first: Filmed, other: Filmed, reach_cm: float, turn_deg: float
 def _boll_changes(
     first: Filmed, other: Filmed, placed: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> list[BollChange]:
-    """Those found in both, then those gone, then new ones."""
+    """The bolls in both films first, then those that are gone, then new ones."""
     rows: list[tuple[str, int | None, int | None]] = [(SAME, int(a), int(b)) for a, b in pairs]
     rows += [(GONE, a, None) for a in range(len(first.ids)) if a not in pairs[:, 0]]
     rows += [(NEW, None, b) for b in range(len(other.ids)) if b not in pairs[:, 1]]
@@ -170,7 +170,7 @@ def _boll_changes(
 
 
 def _trait_changes(first: Filmed, other: Filmed) -> list[TraitChange]:
-    """Of all traits that both films have."""
+    """Changes of all traits that both films have."""
     changes = []
     for trait in comparable_traits():
         a, b = first.value(trait.name), other.value(trait.name)
@@ -183,14 +183,14 @@ def _trait_changes(first: Filmed, other: Filmed) -> list[TraitChange]:
 
 
 def beyond(change: float, error: float) -> str:
-    """Whether a change is larger than its error; blank where one is not known."""
+    """Whether a change is larger than its error; blank if one of them is not known."""
     if not (math.isfinite(change) and math.isfinite(error)):
         return ""
     return "yes" if abs(change) > SURE * error else "no"
 
 
 def comparison_text(comparison: Comparison) -> str:
-    """How the films were aligned, what became of the bolls, and the traits that changed by more than their error."""
+    """The alignment of the films, the changes of the bolls, and the traits that changed by more than their error."""
     found = comparison.alignment
     chance = "" if math.isnan(found.chance) else f", by chance in {100 * found.chance:.2g} % of cases"
     lines = [

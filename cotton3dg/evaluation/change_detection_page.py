@@ -1,4 +1,4 @@
-"""What changed between films of a plant, saved: tables, pictures and a page."""
+"""Saves what changed between films of a plant: tables, pictures and a page."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _described(comparison: Comparison, picture: Path) -> dict[str, Any]:
 
 
 def write_changes_plot(path: Path, comparison: Comparison) -> None:
-    """Save the plant from the side and from above with what became of its bolls, and their volumes in both films."""
+    """Save the plant from the side and from above with the changes of its bolls, and their volumes in both films."""
     from matplotlib.figure import Figure  # without pyplot, which would look for a screen
 
     figure = Figure((15, 5.6), layout="constrained")

@@ -17,27 +17,27 @@ from ..traits.plant_size import PlantSize, measure_places
 
 LAYER_CM: Final = 0.5
 TABLE_SHARE: Final = 0.05
-"""Of the points in one layer of `LAYER_CM`; a plant alone has a hundredth in each."""
+"""Share of the points in one layer of `LAYER_CM`; a plant alone has a hundredth in each."""
 
 
 @dataclass(frozen=True)
 class CloudTraits:
-    """What a cloud tells; NaN where it does not."""
+    """The traits that a cloud shows; NaN for the others."""
 
     silhouette: PlantSize
     boll_volumes_cm3: Float64
-    """(B,) of the bolls that are marked; empty when none are."""
+    """(B,) volumes of the marked bolls; empty if none are marked."""
     on_table: bool
     """False: the cloud has no table, so heights count from its lowest point."""
     plant_map: PlantMap
-    """Stem and branches; bolls sit on them where they are marked."""
+    """Stem and branches, and the marked bolls on them."""
 
 
 def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_height_cm: float = 4.0) -> CloudTraits:
     """Traits of a cloud whose z points up.
 
-    Where the cloud has a table, the fullest level layer of its lower half, the plant is what hangs together with the
-    stem above the clamp; else all of it is the plant, which stands on its lowest points.
+    If the cloud has a table, which is the fullest level layer of its lower half, the plant is everything connected with
+    the stem above the clamp. Otherwise the whole cloud is the plant, which stands on its lowest points.
 
     Args:
         points_cm: (N, 3). labels: (N,) boll of each point, 0 = none.
@@ -89,7 +89,7 @@ def find_foot(points: NDArray, lint: NDArray[np.bool_]) -> Float64:
 
 
 def find_table_height(heights: NDArray) -> float | None:
-    """Where the table top is: the median of the fullest layer of the lower half; None when no layer is that full."""
+    """Height of the table top: the median of the fullest layer of the lower half; None if no layer is that full."""
     low = float(np.min(heights))
     layers = np.floor((heights - low) / LAYER_CM).astype(np.int64)
     counts = np.bincount(layers)

@@ -1,7 +1,7 @@
-"""masks.csv: how good the masks of many plants and back ends are, per image, per plant and pooled over all plants.
+"""masks.csv: the accuracy of masks of many plants and back ends, per image, per plant and pooled over all plants.
 
-A plant that is evaluated takes its place in the table; what others have there stays, so that a loop over plants and
-back ends fills one table.
+An evaluation replaces the rows of its plant and back end and keeps all others, so that a loop over plants and back
+ends fills one table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..io.tables import csv_text, parse_number, read_rows, refuse_other_table
 from .masks import THRESHOLDS, MaskCounts
 
 ALL: Final = "all"
-"""In place of an image: all of a plant; in place of a plant: all plants of a back end."""
+"""In place of an image: all images of a plant; in place of a plant: all plants of a back end."""
 SUFFIXES: Final = tuple(f"{round(100 * threshold)}" for threshold in THRESHOLDS)
 
 COLUMNS: Final = (
@@ -38,10 +38,10 @@ COLUMNS: Final = (
 
 
 def add_to_table(path: Path, plant_id: str, backend: str, images: Mapping[str, MaskCounts]) -> None:
-    """Put a plant's images into the table, in place of what it has of this plant and back end.
+    """Put a plant's images into the table, in place of the rows of this plant and back end.
 
     Raises:
-        BadInput: the table that is there cannot be read, or is another.
+        BadInput: the existing table cannot be read, or is another table.
     """
     refuse_other_table(path, COLUMNS)
     known = read_rows(path) if path.is_file() else []
@@ -79,11 +79,11 @@ def _row_of(plant_id: str, backend: str, image: str, counts: MaskCounts) -> dict
 
 
 def _counts_of(row: Mapping[str, str]) -> MaskCounts:
-    """What a row was made of, to the digits that it has."""
+    """The counts behind a row, to the digits that it has."""
 
     def number(name: str) -> float:
         value = parse_number(row[name])
-        return value if math.isfinite(value) else 0.0  # blank of an image without masks
+        return value if math.isfinite(value) else 0.0  # blank for an image without masks
 
     n_true, hits = int(number("n_true")), tuple(int(number(f"hits_{suffix}")) for suffix in SUFFIXES)
     at_half = hits[THRESHOLDS.index(0.5)]

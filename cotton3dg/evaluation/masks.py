@@ -1,16 +1,16 @@
-"""Masks beside true ones: precision, recall and F1 at several IoU, and mIoU, as in Table 5 of Cotton3DGaussians.
+"""Masks against true ones: precision, recall and F1 at several IoU, and mIoU, as in Table 5 of Cotton3DGaussians.
 
 In each image, true and found masks are matched one to one, the largest IoU first. At a threshold t a pair with at least
 that IoU is a hit; precision is hits / found and recall is hits / true, both over the masks of all judged images, so
 that every mask weighs the same.
 
-The paper does not say over what its mIoU is a mean. It is as large with recall 0.818 as with 0.930 (0.839 and 0.831),
-so that misses cannot be zeros in it: it is read as the mean IoU of the hits at 0.5. Beside it stands the mean over all
-true masks, a missed one with 0.
+The paper does not say which masks its mIoU averages. The value is as large with recall 0.818 as with 0.930 (0.839 and
+0.831), so misses cannot be zeros in it. This module therefore takes it as the mean IoU of the hits at 0.5. It also
+gives the mean over all true masks, in which a missed one counts 0.
 
-Masks of fewer than `LEAST_PX` pixels are visible by chance. They are left out on both sides alike: a pair if both its
-masks are that small, a mask without partner if it is, whatever the threshold; what is found and what is true could
-change places.
+Masks of fewer than `LEAST_PX` pixels are visible by chance and are left out on both sides alike: a pair if both its
+masks are that small, and a mask without a partner if it is that small, at any threshold. The result would be the same
+if found and true masks changed places.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LEAST_PX: Final = 40
 
 @dataclass(frozen=True)
 class MaskScore:
-    """Detection at one IoU; NaN where nothing is true or found."""
+    """Detection at one IoU; NaN if there are no true or no found masks."""
 
     iou: float
     precision: float
@@ -48,7 +48,7 @@ class MaskScore:
 
 @dataclass(frozen=True)
 class MaskCounts:
-    """What was counted on some images; counts of several add up."""
+    """Counts from some images; counts of several images add up."""
 
     n_true: int = 0
     n_found: int = 0
@@ -70,7 +70,7 @@ class MaskCounts:
 
     @property
     def scores(self) -> list[MaskScore]:
-        """At each of `THRESHOLDS`."""
+        """Scores at each of `THRESHOLDS`."""
         return [
             MaskScore(
                 threshold,
@@ -83,7 +83,7 @@ class MaskCounts:
 
     @property
     def miou_hits(self) -> float:
-        """Mean IoU of the hits at 0.5, as the paper is read; NaN without any."""
+        """Mean IoU of the hits at 0.5, which this module takes as the paper's mIoU; NaN without any."""
         hits = self.hits[THRESHOLDS.index(0.5)]
         return self.hits_iou / hits if hits else math.nan
 
@@ -94,7 +94,7 @@ class MaskCounts:
 
 
 def count_masks(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> MaskCounts:
-    """What there is to count in one image.
+    """Count the masks of one image.
 
     Args:
         found, true: (H, W) ids, 0 = background.
@@ -118,7 +118,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
 
 
 def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
-    """One entry a pair or a mask without partner: IoU (0 without), and pixels of the found and of the true mask."""
+    """One entry per pair or mask without a partner: IoU (0 without), and pixels of the found and of the true mask."""
     found_px, true_px = np.bincount(found.ravel()), np.bincount(true.ravel())
     together, both_px = np.unique(np.stack([found.ravel(), true.ravel()], 1), axis=0, return_counts=True)
     real = (together > 0).all(axis=1)
@@ -139,12 +139,12 @@ def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDA
 
 
 def evaluate_masks(workspace: Workspace, folder: Path) -> dict[str, MaskCounts]:
-    """What is counted in each judged image of a plant, by its name.
+    """The counts of each judged image of a plant, by its name.
 
     Args:
         folder: true masks: `instances/` of a simulated plant, or any that `masks --backend import` takes.
     Raises:
-        BadInput: no image with masks has true ones.
+        BadInput: no image with masks has true masks.
     """
     truths = read_true_masks(workspace, folder)
     counts = {}
@@ -159,15 +159,15 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> dict[str, MaskCounts]:
 
 
 def read_true_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
-    """True masks by the stem of their image, as it was before its lens distortion was taken out; `folder` as
-    `evaluate_masks` takes it."""
+    """True masks by the stem of their image, before the removal of its lens distortion; `folder` as in
+    `evaluate_masks`."""
     if (folder / "frames.json").is_file():
         return _read_video_masks(workspace, folder)
     return read_whole_masks(folder).ids
 
 
 def _read_video_masks(workspace: Workspace, folder: Path) -> dict[str, NDArray[np.uint16]]:
-    """True masks by the stem of the frame that was taken from the same place of the video."""
+    """True masks by the stem of the frame from the same place of the video."""
     file_of_index = {index: name for name, index in TrueMasks.load(folder / "frames.json").frames.items()}
     taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
     return {

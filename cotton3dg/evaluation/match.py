@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def match_bolls(centres_a: NDArray, centres_b: NDArray, max_distance: float) -> NDArray[np.int64]:
-    """The most pairs of centres no farther apart than `max_distance`, and of those the nearest on the whole.
+    """The most pairs of centres no farther apart than `max_distance`, and among such sets the nearest on the whole.
 
     Args:
         centres_a, centres_b: (A, 3) and (B, 3) in one unit; rows with NaN match nothing.
@@ -21,7 +21,7 @@ def match_bolls(centres_a: NDArray, centres_b: NDArray, max_distance: float) -> 
     a, b = np.reshape(centres_a, (-1, 3)).astype(np.float64), np.reshape(centres_b, (-1, 3)).astype(np.float64)
     distances = cdist(a, b)
     near = distances <= max_distance
-    # A pair too far costs more than all others together could save, so that it is never taken in place of a near one.
+    # A pair that is too far apart costs more than all others together could save, so it never replaces a near pair.
     costs = np.where(near, distances, (len(a) + len(b) + 1) * (max_distance + 1))
     rows, columns = linear_sum_assignment(costs)
     kept = near[rows, columns]

@@ -1,4 +1,4 @@
-"""A finished plant as its tables and its map tell of it, to be laid beside another film."""
+"""A finished plant from its tables and its map, for comparison with another film."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .align import Layout
 
 NO_TRAIT: Final = ("corrections", "boll_count_odd", "boll_count_even")
 NO_TRAIT_WORDS: Final = {"low", "high", "original"}
-"""Words in the names of columns that are ends of an interval, or what was before corrections."""
+"""Words in the names of columns that hold an end of an interval, or a value before corrections."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Filmed:
     """One film of a plant; (B,) and (B, 3) arrays are of its bolls, in the order of bolls.csv."""
 
     name: str
-    """Its folder as it was given."""
+    """Its folder as the user gave it."""
     traits: Mapping[str, str]
     """Its row of traits.csv."""
     ids: tuple[int, ...]
@@ -43,7 +43,7 @@ class Filmed:
     """Quality flags of each boll, by semicolons."""
     plant_map: PlantMap
     film_sha256: str = ""
-    """Of the video, or of all photos; empty where it is not known."""
+    """SHA-256 of the video, or of all photos; empty if it is not known."""
 
     @property
     def layout(self) -> Layout:
@@ -51,11 +51,11 @@ class Filmed:
         return Layout(self.centres_cm, tuple(branch.get(boll_id, 0) for boll_id in self.ids), self.plant_map)
 
     def value(self, trait: str) -> float:
-        """NaN where it was not measured."""
+        """The value of a trait; NaN if it was not measured."""
         return parse_number(self.traits.get(trait))
 
     def error(self, trait: str) -> float:
-        """Stated standard error of a trait; NaN where there is none."""
+        """Stated standard error of a trait; NaN if there is none."""
         name = error_column(trait)
         return self.value(name) if name else float("nan")
 
@@ -97,7 +97,7 @@ def read_filmed(folder: Path) -> Filmed:
 
 
 def find_same_films(films: Sequence[Filmed]) -> list[str]:
-    """A remark on each film that is another one once more, in whatever folder."""
+    """A remark on each film that is the same as another one, in any folder."""
     first: dict[str, Filmed] = {}
     remarks = []
     for film in films:
@@ -108,7 +108,7 @@ def find_same_films(films: Sequence[Filmed]) -> list[str]:
 
 
 def comparable_traits() -> list[Column]:
-    """Columns of traits.csv that are measured on the plant."""
+    """Columns of traits.csv with values that are measured on the plant."""
     return [
         column
         for column in columns_of(PlantTraits, MapTraits, LintColour)
@@ -119,7 +119,7 @@ def comparable_traits() -> list[Column]:
 
 
 def error_column(trait: str) -> str:
-    """Column with the standard error of a trait; empty where there is none."""
+    """Column with the standard error of a trait; empty if there is none."""
     return _errors().get(trait, "")
 
 

@@ -1,4 +1,4 @@
-"""One plant's tables beside its truth: error of each trait, and which bolls were found.
+"""One plant's tables against its truth: the error of each trait, and which bolls were found.
 
 The truth is a `truth.json` as `cotton3dg simulate` writes it (metres, origin at the table's centre, z up).
 """
@@ -24,7 +24,7 @@ from .cloud import measure_cloud
 from .match import match_bolls
 
 MATCH_DISTANCE_CM: Final = 3.0
-"""A predicted boll counts as a true one when their centres are no farther apart."""
+"""A predicted boll matches a true one if their centres are no farther apart."""
 
 CM_PER_UNIT: Final = {"m": 100.0, "cm": 1.0, "mm": 0.1}
 TRUTH_OF_TRAIT: Final = {
@@ -36,7 +36,7 @@ TRUTH_OF_TRAIT: Final = {
     "plant_height_published_cm": "plant_height_cm",
     "canopy_size_published_cm": "canopy_size_cm",
 }
-"""Those as published stand beside the defaults; tables of older versions lack them."""
+"""The published variants stand beside the defaults; tables of older versions lack them."""
 
 
 MAP_TRAITS: Final = (
@@ -49,12 +49,12 @@ MAP_TRAITS: Final = (
     "branch_angle_mean_deg",
     "branch_length_mean_cm",
 )
-"""Of the plant map, compared with that of a scanner's cloud."""
+"""Traits of the plant map, compared with those of a scanner's cloud."""
 
 
 @dataclass(frozen=True)
 class TraitError:
-    """One trait of one plant; NaN where the trait was not measured."""
+    """One trait of one plant; NaN if the trait was not measured."""
 
     trait: str
     measured: float
@@ -76,7 +76,7 @@ class BollMatches:
     median_volume_error_pct: float
     """Median over matched bolls of the absolute volume error."""
     volume_errors_pct: tuple[float, ...] = ()
-    """Of each matched boll, with its sign; those without a volume are left out."""
+    """Error of each matched boll, with its sign; bolls without a volume are left out."""
 
     @property
     def mean_volume_error_pct(self) -> float:
@@ -96,8 +96,8 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
     """Compare a finished plant with its truth.
 
     Raises:
-        MissingInput: no truth, or the traits stage has not run.
-        BadInput: the truth lacks what is compared.
+        MissingInput: there is no truth, or the traits stage has not run.
+        BadInput: the truth lacks a value that is compared.
     """
     if not truth_json.is_file():
         raise MissingInput(f"{truth_json.name} is missing; give the plant's truth with --truth FILE")
@@ -119,12 +119,12 @@ def evaluate(workspace: Workspace, truth_json: Path) -> tuple[list[TraitError], 
 def evaluate_cloud(
     workspace: Workspace, cloud: Path, cm_per_unit: float, tube_height_cm: float = 4.0
 ) -> list[TraitError]:
-    """Compare a finished plant with what the same code measures in a scanner's point cloud, z up.
+    """Compare a finished plant with the traits that the same code measures in a scanner's point cloud, z up.
 
-    Bolls are compared where the cloud marks them (`read_cloud`).
+    Bolls are compared if the cloud marks them (`read_cloud`).
 
     Raises:
-        MissingInput: no cloud, or the traits stage has not run. BadInput: the cloud cannot be read, or shows no plant.
+        MissingInput: there is no cloud, or traits has not run. BadInput: the cloud cannot be read, or shows no plant.
     """
     points_cm, labels = read_cloud(cloud, cm_per_unit)
     true = measure_cloud(points_cm, labels, tube_height_cm)
@@ -152,7 +152,7 @@ def evaluate_cloud(
 def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:
     """Match bolls one to one by the distance of their centres in the plant frame.
 
-    A table looks the same after half a turn: both directions of x are tried and the better one is kept.
+    A table looks the same after half a turn: the function tries both directions of x and keeps the better one.
 
     Args:
         measured_cm: (M, 3), true_cm: (T, 3) centres; rows with NaN match nothing.

@@ -1,6 +1,6 @@
-"""A plant's map beside the true skeleton: branches found, their shape, and bolls that sit where they should.
+"""A plant's map against the true skeleton: branches found, their shape, and bolls on the right branch.
 
-Branches are matched by the place of their foot and the direction in which they leave.
+Branches match by the place of their foot and the direction in which they leave the stem.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from .match import match_bolls
 
 FOOT_CM: Final = 3.0
 DIRECTION_DEG: Final = 30.0
-"""A branch is a true one when their feet are no farther apart and their ways out no more turned."""
+"""A branch matches a true one if their feet are no farther apart and their directions differ by no more."""
 LONG_ENOUGH_CM: Final = 3.0
-"""Shorter true branches need not be found; one that is found is no mistake."""
+"""Shorter true branches need not be found; a found one is not a mistake."""
 MATCH_DISTANCE_CM: Final = 3.0
 
 
 @dataclass(frozen=True)
 class MapScores:
-    """How a map agrees with the truth; NaN where nothing is to be compared."""
+    """How well a map agrees with the truth; NaN if there is nothing to compare."""
 
     true_branches: int
     """Fruiting branches that are long enough."""
     measured_branches: int
-    """Fruiting branches, but for those that match a true one that is too short."""
+    """Fruiting branches, except those that match a true one that is too short."""
     matched_branches: int
     angle_error_deg: float
     """Mean absolute error over matched branches."""
@@ -50,7 +50,7 @@ class MapScores:
     bolls_on_branch: int
     """Of them, those on the right branch."""
     doubtful: int
-    """Bolls that the map itself doubts the branch of."""
+    """Bolls whose branch the map itself doubts."""
     doubtful_on_branch: int
     """Of them, those on the right branch."""
     positions: int
@@ -58,7 +58,7 @@ class MapScores:
     positions_right: int
     """Of them, those with the right one of 1, 2, 3 and beyond."""
     first_height_error_cm: float
-    """Of the lowest fruiting branch, measured minus true; so all that follow."""
+    """Error for the lowest fruiting branch, measured minus true; as in all that follow."""
     internode_error_pct: float
     stem_diameter_error_mm: float
     stem_length_error_pct: float
@@ -78,7 +78,7 @@ class MapScores:
 
 
 def evaluate_map(workspace: Workspace, truth_json: Path) -> MapScores | None:
-    """Scores of a finished plant's map; None where the truth has no skeleton.
+    """Scores of a finished plant's map; None if the truth has no skeleton.
 
     Raises:
         MissingInput: the traits stage has not run. BadInput: a file is damaged.
@@ -99,7 +99,7 @@ def evaluate_map(workspace: Workspace, truth_json: Path) -> MapScores | None:
 def true_map(truth: Truth) -> PlantMap | None:
     """The map that a truth's skeleton gives, in the plant frame; None without a skeleton.
 
-    Stem and branches end, as measured ones, at their tip or at the foot of their last boll, whichever is farther out.
+    Stem and branches end, like measured ones, at their tip or at the foot of their last boll, whichever is farther out.
     """
     if not truth.skeleton:
         return None
@@ -146,7 +146,7 @@ def compare_maps(
 ) -> MapScores:
     """Scores of a map.
 
-    A table looks the same after half a turn: both directions of x are tried and the better one is kept.
+    A table looks the same after half a turn: the function tries both directions of x and keeps the better one.
 
     Args:
         centres_cm: (M, 3) of the measured bolls and ids: their numbers. true_cm: (T, 3) of bolls 1 to T.
@@ -209,7 +209,7 @@ def _scores(
 
 
 def match_branches(measured: tuple[Axis, ...], true: tuple[Axis, ...]) -> list[tuple[int, int]]:
-    """Pairs of indices: the most that are alike in foot and direction, and of those the nearest on the whole."""
+    """Pairs of indices: the most that agree in foot and direction, and among such sets the nearest on the whole."""
     from scipy.optimize import linear_sum_assignment
 
     costs = np.full((len(measured), len(true)), np.inf)

@@ -21,7 +21,7 @@ from .match import match_bolls
 from .measured_plant import Filmed, comparable_traits, read_filmed
 
 FEWEST: Final = 3
-"""Pairs for a test of bias."""
+"""Least number of pairs for a test of bias."""
 BOLL_TRAITS: Final = {"boll volume": "cm3", "boll diameter": "cm"}
 NOT_ALL: Final = "in one film only; no volume"
 
@@ -78,13 +78,13 @@ class Bias:
 
 @dataclass(frozen=True)
 class PlantFilms:
-    """The films of one plant, their bolls in rows of the same boll."""
+    """The films of one plant, with one row for each boll."""
 
     films: tuple[Filmed, ...]
     rows: NDArray[np.int64]
     """(R, F) row of each boll in each film; -1 = not found."""
     places_cm: NDArray[np.float64]
-    """(R, F, 3) in the first film's plant frame; NaN where not found."""
+    """(R, F, 3) in the first film's plant frame; NaN if not found."""
 
     def values(self, name: str) -> NDArray[np.float64]:
         """(R, F) of an array of `Filmed`, e.g. `volumes_cm3`; NaN where not found."""
@@ -96,11 +96,11 @@ class PlantFilms:
 
 @dataclass(frozen=True)
 class Repeats:
-    """All that repeated films say."""
+    """The results of repeated films."""
 
     plants: list[PlantFilms]
     refused: tuple[str, ...]
-    """Plants of fields whose films cannot be laid on each other, and why."""
+    """Plants of fields whose films cannot be aligned, and why."""
     bolls: list[BollRepeat]
     traits: list[TraitRepeat]
     bias: list[Bias]
@@ -116,11 +116,11 @@ class Repeats:
 
 
 def repeat(folders: Sequence[Path], reach_cm: float = REACH_CM, turn_deg: float | None = None) -> Repeats:
-    """Films of one plant, or of the plants of a field that were filmed several times, a field for each time.
+    """Compare films of one plant, or of a field's plants that were filmed several times, one field for each time.
 
     Args:
-        folders: of plants, or of fields whose plants have the same names.
-        turn_deg: how far the plants were turned between the films; None = found from bolls and branches.
+        folders: those of plants, or of fields whose plants have the same names.
+        turn_deg: turn of the plants between the films; None = find it from bolls and branches.
     Raises:
         BadUsage: fewer than two folders, a folder twice, or plants beside fields.
         BadInput: no plant is in all fields, or none of them can be aligned.
@@ -151,7 +151,7 @@ def _plants_of(field: Path) -> dict[str, Path]:
     """Name of each finished plant of a field -> its folder."""
     found = {}
     for folder in folders_in(field):
-        with suppress(Cotton3dgError):  # one that cannot be used has no results
+        with suppress(Cotton3dgError):  # a folder that cannot be used has no results
             plant = Workspace(folder)
             if is_there(plant.traits_csv):
                 found[plant.plant_id] = folder
@@ -159,7 +159,7 @@ def _plants_of(field: Path) -> dict[str, Path]:
 
 
 def _plant_films(films: Sequence[Filmed], reach_cm: float, turn_deg: float | None) -> PlantFilms:
-    """Lay all films on the first and find which bolls are the same."""
+    """Align all films with the first and find which bolls are the same."""
     first = films[0]
     rows = [np.arange(len(first.ids))[:, None]]
     places = [first.centres_cm[:, None]]
@@ -210,7 +210,7 @@ def _summarise(plants: list[PlantFilms], refused: tuple[str, ...]) -> Repeats:
 
 
 def _scatter(name: str, unit: str, values: NDArray, errors: NDArray) -> TraitRepeat:
-    """Of (N, F) values, each row of one thing."""
+    """Scatter of (N, F) values; each row belongs to one thing."""
     mean, sd = float(values.mean()), float(np.sqrt(values.var(axis=1, ddof=1).mean()))
     cv = 100 * sd / abs(mean) if mean else math.nan
     return TraitRepeat(name, unit, len(values), mean, sd, cv, float(np.sqrt((errors**2).mean())))

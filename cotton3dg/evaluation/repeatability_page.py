@@ -1,4 +1,4 @@
-"""What repeated films say, saved: tables, a picture and a page."""
+"""Saves the results of repeated films: tables, a picture and a page."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def repeats_page(repeats: Repeats, picture: Path) -> str:
 
 
 def _boll_films(plant: PlantFilms, *, with_photos: bool) -> list[list[dict[str, Any]]]:
-    """For each boll what each film has of it."""
+    """The cells of each film, for each boll."""
     photos = [_photos(film) if with_photos else {} for film in plant.films]
     volumes = plant.values("volumes_cm3")
     found = []
@@ -79,7 +79,7 @@ def _boll_films(plant: PlantFilms, *, with_photos: bool) -> list[list[dict[str, 
 
 
 def _photos(film: Filmed) -> dict[int | None, str]:
-    """Boll -> a photo of it; nothing where the film's images were cleaned away."""
+    """Boll -> a photo of it; empty if the film's images were cleaned away."""
     workspace = Workspace(film.name)
     try:
         cut_outs = Pictures(workspace, read_facts(workspace)).cut_outs()

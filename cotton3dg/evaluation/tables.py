@@ -1,7 +1,7 @@
-"""A table of many plants, or of their bolls, beside a table of the truth: error measures and a plot of each trait.
+"""A table of many plants, or of their bolls, against a table of the truth: error measures and a plot of each trait.
 
 Plants are matched by plant_id, bolls of one plant by their places or else by boll_id, and traits by the header:
-whatever column both tables have as numbers is compared. A column boll_weight_g of the truth is besides predicted from
+every column with numbers in both tables is compared. The module also predicts a column boll_weight_g of the truth from
 the measured boll volume of a plant (seed paper Cotton3DGaussians).
 """
 
@@ -37,12 +37,12 @@ NOT_TRAITS: Final = (
     "n_gaussians", "n_views", "confidence",
 )  # fmt: skip
 MEASURED: Final = {WEIGHT, *(column.name for column in (*TRAITS, *BOLLS) if column.unit)}
-"""Columns that hold numbers, whoever wrote the table."""
+"""Columns that hold numbers in any table."""
 
 
 @dataclass(frozen=True)
 class TraitScore:
-    """How a trait agrees with the truth over all plants that have both; NaN where it is not defined."""
+    """How a trait agrees with the truth over all plants that have both; NaN if it is not defined."""
 
     trait: str
     n: int
@@ -53,14 +53,14 @@ class TraitScore:
     bias: float
     """Mean of measured minus true."""
     r2: float
-    """Squared correlation, that of a straight line through the points."""
+    """Squared correlation: R² of a straight line through the points."""
     r2_identity: float
-    """That of the 1:1 line: 1 - (squared errors) / (variance of the truth); below 0 if the mean is a better guess."""
+    """R² of the 1:1 line: 1 - (squared errors) / (variance of the truth); below 0 if the mean is a better guess."""
 
 
 @dataclass(frozen=True)
 class TableEvaluation:
-    """What two tables say together."""
+    """The comparison of two tables."""
 
     scores: list[TraitScore]
     pairs: dict[str, tuple[NDArray, NDArray]]
@@ -70,7 +70,7 @@ class TableEvaluation:
     extra: tuple[str, ...]
     """Measured plants without truth."""
     repeated: tuple[str, ...]
-    """Plants that a table has twice; they are left out."""
+    """Plants that occur twice in a table; they are left out."""
     blank: dict[str, tuple[str, ...]]
     """Trait -> plants in which it was not measured."""
     weight_error_pct: float
@@ -112,8 +112,8 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
     """Compare two tables.
 
     Raises:
-        MissingInput: a table is not there.
-        BadInput: a table has no plant_id, the tables have no plant or no trait in common.
+        MissingInput: a table does not exist.
+        BadInput: a table has no plant_id, or the tables have no plant or no trait in common.
     """
     measured, truth = read_by_plant(measured_csv), read_by_plant(truth_csv)
     repeated = tuple(sorted({*measured.twice, *truth.twice}))
@@ -144,13 +144,13 @@ def evaluate_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
 
 
 def evaluate_boll_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation:
-    """Compare two tables of bolls; of plants that only one of them has nothing is said.
+    """Compare two tables of bolls; plants that only one of them has are left out without a remark.
 
     Where both tables have a plant's places (`PLACE`), its bolls are matched one to one by them, no farther apart than
     `MATCH_DISTANCE_CM`; else by boll_id. Bolls are named plant/boll.
 
     Raises:
-        MissingInput: a table is not there.
+        MissingInput: a table does not exist.
         BadInput: a table names no plants or bolls, or the tables have no boll or no trait in common.
     """
     (measured, found_of), (truth, true_of) = (_read_by_boll(path) for path in (measured_csv, truth_csv))
@@ -177,14 +177,14 @@ def evaluate_boll_tables(measured_csv: Path, truth_csv: Path) -> TableEvaluation
 
 
 def is_boll_table(path: Path) -> bool:
-    """Whether a table has a row a boll, as batch_bolls.csv, rather than one a plant."""
+    """Whether a table has one row per boll, like batch_bolls.csv, rather than one per plant."""
     return BOLL in read_table(path).columns
 
 
 def _compare(
     truth: Table, measured: Table, places: dict[str, tuple[int, int]]
 ) -> tuple[list[TraitScore], dict[str, tuple[NDArray, NDArray]], dict[str, tuple[str, ...]]]:
-    """Scores, pairs of values and what is blank, of what has a row in both tables: its name -> those rows' places."""
+    """Scores, pairs of values and blanks of all names with a row in both tables: name -> the places of those rows."""
     scores, pairs, blank = [], {}, {}
     of_truth, of_measured = np.array(list(places.values())).T
     for trait in (name for name in truth.columns if name in measured.columns and name not in NOT_TRAITS):
@@ -210,7 +210,7 @@ def _is_numeric(table: Table, column: str) -> bool:
 
 
 def _centres_cm(table: Table) -> NDArray[np.float64]:
-    """(N, 3) of each row's boll; NaN where the table does not have its place."""
+    """(N, 3) centre of each row's boll; NaN if the table does not have its place."""
     if not {*PLACE} <= {*table.columns}:
         return np.full((len(table.rows), 3), np.nan)
     return np.stack([table.numbers(axis) for axis in PLACE], 1)
@@ -224,7 +224,7 @@ def _read_by_boll(path: Path) -> tuple[Table, dict[str, list[int]]]:
     """A table, and plant -> the places of its rows.
 
     Raises:
-        MissingInput: no table. BadInput: it names no plants or bolls, or a boll twice.
+        MissingInput: there is no table. BadInput: it names no plants or bolls, or a boll twice.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with the columns {ID} and {BOLL}")
@@ -280,7 +280,7 @@ def write_evaluation(folder: Path, evaluation: TableEvaluation) -> None:
 
 
 def evaluation_text(evaluation: TableEvaluation) -> str:
-    """The scores, a trait a line, and which plants could not be compared."""
+    """The scores, one line per trait, and the plants that could not be compared."""
     lines = [f"{'trait':<26}{'n':>4}{'RMSE':>10}{'MAE':>10}{'MAPE %':>9}{'bias':>10}{'R2':>8}{'R2 1:1':>9}"]
     lines += [
         f"{s.trait:<26}{s.n:>4}{s.rmse:>10.3f}{s.mae:>10.3f}{s.mape_pct:>9.2f}{s.bias:>+10.3f}{s.r2:>8.3f}"
@@ -300,19 +300,19 @@ def evaluation_text(evaluation: TableEvaluation) -> str:
 
 @dataclass(frozen=True)
 class PlantTable:
-    """A table with a row a plant."""
+    """A table with one row per plant."""
 
     table: Table
     places: dict[str, int]
     """Plant -> the place of its row."""
     twice: tuple[str, ...]
-    """Plants that have several."""
+    """Plants that have several rows."""
 
     def numbers(self, column: str, plants: Sequence[str]) -> NDArray[np.float64]:
-        """(N,) of these plants; NaN where a cell is blank, or the table does not have the column.
+        """(N,) values of these plants; NaN if a cell is blank, or the table does not have the column.
 
         Raises:
-            BadInput: a cell of the column is no number.
+            BadInput: a cell of the column is not a number.
         """
         if column not in self.table.columns:
             return np.full(len(plants), np.nan)
@@ -323,7 +323,7 @@ def read_by_plant(path: Path) -> PlantTable:
     """Read a table that names plants.
 
     Raises:
-        MissingInput: there is none. BadInput: it names no plants.
+        MissingInput: the table does not exist. BadInput: it names no plants.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a table with a column {ID}")

@@ -1,4 +1,4 @@
-"""Seed-cotton weight by boll volume and by boll count, fitted to weighed plants (Cotton3DGaussians, Fig. 10 b)."""
+"""Seed-cotton weight from boll volume and from boll count, fitted to weighed plants (Cotton3DGaussians, Fig. 10 b)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..traits.weight import predict
 from .tables import VOLUME, WEIGHT, predict_left_out, read_by_plant, score
 
 PREDICTORS: Final = (VOLUME, "boll_count")
-"""The volume first: a plant without one is predicted by its count."""
+"""The volume comes first: for a plant without one, the count predicts the weight."""
 LINT_PCT: Final = "lint_pct"
 LEAST_PLANTS: Final = 3
-"""A line through two has no scatter to tell an interval from."""
+"""A line through two plants has no scatter that would give an interval."""
 
 
 def fit_line(predictor: str, values: NDArray, weights_g: NDArray) -> Line:
@@ -44,13 +44,13 @@ def fit_line(predictor: str, values: NDArray, weights_g: NDArray) -> Line:
 
 
 def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[str, tuple[NDArray, NDArray]]]:
-    """A line for each predictor, and predictor -> its values and the weights, g, of the plants of the fit.
+    """A line for each predictor, and predictor -> its values and the weights, g, of the fitted plants.
 
     Args:
         measured_csv: batch.csv or another table with the columns of traits.csv.
         truth_csv: with plant_id, boll_weight_g and perhaps lint_pct; may be the same file.
     Raises:
-        MissingInput: a table is not there. BadInput: too few weighed plants were measured.
+        MissingInput: a table does not exist. BadInput: too few weighed plants were measured.
     """
     measured, truth = read_by_plant(measured_csv), read_by_plant(truth_csv)
     plants = [plant for plant in truth.places if plant in measured.places]

@@ -1,4 +1,4 @@
-"""A field as the Breeding API (BrAPI 2.1) tells it: units, variables and observations, as a server would answer."""
+"""A field in the form of the Breeding API (BrAPI 2.1): units, variables and observations, as a server answers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ METHOD: Final = "cotton3dg"
 
 
 def brapi_files(field: Field, study: Study) -> dict[str, Any]:
-    """File name -> what is in it: answers of /observationunits, /variables and /observations."""
+    """File name -> its content: answers of /observationunits, /variables and /observations."""
     study_id = study.get("Study", "studyId", field.name)
     return {
         "observationunits.json": _answer([_unit(field, row, study_id, study) for row in field.plants]),
@@ -100,7 +100,7 @@ def _observation(field: Field, row: dict[str, Any], column: Column, value: Any, 
     if germplasm := field.role(row, "genotype"):
         told |= {"germplasmDbId": germplasm, "germplasmName": germplasm}
     if date := field.date(row):
-        # RFC 3339 wants a time and a zone; without them the day is all that is meant.
+        # RFC 3339 requires a time and a zone; without them the text means only the day.
         day, _, time = date.partition("T")
         told["observationTimeStamp"] = f"{day}T{_full_time(time)}"
     if year := field.role(row, "season"):

@@ -1,4 +1,4 @@
-"""Columns of a field book: what they mean, and how they stand behind those of a table."""
+"""Columns of a field book: what they mean, and how a table appends them to its own."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ ROLES: Final = {
     "species": ("species", "taxon"),
     "site": ("site", "location", "site_name", "field", "studyname", "study"),
 }  # fmt: skip
-"""What a column may be to an experiment -> names that labs give it, the usual ones first."""
+"""Role of a column in an experiment -> names that labs give it, the usual ones first."""
 TAKEN_PREFIX: Final = "fieldbook_"
 NUMBER: Final = re.compile(r"-\d+(\.\d+)?")
 
 
 def find_roles(columns: Sequence[str]) -> dict[str, str]:
-    """Role -> the column that plays it, of those that there are."""
+    """Role -> the column that plays it, for each role that a column plays."""
     plain = {plain_name(column): column for column in reversed(columns)}
     found = {}
     for role, names in ROLES.items():
@@ -47,11 +47,11 @@ def table_columns(book: FieldBook | None, taken: Collection[str]) -> dict[str, C
 
 
 def book_cells(book: FieldBook | None, plant_id: str, columns: Mapping[str, Column]) -> dict[str, Any]:
-    """What the field book says of a plant, by the table's columns; blank where it does not know the plant."""
+    """The field book's cells of a plant, by the table's columns; blank if the book does not have the plant."""
     row = book.rows.get(plant_id, {}) if book else {}
     return {column.name: _value(row.get(name, "")) for name, column in columns.items()}
 
 
 def _value(cell: str) -> Any:
-    # A text with a minus in front would be kept from being computed; a number need not be.
+    # A text that begins with a minus gets an apostrophe in front; a number needs none.
     return (float(cell) if "." in cell else int(cell)) if NUMBER.fullmatch(cell) else cell

@@ -52,7 +52,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Fit:
-    """What one trait says of the genotypes together; NaN where plants are too few."""
+    """The result of one trait for all genotypes together; NaN if there are too few plants."""
 
     trait: str
     model: str
@@ -67,10 +67,10 @@ class Fit:
 
 @dataclass(frozen=True)
 class Trial:
-    """What a page of all plants tells besides their rows."""
+    """What a page of all plants shows besides their rows."""
 
     columns: tuple[str, ...] = ()
-    """Of the field book, as the rows have them."""
+    """Columns of the field book, with their names in the rows."""
     means: Sequence[Mean] = ()
     fits: Sequence[Fit] = ()
     unfilmed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Trial:
 def compare_genotypes(
     rows: Sequence[Mapping[str, Any]], columns: Sequence[str], traits: Sequence[str] = TRAITS
 ) -> tuple[list[Mean], list[Fit]]:
-    """Means and fits of each trait; empty without a column for genotypes or with fewer than two of them.
+    """Means and fits of each trait; empty without a column for genotypes or with fewer than two genotypes.
 
     Args:
         rows: of batch.csv with the field book's columns. columns: those of the field book.
@@ -127,7 +127,7 @@ def compare(trait: str, values: NDArray, factors: Mapping[str, NDArray]) -> tupl
     reduced_rank, reduced = _least_squares(np.column_stack([np.ones(n), nuisance]), values)[1:]
     free = n - rank
     f = p = error = np.nan
-    # Equal values leave nothing but rounding.
+    # Equal values leave only rounding errors.
     if free > 0 and rank > reduced_rank and residual > 1e-12 * float((values**2).sum()):
         from scipy.stats import f as f_distribution
 
@@ -148,7 +148,7 @@ def compare(trait: str, values: NDArray, factors: Mapping[str, NDArray]) -> tupl
 
 
 def _dummies(labels: NDArray) -> NDArray[np.float64]:
-    """(N, L - 1) which of L labels but the first each row has, less what the average label has."""
+    """(N, L - 1) indicators of all L labels but the first for each row, minus their mean over the labels."""
     names = np.unique(labels)
     return (labels[:, None] == names[1:]).astype(np.float64) - 1 / len(names)
 
@@ -160,7 +160,7 @@ def _least_squares(design: NDArray, values: NDArray) -> tuple[NDArray, int, floa
 
 
 def _variances(values: NDArray, nuisance: NDArray, group: NDArray) -> tuple[float, float]:
-    """Variances of genotypes and of the rest by REML; NaN where statsmodels is not installed or finds none."""
+    """Variances of genotypes and of the rest by REML; NaN if statsmodels is not installed or finds none."""
     try:
         from statsmodels.regression.mixed_linear_model import MixedLM
     except ImportError:
@@ -168,14 +168,14 @@ def _variances(values: NDArray, nuisance: NDArray, group: NDArray) -> tuple[floa
     spread = float(values.std())
     if spread <= 0:
         return np.nan, np.nan
-    # Columns that others already tell would make the model singular.
+    # Columns that are linear combinations of others make the model singular.
     design = np.ones((len(values), 1))
     for column in nuisance.T:
         wider = np.column_stack([design, column])
         design = wider if np.linalg.matrix_rank(wider) == wider.shape[1] else design
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a variance is zero is a result
+            warnings.simplefilter("ignore")  # a variance of zero is a result
             fitted = MixedLM(values / spread, design, groups=group).fit(reml=True)
         return float(fitted.cov_re[0, 0]) * spread**2, float(fitted.scale) * spread**2
     except (np.linalg.LinAlgError, ValueError):

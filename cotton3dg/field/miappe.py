@@ -1,4 +1,4 @@
-"""A field as MIAPPE 1.2 asks for it: the sheets of its spreadsheet template, columns by their code names."""
+"""A field as MIAPPE 1.2 requires it: the sheets of its spreadsheet template, with columns by their code names."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ REQUIRED: Final = {
               "obsUnitDesc", "growthFacilityDesc"),
     "Person": ("personName", "personRole", "personAffiliation"),
 }  # fmt: skip
-"""What MIAPPE asks for once, of what only the lab can tell."""
+"""The entries that MIAPPE requires and only the lab can give."""
 
 
 def miappe_sheets(field: Field, study: Study) -> Sheets:
-    """Sheet -> columns and rows, in the order of the template; sheets that nothing fills are left out."""
+    """Sheet -> columns and rows, in the order of the template; empty sheets are left out."""
     study_id = study.get("Study", "studyId", field.name)
     dates = sorted(filter(None, (field.date(row) for row in field.plants)))
     defaults = {
@@ -90,7 +90,7 @@ def miappe_sheets(field: Field, study: Study) -> Sheets:
 
 
 def missing(sheets: Sheets) -> list[str]:
-    """What MIAPPE asks for and nobody told, as `Sheet.column`."""
+    """Entries that MIAPPE requires and nobody gives, as `Sheet.column`."""
     found = []
     for sheet, names in REQUIRED.items():
         columns, rows = sheets[sheet]
@@ -99,7 +99,7 @@ def missing(sheets: Sheets) -> list[str]:
 
 
 def data_file(field: Field) -> str:
-    """The observations that the sheet `Data file` names: a row a plant, a column a variable."""
+    """The observations that the sheet `Data file` names: one row per plant, one column per variable."""
     text = io.StringIO()
     writer = csv.writer(text, delimiter="\t", lineterminator="\n")
     writer.writerow(["obsUnitId", *(column.ontology or column.name for column in TRAIT_COLUMNS)])

@@ -1,4 +1,4 @@
-"""A field as CottonGen's templates, Field Book's files, a data package and one workbook have it."""
+"""A field in other formats: CottonGen's templates, Field Book's files, a data package and one workbook."""
 
 from __future__ import annotations
 

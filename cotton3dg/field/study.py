@@ -1,4 +1,4 @@
-"""What only the lab knows of a study, from `study.toml` in the field's folder; keys are MIAPPE's code names."""
+"""Facts of a study that only the lab knows, from `study.toml` in the field's folder; keys are MIAPPE's code names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SECTIONS: Final = ("Investigation", "Study", "Person")
 
 @dataclass(frozen=True)
 class Study:
-    """Facts of a study; empty where the lab told none."""
+    """Facts of a study; empty if the lab gives none."""
 
     told: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Section -> code name -> text."""
@@ -27,10 +27,10 @@ class Study:
 
 
 def read_study(folder: Path) -> Study:
-    """Read `study.toml`; none is an empty one.
+    """Read `study.toml`; a missing file counts as an empty one.
 
     Raises:
-        BadInput: it is not TOML. BadUsage: it has a table that is not known.
+        BadInput: it is not TOML. BadUsage: it has an unknown table.
     """
     path = folder / STUDY_FILE
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""A field as its batch left it: rows of the tables with values, units and the field book's columns."""
+"""A field from the tables of its batch: rows with values, units and the field book's columns."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BATCH_COLUMNS: Final = (
     Column("reason", "", "why it failed and what to do"),
     *TRAITS,
 )
-"""Of batch.csv; the field book's columns follow."""
+"""Columns of batch.csv; the field book's columns follow."""
 KNOWN: Final = {TABLE: BATCH_COLUMNS, BOLL_TABLE: BOLLS, MEANS_TABLE: MEANS_COLUMNS, FITS_TABLE: FIT_COLUMNS}
 Sheets = dict[str, tuple[Sequence[str], list[list[Any]]]]
 """Name -> columns and rows."""
 SPECIES: Final = {"hirsutum": 3635, "barbadense": 3634, "arboreum": 29729, "herbaceum": 34274}
-"""Of cultivated cotton -> number in NCBI's taxonomy; the first where the field book says nothing."""
+"""Species of cultivated cotton -> number in NCBI's taxonomy; the first if the field book names none."""
 DATE: Final = re.compile(r"\d{4}-\d\d-\d\d(T\d\d:\d\d(:\d\d)?(Z|[+-]\d\d:\d\d)?)?")
 
 
@@ -52,7 +52,7 @@ class Field:
 
     name: str
     tables: Mapping[str, Table]
-    """By file name; `batch.csv` is there."""
+    """Tables by file name; always includes `batch.csv`."""
 
     @cached_property
     def plants(self) -> list[dict[str, Any]]:
@@ -70,7 +70,7 @@ class Field:
         return find_roles(self.book_columns)
 
     def role(self, row: Mapping[str, Any], role: str) -> str:
-        """What the field book says of a plant in a role; empty where it says nothing."""
+        """The field book's cell of a plant for a role; empty if the book has none."""
         return str(row.get(self.roles.get(role, ""), "") or "")
 
     def species(self, row: Mapping[str, Any]) -> str:
@@ -78,7 +78,7 @@ class Field:
         return self.role(row, "species").removeprefix("Gossypium ").removeprefix("G. ") or next(iter(SPECIES))
 
     def date(self, row: Mapping[str, Any]) -> str:
-        """The plant's date as year-month-day, with a time if there is one; empty where it is none."""
+        """The plant's date as year-month-day, with a time if there is one; empty if it is not a date."""
         date = self.role(row, "date").replace(" ", "T")
         return date if DATE.fullmatch(date) else ""
 
@@ -88,7 +88,7 @@ TRAIT_COLUMNS: Final[Sequence[Column]] = tuple(
     for column in columns_of(PlantTraits)
     if column.name != "corrections" and not column.name.startswith("original_")
 )
-"""What is observed on a plant; the other columns tell how."""
+"""The traits that are observed on a plant; the other columns describe how."""
 
 
 def observed(row: Mapping[str, Any]) -> list[tuple[Column, Any]]:
@@ -105,7 +105,7 @@ def read_field(folder: Path) -> Field:
     """Read what `cotton3dg batch` saved.
 
     Raises:
-        MissingInput: it has not run, or no plant has a result.
+        MissingInput: `cotton3dg batch` has not run, or no plant has a result.
         BadInput: a table cannot be read.
     """
     tables = {}

@@ -1,1 +1,1 @@
-"""Which plant a video shows: the codes on printed cards, what many frames say together, and safe names of folders."""
+"""Which plant a video shows: the codes on printed cards, the vote of many frames, and safe names of folders."""

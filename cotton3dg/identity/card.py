@@ -30,9 +30,9 @@ def draw_card(
     """(H, W) sheet of paper with a card.
 
     Args:
-        code: (N, N) the card's code, a pixel a module; None of a card without one.
-        title: the plant's id. lines: what else is printed; what does not fit is left out.
-        paper_cm: width and height. dots: a cm.
+        code: (N, N) the card's code, one pixel per module; None for a card without one.
+        title: the plant's id. lines: further text; lines that do not fit are left out.
+        paper_cm: width and height. dots: per cm.
     """
     import cv2
 

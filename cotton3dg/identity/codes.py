@@ -1,4 +1,4 @@
-"""Codes in pictures, and what the codes of many frames of a video say together."""
+"""Codes in pictures, and the vote of the codes in many frames of a video."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from .card import Picture
 from .names import PREFIX, card_id, id_problem
 
 MODULE_PX: Final = 8
-"""Of a code that is seen from above by its markers."""
+"""Side of a module in a code that is rectified by its markers."""
 CODE_MODULES: Final = (25, 29, 21, 33, 37)
-"""Along a side of the codes of ids of 1 to 64 letters, the usual ones first."""
+"""Modules along a side of the codes for ids of 1 to 64 letters, the usual ones first."""
 LEAST_FRAMES: Final = 2
 """Frames that must read the same id."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Whose video it is."""
+    """The plant of a video."""
 
     plant_id: str
     """Empty when it is not known for certain."""
     doubt: str
-    """Why not, in a few words; empty when it is."""
+    """Why it is not certain, in a few words; empty when it is."""
     votes: dict[str, int]
     """Id -> frames that read it."""
 
 
 def code_picture(text: str) -> Picture:
-    """(N, N) a pixel a module, 0 = dark: the QR code of a text, without a margin, with error correction M (15 %)."""
+    """(N, N) QR code of a text, one pixel per module, 0 = dark, without a margin, with error correction M (15 %)."""
     import zxingcpp
 
     code = zxingcpp.create_barcode(text, zxingcpp.BarcodeFormat.QRCode, ec_level="M")
@@ -44,9 +44,9 @@ def code_picture(text: str) -> Picture:
 def read_codes(grey: Picture) -> list[str]:
     """Texts of the QR codes and DataMatrix codes in a (H, W) picture.
 
-    By zxing-cpp, which reads about twice as many small codes as OpenCV's two decoders, in a fifth of their time
-    (docs/notes/libraries.md). Where that reads none but the markers of a card are seen, the code is looked for
-    where they say that it is.
+    The decoder is zxing-cpp, which reads about twice as many small codes as OpenCV's two decoders, in a fifth of their
+    time (docs/notes/libraries.md). If it reads none but the picture shows the markers of a card, the function looks
+    for the code at the place that the markers give.
     """
     return _texts(grey) or _read_by_markers(grey)
 
@@ -60,10 +60,10 @@ def _texts(grey: Picture) -> list[str]:
 
 
 def _read_by_markers(grey: Picture) -> list[str]:
-    """The code of a card that lies aslant, far away or has dirt on the corners of its code.
+    """The code of a card that lies at an angle, lies far away, or has dirt on the corners of its code.
 
-    Two markers or more give the homography by which the code is seen from straight above. The patterns by which a
-    reader finds a code are the same in all codes of a size, so they are drawn over what is seen there.
+    Two markers or more give the homography that shows the code from straight above. The patterns by which a reader
+    finds a code are the same in all codes of a size, so the function draws them over the picture.
     """
     import cv2
 
@@ -90,7 +90,7 @@ def _read_by_markers(grey: Picture) -> list[str]:
 
 
 def _with_patterns(upright: Picture, modules: int) -> Picture:
-    """A code seen from above with the three corner patterns and the margin drawn anew."""
+    """A code seen from above with the three corner patterns and the margin drawn again."""
     inside = upright[4 * MODULE_PX : -4 * MODULE_PX, 4 * MODULE_PX : -4 * MODULE_PX]
     dark, bright = (int(np.percentile(inside, share)) for share in (5, 95))
     pattern = np.full((8, 8), bright, np.uint8)
@@ -109,9 +109,9 @@ def _with_patterns(upright: Picture, modules: int) -> Picture:
 def whose(frames: Mapping[str, int], known: Collection[str] = ()) -> Identity:
     """The plant that the codes of a video name.
 
-    A card's code names its id. Another code counts only when a field book knows its text, as labels of plots do.
-    Nothing is guessed: two ids in one video, one that a field book does not know, or one that a single frame read, are
-    a doubt.
+    A card's code names its id. Another code, such as the label of a plot, counts only if a field book has its text.
+    The function never guesses: two ids in one video, an id that the field book does not have, or an id from a single
+    frame give a doubt.
 
     Args:
         frames: text of a code -> frames that read it. known: ids of the field book; empty without one.
@@ -135,7 +135,7 @@ def whose(frames: Mapping[str, int], known: Collection[str] = ()) -> Identity:
 
 
 def _named(text: str, known: Collection[str]) -> str:
-    """The id that a code names; empty where it names none."""
+    """The id that a code names; empty if it names none."""
     if text.startswith(PREFIX):
         return card_id(text) or ""
     return text if text in known and not id_problem(text) else ""

@@ -1,4 +1,4 @@
-"""A font for a text in any script: DejaVu Sans, which matplotlib brings, or one of the machine that has the letters."""
+"""A font for a text in any script: DejaVu Sans from matplotlib, or a font of the machine that has the letters."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any, Final
 
 PLACEHOLDERS: Final = ("lastresort", "adobeblank", "notdef")
-"""In names of fonts that have a picture for every character, and a letter for none."""
+"""Parts of the names of fonts that show a placeholder for every character and have no letters."""
 JOINED_SCRIPTS: Final = range(0x0590, 0x1900)
 """Characters whose letters change with their neighbours, from Hebrew to Mongolian; Hangul's parts lie there, too."""
 
 
 def font(text: str, size: int) -> Any:
-    """Pillow's font of `size` px for a text; where no font has all of its letters, DejaVu Sans, which shows boxes."""
+    """Pillow's font of `size` px for a text; DejaVu Sans, which shows boxes, if no font has all of its letters."""
     return _opened(_font_file(frozenset(text)) or _dejavu(), size)
 
 
 def unprintable(texts: Iterable[str]) -> list[str]:
-    """Those of some texts that no font of this machine can write, in their order."""
+    """The texts that no font of this machine can write, in their order."""
     return [text for text in texts if _font_file(frozenset(text)) is None or not _can_join(text)]
 
 
@@ -32,7 +32,7 @@ def _opened(path: Path, size: int) -> Any:
 
 @cache
 def _font_file(letters: frozenset[str]) -> Path | None:
-    """The first font that has some letters."""
+    """The first font that has all of these letters."""
     wanted = {ord(letter) for letter in letters if not letter.isspace()}
     return next((path for path in _fonts() if wanted <= _letters(path)), None)
 
@@ -53,7 +53,7 @@ def _dejavu() -> Path:
 
 @cache
 def _letters(path: Path) -> frozenset[int]:
-    """Of a font; none of one that cannot be opened."""
+    """The letters of a font; none if the font cannot be opened."""
     from matplotlib.ft2font import FT2Font
 
     try:
@@ -63,7 +63,7 @@ def _letters(path: Path) -> frozenset[int]:
 
 
 def _can_join(text: str) -> bool:
-    """Whether letters that change with their neighbours come out right."""
+    """Whether letters that change with their neighbours are drawn correctly."""
     from PIL import features
 
     return features.check("raqm") or not any(ord(letter) in JOINED_SCRIPTS for letter in text)

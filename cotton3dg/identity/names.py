@@ -1,4 +1,4 @@
-"""Ids of plants: what a printed code says of one, and the name of the folder that it gets."""
+"""Ids of plants: the text of their printed codes, and the names of their folders."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import zlib
 from typing import Final
 
 PREFIX: Final = "c3d:"
-"""How the text of a card's code begins, so that no other code in the picture is taken for one."""
+"""The start of the text of a card's code, so that no other code in the picture is taken for one."""
 CHECK_CHARACTERS: Final = 4
 MOST_CHARACTERS: Final = 64
-"""Of an id. Longer ones need codes too fine for a video."""
+"""Longest id. A longer one needs a code that is too fine for a video."""
 DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-"""What Windows takes for a device, whatever folder it is in."""
+"""Names that Windows takes for a device in any folder."""
 
 
 def id_problem(plant_id: str) -> str:
@@ -32,24 +32,24 @@ def id_problem(plant_id: str) -> str:
 
 
 def card_text(plant_id: str) -> str:
-    """What the code on a plant's card says: `c3d:ID:CHECK`.
+    """The text of the code on a plant's card: `c3d:ID:CHECK`.
 
-    The check is a part of a CRC-32, so that a code misread in spite of its own error correction is noticed.
+    The check is a part of a CRC-32. It reveals a code that is misread in spite of its own error correction.
     """
     return f"{PREFIX}{plant_id}:{_check(plant_id)}"
 
 
 def card_id(text: str) -> str | None:
-    """The id that the text of a card's code names; None of any other text, also of one misread."""
+    """The id that the text of a card's code names; None for any other text, also for a misread one."""
     plant_id, colon, check = text.removeprefix(PREFIX).rpartition(":")
     right = text.startswith(PREFIX) and colon and check == _check(plant_id) and not id_problem(plant_id)
     return plant_id if right else None
 
 
 def folder_name(plant_id: str) -> str:
-    """A name for the plant's folder that every file system takes: the id itself where it is one.
+    """A name for the plant's folder that every file system accepts: the id itself if it is one.
 
-    Another id becomes what is harmless of it and a part of its SHA-256, so that two ids never share a name.
+    Any other id becomes its harmless characters and a part of its SHA-256, so that two ids never share a name.
     """
     name = re.sub(r"[^\w.+-]+", "_", unicodedata.normalize("NFC", plant_id))
     name = name.strip("._").lstrip("-._") or "plant"

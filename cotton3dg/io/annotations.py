@@ -36,7 +36,7 @@ def read_masks(
     Returns:
         By the stem of the image's file name, at the size they have in the source.
     Raises:
-        MissingInput: nothing is there. BadInput: a file is damaged or no mask.
+        MissingInput: there is nothing to read. BadInput: a file is damaged or not a mask.
     """
     if not source.exists():
         raise MissingInput(f"{source} is not there; give a folder of masks or an annotation file")
@@ -54,10 +54,10 @@ def read_masks(
 
 
 def read_whole_masks(source: Path, classes: Collection[str] = ()) -> MaskSet:
-    """As `read_masks`, of masks that others are measured by or learn from.
+    """Read masks as `read_masks` does, for use as the truth or as training data.
 
     Raises:
-        BadInput: also where masks are left out, or may hold several bolls.
+        BadInput: also if masks are left out or may hold several bolls.
     """
     found = read_masks(source, classes=classes)
     if found.notes:
@@ -80,7 +80,7 @@ def find_annotated_images(source: Path) -> dict[str, Path]:
 
 
 def _parse(documents: list[Path]) -> dict[str, AnnotatedImage]:
-    """What COCO and Labelme files say, by image; other JSON files are left alone."""
+    """The annotations in COCO and Labelme files, by image; other JSON files are skipped."""
     images: dict[str, AnnotatedImage] = {}
     for path in documents:
         document = read_json(path)
@@ -107,7 +107,7 @@ def _read_labels(
     try:
         names = read_class_names(source) or read_class_names(source.parent)
     except BadInput:
-        # Numbers stand for the names, unless these are asked for.
+        # Numbers stand for the names, unless the user chooses classes by name.
         if any(not name.isdecimal() for name in classes):
             raise
         names = {}
@@ -126,13 +126,13 @@ def _read_labels(
 def undistort_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir: Path) -> NDArray[np.uint16]:
     """Masks at the size of an undistorted image, whatever they were drawn on.
 
-    Masks of that size or shape were drawn on the undistorted image; those of the size of the frame as filmed were
-    drawn on that, and its distortion is taken out of them.
+    Masks of that size or shape were drawn on the undistorted image. Masks of the size of the filmed frame were drawn on
+    that frame; the function removes its lens distortion from them.
 
     Args:
         name: for the message. camera: of the undistorted image. model_dir: COLMAP model of the images as filmed.
     Raises:
-        BadInput: another shape than both.
+        BadInput: the masks have neither shape.
     """
     height, width = ids.shape
     if (height, width) == (camera.height, camera.width):

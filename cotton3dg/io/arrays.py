@@ -18,7 +18,7 @@ _DAMAGED: Final = (
     OSError, EOFError, ValueError, SyntaxError, TypeError, KeyError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, tokenize.TokenError,
 )  # fmt: skip
-"""What zipfile and numpy raise on bytes that are no archive of arrays."""
+"""The errors that zipfile and numpy raise if the bytes are not an archive of arrays."""
 
 
 def read_array(path: Path) -> NDArray[Any]:
@@ -57,7 +57,7 @@ def _read(file: IO[bytes]) -> NDArray[Any]:
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
     shape, fortran_order, dtype = read_header(file)
     content = file.read()
-    # As Python integers: an absurd shape costs nothing.
+    # Python integers, so that an absurd shape costs nothing.
     if dtype.hasobject or min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(content):
         raise ValueError("its size is not that of its arrays")
     return np.frombuffer(bytearray(content), dtype).reshape(shape, order="F" if fortran_order else "C")

@@ -1,4 +1,4 @@
-"""Point clouds of scanners: PLY, PCD or plain text, with the number of each point's boll where somebody gave it."""
+"""Point clouds from scanners: PLY, PCD or plain text, with the boll number of each point if the file has one."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ LABELS: Final = ("boll_id", "label", "labels", "scalar_boll_id", "scalar_label",
 PLACE: Final = ("x", "y", "z")
 COMMENT: Final = re.compile(r"//|#")
 LARGEST_BOLL_CM: Final = 30.0
-"""Across; points of one number that lie farther apart are not one."""
+"""Largest width of a boll; points with one number that lie farther apart are not one boll."""
 MOST_BOLLS: Final = 1000
-"""More than any plant bears."""
+"""More bolls than any plant bears."""
 LEAST_SEEN: Final = 0.5
-"""Share of a cloud's points that need a place; depth cameras also save what they did not see."""
+"""Least share of a cloud's points that have a position; depth cameras also save pixels that they did not see."""
 
 
 def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
-    """Points (N, 3) in cm and the boll of each (N,), 0 = none; None where the file does not tell.
+    """Points (N, 3) in cm and the boll of each (N,), 0 = none; None if the file does not say.
 
     Plain text has x y z in its first three columns, or in those of these names, separated by blanks, tabs, commas or
     semicolons; decimal commas are read. The boll is in a column with a name of `LABELS`, or in the fourth and last
     where the columns have no names.
 
     Raises:
-        MissingInput: there is no such file.
-        BadInput: the file cannot be read, has too few points with a place, or other values where boll ids belong.
+        MissingInput: the file does not exist.
+        BadInput: the file cannot be read, has too few points with a position, or other values where boll ids belong.
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is missing; give a point cloud ({', '.join(SUFFIXES)})")
@@ -56,10 +56,10 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
 
 
 def _check_labels(labels: NDArray[np.float64], points_cm: NDArray[np.float64], name: str) -> NDArray[np.int64]:
-    """The same as whole numbers.
+    """The labels as whole numbers.
 
     Raises:
-        BadInput: they are intensities or the like.
+        BadInput: the values are intensities or the like.
     """
     remedy = "leave that column out, or number the points of each boll from 1 on, 0 being none"
     numbers = np.rint(labels)
@@ -114,12 +114,12 @@ def _read_text(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | N
 
 
 def _find_start(lines: list[str]) -> tuple[int, list[str]]:
-    """Where the points begin, and the names of their columns, in lower case, where a line before says them."""
+    """The line where the points begin, and the names of their columns, in lower case, if a line before gives them."""
     names: list[str] = []
     for number, line in enumerate(lines):
         separator, decimal_comma = _layout(line)
         cells = _split(COMMENT.sub("", line, count=1), separator)
-        # Some programs write how many points there are in a line of its own.
+        # Some programs write the number of points on a line of its own.
         if len(cells) < len(PLACE):
             continue
         if not COMMENT.match(line) and _are_numbers(cells, decimal_comma):
@@ -129,7 +129,7 @@ def _find_start(lines: list[str]) -> tuple[int, list[str]]:
 
 
 def _layout(line: str) -> tuple[str | None, bool]:
-    """What separates the cells of a line, None for blanks, and whether its numbers have decimal commas."""
+    """The separator between the cells of a line, None for blanks, and whether its numbers have decimal commas."""
     for separator in (";", "\t"):
         if separator in line:
             return separator, "," in line

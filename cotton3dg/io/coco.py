@@ -13,7 +13,7 @@ from ..errors import BadInput
 from .instances import AnnotatedImage, Instance, check_size, fill_polygons, parse_score, trace_outlines
 
 EXPORT_TOLERANCE_PX: Final = 0.5
-"""Half a pixel: less than people draw to, and a tenth of the corners."""
+"""Half a pixel: finer than people draw, with a tenth of the corners."""
 
 
 def is_coco(document: Any) -> bool:
@@ -61,7 +61,7 @@ def fill_segmentation(segmentation: Any, height: int, width: int) -> NDArray[np.
     """Indices of the pixels of a COCO segmentation: polygons as flat x, y lists, or run lengths, plain or compressed.
 
     Raises:
-        BadInput: it cannot be of this image.
+        BadInput: the segmentation cannot belong to this image.
     """
     if not isinstance(segmentation, dict):
         return fill_polygons(segmentation, height, width)
@@ -79,7 +79,7 @@ def fill_segmentation(segmentation: Any, height: int, width: int) -> NDArray[np.
 
 
 def decompress_counts(text: str) -> list[int]:
-    """Run lengths from COCO's compressed string: 5 bits a character, from the third run on relative to two before."""
+    """Run lengths of COCO's compressed text: 5 bits a character, from the third on relative to the one two before."""
     counts: list[int] = []
     value, shift = 0, 0
     for character in text.encode("ascii"):
@@ -101,7 +101,7 @@ def decompress_counts(text: str) -> list[int]:
 def coco_document(masks: Mapping[str, NDArray[np.uint16]]) -> dict[str, Any]:
     """Masks as a COCO document with polygons, which annotation tools can edit.
 
-    Polygons have no holes: what shines through a boll becomes part of it.
+    Polygons have no holes: the background that shows through a boll becomes part of it.
 
     Args:
         masks: (H, W) ids by the name of the image file.

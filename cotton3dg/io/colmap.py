@@ -17,9 +17,9 @@ from ..errors import BadInput, MissingInput
 log = logging.getLogger("cotton3dg")
 
 PARAMETER_COUNTS: Final = {0: 3, 1: 4}
-"""Of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
+"""Number of parameters of COLMAP's camera models SIMPLE_PINHOLE (f, cx, cy) and PINHOLE (fx, fy, cx, cy), by id."""
 MAX_COORDINATE: Final = 1e12
-"""su; beyond it, as with NaN, a pose or point is lost rather than far."""
+"""su; a pose or point beyond it is lost rather than far away, like one with NaN."""
 
 
 OBSERVATION: Final = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<i8")])
@@ -54,7 +54,7 @@ class _Reader:
         return n
 
     def array(self, kind: np.dtype, n: int) -> NDArray[np.void]:
-        """The next `n` entries, which `count` has found to be there."""
+        """The next `n` entries; `count` has checked that they exist."""
         values = np.frombuffer(self.content, kind, n, self.at)
         self.at += n * kind.itemsize
         return values
@@ -77,15 +77,15 @@ class _Reader:
 
 
 def read_cameras(model_dir: Path) -> list[Camera]:
-    """Cameras of a model of undistorted images, one an image.
+    """Cameras of a model of undistorted images, one per image.
 
     An image whose pose is not finite is left out, with a warning in the log.
 
     Returns:
         Sorted by name.
     Raises:
-        MissingInput: a file is not there.
-        BadInput: a file is damaged, a camera is no pinhole, or no image is left.
+        MissingInput: a file does not exist.
+        BadInput: a file is damaged, a camera is not a pinhole camera, or no image is left.
     """
     pinholes = _read_pinholes(model_dir / "cameras.bin")
     reader = _Reader(model_dir / "images.bin")
@@ -107,7 +107,7 @@ def read_cameras(model_dir: Path) -> list[Camera]:
 
 
 def read_tracks(model_dir: Path) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """Where each image shows which triangulated points.
+    """Where each image shows the triangulated points.
 
     Returns:
         Image name -> places (K, 2) px, x and y, (0.5, 0.5) being the centre of the first pixel; ids of the points (K,).

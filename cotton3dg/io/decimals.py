@@ -8,27 +8,27 @@ from collections.abc import Iterable
 from typing import Final
 
 BLANKS: Final = frozenset({"", "na", "n/a", "nan", "none", "null", "-", "."})
-"""What people, R and SAS write where a number is missing; in lower case."""
+"""Texts with which people, R and SAS mark a missing number; in lower case."""
 GAP: Final = re.compile(r"(?<=\d)[ \u00a0\u2009\u202f'\u2019](?=\d{3}(?!\d))")
-"""Between thousands, where it is neither a comma nor a dot."""
+"""A separator between thousands that is neither a comma nor a dot."""
 OTHER: Final = {".": ",", ",": "."}
-"""A decimal mark -> what stands between thousands beside it."""
+"""Decimal mark -> the separator between thousands that goes with it."""
 NUMBERS: Final = {
     mark: re.compile(
         rf"(?=[+-]?[.,]?\d)[+-]?(?:[1-9]\d{{0,2}}(?:[{other}]\d{{3}})+|\d*)(?:[{mark}]\d*)?(?:[eE][+-]?\d+)?", re.ASCII
     )
     for mark, other in OTHER.items()
 }
-"""A decimal mark -> a number with it, and perhaps with the other mark between thousands."""
+"""Decimal mark -> pattern of a number with it, and perhaps with the other mark between thousands."""
 
 
 def parse_decimal(cell: str, marks: set[str]) -> float:
-    """The number that a cell says; NaN where it is blank.
+    """The number in a cell; NaN if the cell is blank.
 
     Args:
-        marks: the decimal marks of cells beside it (`decimal_marks`); by them 1,234 is a fraction, or is refused.
+        marks: the decimal marks of cells beside it (`decimal_marks`); with them 1,234 is a fraction, or is refused.
     Raises:
-        ValueError: it says no finite number, or 1234 and 1.234 alike; the message quotes it and names the remedy.
+        ValueError: it is not a finite number, or may mean 1234 or 1.234; the message quotes it and names the remedy.
     """
     text = _plain(cell)
     if text.lower() in BLANKS:
@@ -47,12 +47,12 @@ def parse_decimal(cell: str, marks: set[str]) -> float:
 
 
 def with_dot(cell: str) -> str:
-    """A number with a decimal comma as other programs read it; another cell as it is."""
+    """A number with a decimal comma in the form that other programs read; any other cell unchanged."""
     return cell.replace(".", "").replace(",", ".") if NUMBERS[","].fullmatch(cell) else cell
 
 
 def decimal_marks(cells: Iterable[str]) -> set[str]:
-    """The decimal marks of those cells that can be read with one of them only."""
+    """The decimal marks of the cells that can be read with only one mark."""
     found = (_readings(_plain(cell)) for cell in cells)
     return {mark for readings in found if len(readings) == 1 for mark in readings}
 
@@ -62,7 +62,7 @@ def _plain(cell: str) -> str:
 
 
 def _readings(text: str) -> dict[str, float]:
-    """Decimal mark -> the number that a text is with it."""
+    """Decimal mark -> the number that a text means with it."""
     return {
         mark: float(text.replace(OTHER[mark], "").replace(mark, "."))
         for mark, pattern in NUMBERS.items()

@@ -16,9 +16,9 @@ from ..errors import Cotton3dgError, EnvironmentUnusable, OutOfResources, StageF
 from .video import ffmpeg_binary, reading
 
 COLOURS: Final = {"colorspace": "smpte170m", "color_primaries": "bt709", "color_trc": "bt709"}
-"""Tags that say how ffmpeg converts RGB unless told otherwise; without them players guess by the size."""
+"""Tags that describe ffmpeg's default conversion of RGB; without them players guess from the size."""
 CROPPED_QUALITY: Final = 12
-"""x264's constant rate factor; what is lost is far below what a phone lost before."""
+"""x264's constant rate factor; the loss is far below the one that the phone's encoder caused before."""
 LOWEST_PRIORITY: Final = 19
 
 
@@ -51,7 +51,7 @@ def video_encoder(
     assert process.stdin is not None
     assert process.stderr is not None
     stdin = process.stdin
-    # Encoding goes on beside the making of the next frames and should not slow it down.
+    # Encoding runs while the next frames are made and should not slow them down.
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, process.pid, LOWEST_PRIORITY)
 
@@ -78,7 +78,7 @@ def video_encoder(
 
 
 def crop_video(source: Path, target: Path, share: float) -> None:
-    """Save the middle of a video, `share` of its width and height, as H.264 of near the same quality.
+    """Save the middle of a video, `share` of its width and height, as H.264 at nearly the same quality.
 
     Raises:
         OutOfResources: the disk is full. EnvironmentUnusable: this ffmpeg cannot encode H.264.

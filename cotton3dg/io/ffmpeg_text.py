@@ -1,4 +1,4 @@
-"""What ffmpeg prints: of the streams in a file, and of the frames while it decodes them."""
+"""ffmpeg's output: about the streams in a file, and about the frames while it decodes them."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .tonemap import HLG, PQ
 DECODER_DELAY_FRAMES: Final = 32
 """A threaded decoder reports a damaged frame up to this many frames before it comes out."""
 SAID: Final = re.compile(r"(?:\[[^\]]+ @ \w+\] )*\[(\w+)\] (.*)")
-"""A line of ffmpeg's log at `level+info`: who said it, of what weight, and what."""
+"""A line of ffmpeg's log at `level+info`: the part of ffmpeg that prints it, the level, and the message."""
 HARMLESS: Final = re.compile(
     "co located POCs unavailable|mmco: unref short failure|non monotonically increasing dts", re.IGNORECASE
 )
-"""Errors that cost no picture: of the first frames after a cut without encoding, and of clocks, which `scan` judges."""
+"""Errors that cost no picture: in the first frames after a cut without encoding, and in clocks, which `scan` judges."""
 
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What a video's header says."""
+    """The facts in a video's header."""
 
     codec: str
     width: int
-    """Of the picture as shown: rotation and pixel aspect applied, px."""
+    """Size of the picture as shown: rotation and pixel aspect applied, px."""
     height: int
     rotation_deg: int
     """Rotation tag, clockwise 0, 90, 180 or 270. ffmpeg applies it, so that frames come out upright."""
@@ -45,7 +45,7 @@ class VideoFacts:
     stream: int = field(default=0, kw_only=True)
     """Number of the film's stream in the file."""
     rivals: int = field(default=0, kw_only=True)
-    """How many more films the file holds."""
+    """Number of further films in the file."""
 
     @property
     def is_hdr(self) -> bool:
@@ -53,7 +53,7 @@ class VideoFacts:
 
 
 def parse_description(text: str) -> list[VideoFacts]:
-    """Facts of each video stream, from what `ffmpeg -i` prints; first those that players show, the largest of them.
+    """Facts of each video stream, from the output of `ffmpeg -i`; first those that players show, the largest ahead.
 
     Cover pictures and streams without a size are left out.
     """
@@ -69,7 +69,7 @@ def parse_description(text: str) -> list[VideoFacts]:
 
 
 def _facts_of_stream(text: str, duration_s: float) -> VideoFacts | None:
-    """Of a description from `0:1[0x2](und): Video: h264 ...` on; None of other streams, and without a size."""
+    """Facts from a description such as `0:1[0x2](und): Video: h264 ...`; None for other streams or without a size."""
     line = text.split("\n", 1)[0]
     size = re.search(r", (\d+)x(\d+)", line)
     codec = re.match(r"0:(\d+)[^ ]*: Video: (\w+)", line)
@@ -84,7 +84,7 @@ def _facts_of_stream(text: str, duration_s: float) -> VideoFacts | None:
     if rotation in (90, 270):
         width, height = height, width
     # E.g. `yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67, progressive)`: matrix, primaries and transfer function, which
-    # are one name where all are alike.
+    # are one name if all three are alike.
     told = line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0]
     colours = re.search(r"([\w-]+)/[\w-]+/([\w-]+)", told) or re.search(r"\b((bt709))\b", told)
     pixel_format = re.search(r", (\w+)", line)
@@ -105,7 +105,7 @@ def _facts_of_stream(text: str, duration_s: float) -> VideoFacts | None:
 
 
 def seconds_of(hours: str, minutes: str, seconds: str) -> float:
-    """Of a time that it prints as 00:01:02.50."""
+    """Seconds of a time that ffmpeg prints as 00:01:02.50."""
     return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
 
 
@@ -117,7 +117,7 @@ def parse_log(text: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int, t
     key_frames: list[int] = []
     damaged_at: list[int] = []
     errors: list[str] = []
-    # What is said before is of the container and its other streams, and of a first look that decoding takes again.
+    # The lines before are about the container, its other streams, and a first look that decoding repeats.
     opening, _, decoding = text.partition("] Stream mapping:\n")
     for line in (decoding or opening).splitlines():
         shown = re.search(r"\bn: *\d+ pts: *\S+ +pts_time:(\S+)", line)

@@ -13,18 +13,18 @@ from .spreadsheet import read_table
 ID_COLUMNS: Final = (
     "plant_id", "unique_id", "observationunitname", "plot_name", "plot_id", "id", "plot", "plantid", "plotid",
 )  # fmt: skip
-"""Where the ids are looked for, in this order; spelling of capitals, spaces and hyphens does not matter."""
+"""Columns that may hold the ids, in this order; capitals, spaces and hyphens do not matter."""
 FIELD_BOOK: Final = "fieldbook.csv"
-"""Of a field, in its folder."""
+"""Name of the field book in a field's folder."""
 
 
 @dataclass(frozen=True)
 class FieldBook:
-    """What the lab knows of its plants."""
+    """What the lab knows about its plants."""
 
     id_column: str
     columns: tuple[str, ...]
-    """All others, in the table's order."""
+    """All other columns, in the table's order."""
     rows: dict[str, dict[str, str]]
     """Id -> column -> cell, in the table's order."""
 
@@ -33,10 +33,10 @@ def read_fieldbook(path: Path, id_column: str = "") -> FieldBook:
     """Read a field book, as CSV or as an Excel file (`read_table`).
 
     Args:
-        id_column: the column that has the plants' ids; default: the first of `ID_COLUMNS` that there is.
+        id_column: the column that has the plants' ids; default: the first of `ID_COLUMNS` that the table has.
     Raises:
-        BadInput: no such file, not a table, or an id that two rows have.
-        BadUsage: no column for the ids.
+        BadInput: the file does not exist, is not a table, or has an id in two rows.
+        BadUsage: the table has no column for the ids.
     """
     table = read_table(path)
     if not table.rows:
@@ -68,5 +68,5 @@ def _find_id_column(path: Path, names: Sequence[str], wanted: str) -> str:
 
 
 def plain_name(column: str) -> str:
-    """A column's name as others may spell it."""
+    """A column's name with differences in spelling removed."""
     return column.strip().lower().replace(" ", "_").replace("-", "_")

@@ -22,7 +22,7 @@ UNREAD_SUFFIXES: Final = (
     ".heic", ".heif", ".hif", ".avif", ".webp", ".jxl", ".jp2", ".bmp", ".gif",
     ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
 )  # fmt: skip
-"""Photos of phones, browsers and cameras that have to be converted first."""
+"""Formats of photos from phones, browsers and cameras that have to be converted first."""
 JPEG_QUALITY: Final = 97
 
 # A marker inside entropy-coded data: 0xff followed by anything but a stuffed zero, a restart marker or fill.
@@ -35,13 +35,13 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def unread_photos(folder: Path) -> list[Path]:
-    """Photos of a folder in a format that is not read, and without one beside them that is, as after a conversion."""
+    """Photos of a folder in a format that is not read, unless a converted copy is beside them."""
     read = {path.stem.lower() for path in list_images(folder)}
     return [path for path in files_in(folder, UNREAD_SUFFIXES) if path.stem.lower() not in read]
 
 
 def how_to_convert(photo: Path) -> str:
-    """What to do about photos of another format; the message before names `photo`."""
+    """The remedy for photos in another format; the message in front of it names `photo`."""
     return f"convert them to JPEG, e.g. with ImageMagick: magick mogrify -format jpg '*{photo.suffix}'"
 
 
@@ -56,7 +56,7 @@ def has_transparency(path: Path) -> bool:
 
 
 def natural_key(name: str) -> list[tuple[bool, int, str]]:
-    """Sort key in which runs of digits compare as numbers; case decides nothing but ties."""
+    """Sort key in which runs of digits compare as numbers; case only breaks ties."""
     parts = re.split(r"([0-9]+)", name.lower())
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in [*parts, name]]
 
@@ -80,7 +80,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def exif_focal_length_px(path: Path) -> float | None:
-    """Focal length of a photo as its EXIF says, in pixels of the photo; None when it says nothing."""
+    """Focal length of a photo from its EXIF data, in pixels of the photo; None if the data do not give it."""
     pycolmap = import_pycolmap()
 
     if path.suffix.lower() not in (".jpg", ".jpeg"):
@@ -150,7 +150,7 @@ def read_checked(path: Path) -> bytes:
     """All bytes of an image file that is whole and not too large.
 
     Raises:
-        BadInput: it is neither. MissingInput: no such file.
+        BadInput: the file is not whole or is too large. MissingInput: it does not exist.
     """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
@@ -172,7 +172,7 @@ def decode(path: Path, content: bytes, flags: int) -> NDArray:
     """An image as OpenCV decodes it with `flags`.
 
     Raises:
-        BadInput: it does not.
+        BadInput: OpenCV cannot decode it.
     """
     import cv2
 
@@ -186,7 +186,7 @@ def decode(path: Path, content: bytes, flags: int) -> NDArray:
 
 
 def image_size(content: bytes) -> tuple[int, int] | None:
-    """Stored width and height from the header of a JPEG, PNG or TIFF file, None when there is none to be found."""
+    """Stored width and height from the header of a JPEG, PNG or TIFF file, None if they cannot be found."""
     if content.startswith(b"\x89PNG\r\n\x1a\n") and content[12:16] == b"IHDR" and len(content) >= 24:
         return struct.unpack(">II", content[16:24])
     if content.startswith(b"\xff\xd8"):
@@ -197,7 +197,7 @@ def image_size(content: bytes) -> tuple[int, int] | None:
 
 
 def is_whole(content: bytes) -> bool:
-    """Whether a file goes on to its format's end mark; decoders fill in for missing data without a word."""
+    """Whether a file reaches its format's end mark; decoders silently fill in missing data."""
     if content.startswith(b"\x89PNG"):
         return b"IEND\xaeB`\x82" in content[-4096:]
     if content.startswith(b"\xff\xd8"):

@@ -1,4 +1,4 @@
-"""Instances that somebody drew or a tool found in an image, whatever format they come in."""
+"""Instances that a person drew or a tool found in an image, in any of the formats."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .images import MAX_PIXELS
 
 MAX_JSON_BYTES: Final = 2**28
 FARTHEST_PX: Final = 1e5
-"""Distance from the image at which a corner is no slip of the hand any more."""
+"""Distance from the image beyond which a corner cannot be a slip of the hand."""
 SUBPIXELS: Final = 8
 
 
@@ -29,7 +29,7 @@ class Instance:
     """One drawn object."""
 
     label: str
-    """Its class, as the file names it; empty where it names none."""
+    """Its class in the file; empty if the file names none."""
     pixels: NDArray[np.int64]
     """(n,) indices into the flattened image."""
     score: float = 1.0
@@ -37,7 +37,7 @@ class Instance:
 
 @dataclass(frozen=True)
 class AnnotatedImage:
-    """All that is drawn on one image."""
+    """Everything that is drawn on one image."""
 
     height: int
     width: int
@@ -48,7 +48,7 @@ def read_json(path: Path) -> Any:
     """A JSON document.
 
     Raises:
-        BadInput: empty, too large, or no JSON.
+        BadInput: the file is empty, too large, or not JSON.
     """
     size = path.stat().st_size
     if not size:
@@ -75,7 +75,7 @@ def fill_polygons(polygons: Sequence[Any], height: int, width: int) -> NDArray[n
     Args:
         polygons: each x, y of its corners, flat or in pairs, px from the image's corner.
     Raises:
-        BadInput: a corner that is no number or far outside, or fewer than three of them.
+        BadInput: a corner is not a number or lies far outside, or a polygon has fewer than three corners.
     """
     import cv2
 
@@ -90,7 +90,7 @@ def fill_polygons(polygons: Sequence[Any], height: int, width: int) -> NDArray[n
         high = np.clip(np.ceil(corners.max(axis=0)), low, [width, height]).astype(int)
         if (high <= low).any():
             continue
-        # OpenCV draws the outline along with the inside: on a finer grid, read at the pixels' centres, that is nothing.
+        # OpenCV also fills the outline. On a finer grid, read at the pixels' centres, that makes no difference.
         fine = np.zeros((high - low)[::-1] * SUBPIXELS, np.uint8)
         cv2.fillPoly(fine, [np.round((corners - low) * SUBPIXELS - 0.5).astype(np.int32)], 1)
         centres = fine[SUBPIXELS // 2 :: SUBPIXELS, SUBPIXELS // 2 :: SUBPIXELS].astype(bool)
@@ -99,7 +99,7 @@ def fill_polygons(polygons: Sequence[Any], height: int, width: int) -> NDArray[n
 
 
 def parse_score(value: Any) -> float:
-    """A confidence as a number in 0..1; what is none counts as 0."""
+    """A confidence as a number in 0..1; anything else counts as 0."""
     score = float(value)
     return min(max(score, 0.0), 1.0) if math.isfinite(score) else 0.0
 
@@ -111,7 +111,7 @@ def paint_all(images: Mapping[str, AnnotatedImage], classes: Collection[str], so
         images: by the stem of the file name. classes: labels that are bolls; none = the only one there is.
         source: name for messages.
     Raises:
-        BadInput: there are several classes and none was chosen, or one that is not there was.
+        BadInput: there are several classes and none was chosen, or a chosen class does not exist.
     """
     labels = {instance.label for image in images.values() for instance in image.instances} - {""}
     listed = ", ".join(sorted(labels)[:8])

@@ -1,4 +1,4 @@
-"""Labelme annotations, a JSON file an image: https://github.com/wkentaro/labelme."""
+"""Labelme annotations, one JSON file per image: https://github.com/wkentaro/labelme."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def parse_labelme(document: Any, path: Path) -> tuple[str, AnnotatedImage]:
     """Stem of the image, and what is drawn on it; shapes of one group are one instance.
 
     Raises:
-        BadInput: the document is damaged, or a shape is no area.
+        BadInput: the document is damaged, or a shape is not an area.
     """
     try:
         height, width = int(document["imageHeight"]), int(document["imageWidth"])

@@ -15,14 +15,14 @@ PAD_PX: Final = 1.5
 OVERLAP: Final = 100.0
 CROSSING: Final = 4.0
 DISTANCE: Final = 0.02
-"""What it costs to hide all of a label's area, to lie on a line all along, and to stand a pixel farther off."""
+"""Cost of hiding the whole area of a label, of lying on a line over its full length, and of each pixel of distance."""
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom, px."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Where a label may stand, as seen from what it names: x, y of its baseline, px, and its text-anchor."""
+    """A possible place of a label, relative to what it names: x, y of its baseline, px, and its text-anchor."""
 
     x: float
     y: float
@@ -30,7 +30,7 @@ class Spot:
 
 
 def text_box(x: float, y: float, text: str, anchor: str, size: float) -> Box:
-    """About the box of a text whose baseline is at y."""
+    """The approximate box of a text whose baseline is at y."""
     width = CHARACTER * size * len(text)
     left = x - width * {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor]
     return left - PAD_PX, y - 0.8 * size - PAD_PX, left + width + PAD_PX, y + 0.22 * size + PAD_PX
@@ -38,19 +38,19 @@ def text_box(x: float, y: float, text: str, anchor: str, size: float) -> Box:
 
 @dataclass
 class Labels:
-    """A drawing that fills up."""
+    """The places in a drawing that labels and lines already take."""
 
     taken: list[Box] = field(default_factory=list)
-    """What no label may lie on."""
+    """Boxes that no label may cover."""
     lines: list[NDArray[np.float64]] = field(default_factory=list)
-    """(N, 2) px each, places along lines that labels had better not lie on."""
+    """(N, 2) px each: points along lines that labels avoid."""
 
     def add_line(self, start: Sequence[float], end: Sequence[float]) -> None:
-        """A straight line."""
+        """Add a straight line."""
         self.lines.append(np.linspace(start, end, max(2, int(np.hypot(*np.subtract(end, start)) / 3))))
 
     def place(self, at: Sequence[float], text: str, size: float, spots: Iterable[Spot]) -> Spot:
-        """The best of the spots for a label; from now on it is taken. Earlier spots are better ones.
+        """Choose the best of the spots for a label and mark it as taken. Earlier spots are preferred.
 
         Returns:
             Where the label goes, px of the drawing.

@@ -1,4 +1,4 @@
-"""What a person put into a folder: neither hidden files nor those that macOS, Windows and file servers leave behind."""
+"""The files that a person put into a folder, without hidden ones and those that macOS, Windows and servers leave."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LITTER: Final = frozenset(
 
 
 def is_litter(name: str) -> bool:
-    """Whether a file or folder of this name is hidden, or made by a system for itself."""
+    """Whether a file or folder of this name is hidden, or made by an operating system or server for itself."""
     return name.startswith(".") or name.lower() in LITTER
 
 
@@ -68,7 +68,7 @@ def folders_in(folder: Path) -> list[Path]:
 
 
 def is_there(path: Path) -> bool:
-    """Whether a file or folder can be seen: not in a folder that may not be entered."""
+    """Whether a file or folder can be seen; one in a folder that may not be entered cannot."""
     with suppress(OSError):
         return path.exists()
     return False
@@ -78,7 +78,7 @@ def require_utf8(path: Path) -> Path:
     """The path, if all programs and file formats can name it.
 
     Raises:
-        BadInput: a name in it is not UTF-8, as of a drive or an archive from a computer with another code page.
+        BadInput: a name in it is not UTF-8, as on a drive or in an archive from a computer with another code page.
     """
     if printable(str(path)) != str(path):
         raise BadInput(f"the name {printable(path.name)} is not UTF-8; rename it, with letters from a to z")

@@ -1,4 +1,4 @@
-"""A lock on a file that ends with the process that holds it, however that dies.
+"""A lock on a file that ends with the process that holds it, however the process dies.
 
 Some network drives and shared folders of virtual machines have no locks. There a file with the name of the host and the
 number of the process stands beside the lock for as long as the process works.
@@ -20,17 +20,17 @@ from ..errors import EnvironmentUnusable
 from .saving import explain_disk_errors
 
 LOOKS_EVERY_S: Final = 1.0
-"""How often whoever waits looks for the files of others, where there are no locks."""
+"""How often a waiting process looks for the files of others, where there are no locks."""
 
 
 @contextmanager
 def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Hold a file, made if needed, for this process.
+    """Lock a file for this process; create it if needed.
 
     Args:
-        wait: until whoever holds it ends, instead of failing.
+        wait: wait until the holder ends instead of failing.
     Raises:
-        EnvironmentUnusable: another process holds it, which the message names.
+        EnvironmentUnusable: another process holds the lock; the message names it.
     """
     with explain_disk_errors(path.parent):
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -58,14 +58,14 @@ def _held(by: str, remedy: str = "") -> EnvironmentUnusable:
 
 
 def _sign(handle: int) -> None:
-    """Leave in the file who holds it; the lock does not depend on it."""
+    """Write the holder into the file; the lock does not depend on it."""
     with suppress(OSError):
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"process {os.getpid()} on {platform.node()}".encode(), 0)
 
 
 def _holder(handle: int) -> str:
-    """What its holder left there, as ` (process 17 on this-machine)`; nothing where that cannot be read."""
+    """The holder from the file, as ` (process 17 on this-machine)`; empty if it cannot be read."""
     with suppress(OSError):
         signed = os.pread(handle, 256, 0).decode("utf-8", "replace").strip()
         return f" ({signed})" if signed else ""
@@ -73,9 +73,10 @@ def _holder(handle: int) -> str:
 
 
 def _register(path: Path, wait: bool) -> Path:
-    """Leave this process's file, unless that of another is there; returns its path.
+    """Create this process's file, unless another process has one; return its path.
 
-    Each leaves its own before it looks for others. Of two that come at once, one or both turn away: never are both in.
+    Each process creates its own file before it looks for others. If two come at once, one or both give up: the two
+    never hold the lock together.
     """
     own = path.with_name(f"{path.name}.{os.getpid()}.{platform.node()}")
     while True:
@@ -87,7 +88,7 @@ def _register(path: Path, wait: bool) -> Path:
         if not wait:
             number, host = _parts(path, others[0])
             raise _held(f" (process {number} on {host})", f"; if it has ended, delete {others[0].name}")
-        time.sleep(LOOKS_EVERY_S * (1 + os.getpid() % 100 / 100))  # two that wait do not look at the same moments
+        time.sleep(LOOKS_EVERY_S * (1 + os.getpid() % 100 / 100))  # waiting processes look at different moments
 
 
 def _others(path: Path, own: Path) -> list[Path]:
@@ -105,7 +106,7 @@ def _others(path: Path, own: Path) -> list[Path]:
 
 
 def _parts(path: Path, other: Path) -> tuple[str, str]:
-    """Number of the process and host that the name of a process's file says."""
+    """Number of the process and host, from the name of a process's file."""
     number, _, host = other.name.removeprefix(f"{path.name}.").partition(".")
     return number, host
 

@@ -1,4 +1,4 @@
-"""Masks that were drawn as PNG files: a grey value or a colour an object, or one for all."""
+"""Masks that were drawn as PNG files: one grey value or colour per object, or one for all objects."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .images import decode, read_checked
 MOST_VALUES: Final = 4096
 """Colours or grey values in one image; a photo has more."""
 LEAST_LOOSE: Final = 8
-"""So many values that hang together nowhere, and half of all, come from smoothed edges or a photo."""
+"""At least this many values, and half of all, without connected pixels come from smoothed edges or a photo."""
 LEAST_PAIRS: Final = 0.5
-"""Neighbours to the right and below with the same value, a pixel; an object has nearly 2, a smoothed edge few."""
+"""Neighbours per pixel, to the right and below, with the same value: nearly 2 in an object, few on a smoothed edge."""
 OPAQUE: Final = 0.5
 """Share of the highest value at which a pixel counts as drawn, not as transparent or as a smoothed edge."""
 
@@ -26,8 +26,8 @@ OPAQUE: Final = 0.5
 def read_mask_pngs(paths: Sequence[Path]) -> MaskSet:
     """Masks by the stem of the file.
 
-    Where one value is all that there is in all images, it marks lint and no single boll: each connected piece of it
-    becomes a mask, which `notes` say.
+    If all images together have only one value, it marks lint and not single bolls: each connected piece of it becomes
+    a mask, and `notes` say so.
 
     Raises:
         BadInput: a file is damaged, a photo, or has smoothed edges.
@@ -83,14 +83,14 @@ def _without_colours(path: Path, pixels: NDArray) -> NDArray:
         )
         if len(found) > MOST_VALUES:
             raise BadInput(f"{path.name} is a photo or has smoothed edges; masks have one value or colour an object")
-        values = values.reshape(pixels.shape[:2]) + (found[0] > 0)  # black is 0, whether there is any or not
+        values = values.reshape(pixels.shape[:2]) + (found[0] > 0)  # black is 0, whether or not the image has any
     if pixels.shape[2] < 4:
         return values
     return np.where(pixels[..., 3] > OPAQUE * np.iinfo(pixels.dtype).max, values, 0)
 
 
 def _values(ids: NDArray[np.uint16]) -> tuple[Any, Any]:
-    """By each value but 0: its area, px, and whether few of its pixels have a neighbour alike."""
+    """For each value except 0: its area, px, and whether few of its pixels have a neighbour with the same value."""
     import pandas as pd
 
     alike = [ids[:, 1:][ids[:, 1:] == ids[:, :-1]], ids[1:][ids[1:] == ids[:-1]]]

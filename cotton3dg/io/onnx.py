@@ -43,7 +43,7 @@ def model(
 
 
 def node(kind: str, inputs: Sequence[str], output: str, **attributes: int | float | str | Sequence[int]) -> bytes:
-    """An operation that makes the tensor `output`, by which it is also named."""
+    """An operation that makes the tensor `output` and has the same name."""
     coded = b"".join(field(1, name.encode()) for name in inputs) + field(2, output.encode())
     coded += field(3, output.encode()) + field(4, kind.encode())
     return coded + b"".join(field(5, _attribute(name, content)) for name, content in attributes.items())
@@ -57,7 +57,7 @@ def field(number: int, content: int | bytes) -> bytes:
 
 
 def varint(number: int) -> bytes:
-    """A whole number, seven bits a byte, lowest first."""
+    """A whole number, seven bits per byte, lowest bits first."""
     coded = b""
     while True:
         number, low = number >> 7, number & 0x7F
@@ -92,7 +92,7 @@ def read_constants(model_bytes: bytes, name: str) -> dict[str, NDArray[Any]]:
     """The constants of a file that `model` wrote, by name.
 
     Raises:
-        BadInput: it is no such file.
+        BadInput: `model` did not write the file.
     """
     try:
         constants = {}

@@ -17,8 +17,8 @@ COLUMNS: Final = ("point", "image", "x_px", "y_px")
 def read_picks(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
     """Point -> image -> (2,) px.
 
-    A row a pick: the point's name, the image's file name in sfm/undistorted/images, and column and row of the pixel as
-    image viewers show them, 0 being the first; its centre is taken.
+    Each row is a pick: the point's name, the image's file name in sfm/undistorted/images, and column and row of the
+    pixel as image viewers show them, 0 being the first; the pick is its centre.
 
     Raises:
         BadInput: a column is missing, a number cannot be read, or a point was picked twice in an image.

@@ -106,7 +106,7 @@ def _read_table(path: Path) -> Gaussians:
 
 
 def recolour(gaussians: Gaussians, colours: NDArray) -> Gaussians:
-    """The same Gaussians in the given colours, (N, 3) RGB in 0..1, seen alike from everywhere."""
+    """The same Gaussians in the given colours, (N, 3) RGB in 0..1, which do not depend on the viewing direction."""
     sh = (np.asarray(colours, np.float32)[:, None] - np.float32(0.5)) / np.float32(SH_CONSTANT)
     return Gaussians(gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits, sh)
 

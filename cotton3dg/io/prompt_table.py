@@ -1,4 +1,4 @@
-"""Prompts for SAM that a person clicked: a CSV table of points or boxes, a row a boll."""
+"""Prompts for SAM that a person clicked: a CSV table of points or boxes, one row per boll."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def read_prompts(path: Path) -> dict[str, Float64]:
     The table's first line is image,x,y or image,x1,y1,x2,y2.
 
     Raises:
-        MissingInput: no such file. BadInput: not such a table.
+        MissingInput: the file does not exist. BadInput: it is not such a table.
     """
     if not path.is_file():
         raise MissingInput(f"{path} is not there; give a table of points or boxes as --prompts, or none")

@@ -1,4 +1,4 @@
-"""Saving without loss: all at once, on the disk for certain, with the disk's errors explained."""
+"""Saving without loss: files change all at once and reach the disk, and errors of the disk are explained."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ WRONG_PATH: Final = (
     errno.ELOOP,
     errno.EINVAL,
 )
-"""What the operating system says of a path that is not what it should be."""
+"""Errors of the operating system about a path that is not what it should be."""
 FULL_BELOW_BYTES: Final = 2**20
-"""No stage can work with less."""
+"""A disk with less free space is full: no stage can work with it."""
 LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EACCES, errno.EPERM})
-"""What file systems answer that do not have what they are asked for."""
+"""Errors of file systems that do not support a request."""
 LOST: Final = frozenset({errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.ENODEV})
-"""What they answer when a disk fails or a network drive is gone."""
+"""Errors of file systems when a disk fails or a network drive is gone."""
 LONGEST_NAME_BYTES: Final = 255
-"""Of a file or folder, on nearly all file systems."""
+"""Longest name of a file or folder on nearly all file systems."""
 PART_BYTES: Final = 2**20
-"""Of a file's beginning and of its end."""
+"""Length of the parts that are read at a file's beginning and at its end."""
 
 
 @contextmanager
@@ -58,10 +58,10 @@ def explain_disk_errors(root: Path) -> Iterator[None]:
 
 
 def explained(error: OSError, root: Path) -> Cotton3dgError:
-    """What an error of the operating system means to somebody who named paths.
+    """What an error of the operating system means to a user who named paths.
 
     Args:
-        root: what was being worked on, where the error names no path.
+        root: the path in use, for an error that names no path.
     """
     place, why = error.filename or root, (error.strerror or str(error)).lower()
     if error.errno == errno.EFBIG:
@@ -84,7 +84,7 @@ def full_disk(root: Path) -> OutOfResources:
 def write_text_atomically(path: Path, text: str) -> None:
     """Replace `path` so that a reader or a crash sees the old text or the new one, never a part."""
     with replacing(path) as partial:
-        # The name of a file or folder that is not UTF-8 is spelled as it is printed.
+        # A name of a file or folder that is not UTF-8 is written as it is printed.
         partial.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
@@ -103,13 +103,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def partial_name(name: str) -> str:
-    """What a file or folder is called until it is whole; not longer than a name may be."""
+    """The name of a file or folder until it is whole; not longer than a name may be."""
     room = LONGEST_NAME_BYTES - len("..partial")
     return f".{os.fsencode(name)[:room].decode(errors='ignore')}.partial"
 
 
 def printable(name: str) -> str:
-    """A name with what is not UTF-8 in it spelled as `\\udcfc`."""
+    """A name in which bytes that are not UTF-8 are written as `\\udcfc`."""
     return name.encode("utf-8", "backslashreplace").decode()
 
 
@@ -146,7 +146,7 @@ def fingerprint(path: Path) -> str:
 
 
 def fsync(path: Path) -> None:
-    """Have a file or a folder written to the disk now, as far as its file system can be asked to.
+    """Write a file or a folder to the disk now, if its file system supports that.
 
     Raises:
         OSError: the disk is full or fails.
@@ -163,7 +163,7 @@ def fsync(path: Path) -> None:
 
 
 def link(source: Path, target: Path) -> None:
-    """Make `target` the same as a file or folder by hard links, or by copies where there are none.
+    """Make `target` the same as a file or folder with hard links, or with copies where links are not possible.
 
     Links to folders within a folder are not followed, and what is neither file nor folder is left out.
     """

@@ -26,7 +26,8 @@ def write_sheet(path: Path, sheet: NDArray[np.uint8], dots_per_cm: int, *, pdf: 
 def pdf_of(sheets: Iterable[NDArray[np.uint8]], dots_per_cm: int) -> bytes:
     """A page for each (H, W) grey picture (PDF 1.4).
 
-    Pillow's own would blur edges, as it compresses grey pictures as JPEG, and cannot forbid viewers to scale the page.
+    Pillow's PDF writer blurs edges, because it compresses grey pictures as JPEG, and cannot forbid viewers to scale
+    the page.
     """
     bodies: list[bytes] = []
     pages = []

@@ -22,9 +22,9 @@ BOLL_PX: Final = 9.0
 Px = tuple[float, float]
 """A place on the drawing."""
 LEADER_PX: Final = 6.0
-"""A boll farther from its label has a line to it; a branch, which its label stands off, three times as far."""
+"""Distance beyond which a line joins a boll to its label; for a branch, whose label stands off, three times as much."""
 RISE: Final = np.tan(np.radians(18.0))
-"""Slope at which branches are drawn, one as the other."""
+"""Slope at which all branches are drawn."""
 
 
 def skeleton_ply(plant_map: PlantMap) -> str:
@@ -53,9 +53,9 @@ def skeleton_ply(plant_map: PlantMap) -> str:
 def draw_map(plant_map: PlantMap, title: str = "") -> str:
     """The plant map as breeders draw it, an SVG that prints on one page.
 
-    The stem is upright; branches leave it at their heights, by turns right and left in order of rank, as long as they
-    are; circles are bolls with their ids, open where another branch may be theirs, the figure inside is the inferred
-    fruiting position.
+    The stem is upright. Branches leave it at their heights, alternately right and left in order of rank, with their
+    true lengths. Circles are bolls with their ids; a circle is open if the boll may belong to another branch. The
+    figure inside is the inferred fruiting position.
     """
     if not plant_map.axes:
         return ""
@@ -111,7 +111,7 @@ def _colour(axis: Axis) -> str:
 def _label(
     labels: Labels, at: Px, text: str, size: int, spots: Sequence[Spot], colour: str, radius: float = 0
 ) -> list[str]:
-    """A text where nothing is in its way; with a thin line to what it names, of a radius, where that is not beside."""
+    """A text at a free place, with a thin line to what it names, of a radius, if that is not beside the text."""
     spot = labels.place(at, text, size, spots)
     left, top, right, bottom = text_box(spot.x, spot.y, text, spot.anchor, size)
     way = np.clip(at, [left, top], [right, bottom]) - at
@@ -186,7 +186,7 @@ def _line(start: Px, end: Px, colour: str, width: float) -> str:
 def _text(place: Px, text: str, anchor: str, colour: str, size: int) -> str:
     from xml.sax.saxutils import escape
 
-    # As a style, since the report's own style of texts would win over attributes.
+    # A style, because the report's own style of texts overrides attributes.
     return (
         f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}" '
         f'style="fill:{colour};font-size:{size}px">{escape(text)}</text>'

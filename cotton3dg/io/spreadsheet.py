@@ -26,7 +26,7 @@ MOST_BYTES: Final = 50_000_000
 SEPARATORS: Final = "\t;,"
 """A header with commas in its names has as many semicolons or more; one of commas has no semicolons."""
 TRIED_ROWS: Final = 20
-"""So many rows show which separator divides them into as many cells as the header."""
+"""Number of rows that show which separator divides them into as many cells as the header."""
 SAID_SEPARATOR: Final = re.compile(r'"?sep=(.)"?\n', re.IGNORECASE)
 """The first line of a CSV file that is meant for Excel."""
 FORMULA_ERRORS: Final = frozenset({"#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!"})
@@ -37,20 +37,20 @@ class Table:
     """Cells of a table as text."""
 
     name: str
-    """Of the file, for messages."""
+    """Name of the file, for messages."""
     columns: tuple[str, ...]
     rows: list[dict[str, str]]
     """By the columns' names, "" for a blank cell; rows without any text are left out."""
     lines: tuple[int, ...]
     """Number of each row in the spreadsheet, where the header is 1."""
     separator: str
-    """Of a CSV file's cells; "" of an Excel file."""
+    """The separator of a CSV file's cells; "" for an Excel file."""
 
     def require(self, *columns: str) -> None:
-        """Be sure that there are these columns.
+        """Check that the table has these columns.
 
         Raises:
-            BadInput: there are not.
+            BadInput: a column is missing.
         """
         if missing := [column for column in columns if column not in self.columns]:
             has = f"it has {', '.join(self.columns)}" if self.columns else "it is empty"
@@ -60,7 +60,7 @@ class Table:
         """(N,) numbers of a column with decimal dots or commas, NaN for a blank cell.
 
         Raises:
-            BadInput: a cell is no finite number, or could be two (`parse_decimal`).
+            BadInput: a cell is not a finite number, or could mean two numbers (`parse_decimal`).
         """
         cells = [row[column] for row in self.rows]
         marks = decimal_marks(cells)
@@ -85,7 +85,7 @@ def read_table(path: Path) -> Table:
     it, is left out.
 
     Raises:
-        BadInput: no such file, not a table, neither UTF-8 nor UTF-16, a column without a name or with that of another,
+        BadInput: no file, not a table, neither UTF-8 nor UTF-16, a column without a name or with that of another,
             a row with more cells than the header, or the error of a formula.
     """
     try:
@@ -142,7 +142,7 @@ def _csv_cells(text: str, name: str) -> tuple[str, list[list[str]]]:
 
 
 def _fit(text: str, separator: str) -> tuple[bool, float, int]:
-    """How well a separator divides the first rows."""
+    """A measure of how well a separator divides the first rows."""
     counts: list[int] = []
     with suppress(csv.Error):
         counts.extend(len(row) for row in islice(_csv_reader(text, separator), TRIED_ROWS) if row)

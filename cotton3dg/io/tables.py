@@ -18,20 +18,20 @@ from .spreadsheet import read_table
 
 BYTE_ORDER_MARK: Final = "\ufeff"
 TELLING: Final = 3
-"""Columns by which a table is known."""
+"""Number of first columns that identify a table."""
 
 
 TRAITS: Final = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
     *columns_of(PlantTraits, PlantEvidence, MapTraits, LintColour),
 )
-"""Of traits.csv."""
+"""Columns of traits.csv."""
 
 BOLLS: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
-"""Of bolls.csv."""
+"""Columns of bolls.csv."""
 
 BRANCHES: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BranchTraits))
-"""Of branches.csv."""
+"""Columns of branches.csv."""
 
 COLUMNS: Final = (
     Column("table", "", "file that has the column"),
@@ -55,7 +55,7 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]], *, ex
     """
     import pandas as pd
 
-    # Cells are text already: each column has digits of its own, and pandas would write what a spreadsheet computes.
+    # Cells are text already: each column has digits of its own, and pandas would write formulas unchanged.
     cells = [[_cell(row[column.name], column.digits) for column in columns] for row in rows]
     table = pd.DataFrame(cells, columns=[column.name for column in columns], dtype=object)
     return (BYTE_ORDER_MARK if excel else "") + table.to_csv(index=False, lineterminator="\r\n")
@@ -77,7 +77,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     Numbers have dots also where a spreadsheet saved the table again with semicolons and decimal commas.
 
     Raises:
-        BadInput: no such file, or no table (`read_table`).
+        BadInput: the file does not exist or is not a table (`read_table`).
     """
     table = read_table(path)
     if table.separator == ",":
@@ -86,10 +86,10 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
-    """Look whether a table that is to be written anew is this tool's own: it begins with the same columns.
+    """Check that a table to be replaced is this tool's own: it begins with the same columns.
 
     Raises:
-        BadInput: a table of that name is somebody else's.
+        BadInput: a table of that name is not this tool's own.
     """
     if not path.is_file() or not path.stat().st_size:
         return
@@ -107,7 +107,7 @@ def flags_of(row: Mapping[str, Any]) -> list[str]:
 
 
 def parse_number(cell: Any) -> float:
-    """What a cell says as a number; NaN where there is none, it is blank or says something else."""
+    """A cell as a number; NaN if it is missing, blank or not a number."""
     try:
         return float(cell)
     except (TypeError, ValueError):
@@ -115,10 +115,10 @@ def parse_number(cell: Any) -> float:
 
 
 def value_of(cell: str, column: Column) -> Any:
-    """A cell as `csv_text` writes it again unchanged; columns without unit are text, whatever it looks like.
+    """The value of a cell, which `csv_text` writes again unchanged; cells of columns without a unit are text.
 
     Raises:
-        BadInput: somebody wrote something else than a number.
+        BadInput: a cell that should hold a number does not.
     """
     if not cell:
         return None

@@ -1,4 +1,4 @@
-"""Accuracy against time as a picture: a dot a setting, a colour a sweep, and the front of settings worth choosing."""
+"""Plot of accuracy against time: one dot per setting, one colour per sweep, the front of settings worth choosing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.transforms import Bbox
 
 LABEL_PLACES: Final = (("left", 7, 4), ("left", 7, -10), ("right", -7, 4), ("right", -7, -10), ("left", 7, -19))
-"""Beside a dot: alignment, and distance in points. Where others stand at all of them, a label is left out."""
+"""Beside a dot: alignment, and distance in points. A label is left out if others stand at all of them."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def plot_tradeoff(panels: Sequence[Panel], time_axis: str) -> Figure:
         _draw(axes, panel, colours, time_axis)
     handles = {dots.get_label(): dots for axes, _ in drawn for dots in axes.collections}
     figure.legend(handles=[handles[name] for name in series], loc="outside lower left", ncols=8, frameon=False)
-    figure.draw_without_rendering()  # only the final layout tells where labels meet
+    figure.draw_without_rendering()  # only the final layout shows where labels meet
     for axes, panel in drawn:
         taken: list[Bbox] = []
         for dot in sorted(panel.dots, key=lambda dot: not dot.on_front):

@@ -1,7 +1,7 @@
 """Videos read through ffmpeg: what they are, every frame's time stamp, and the frames that are wanted.
 
-ffmpeg's exit code, frame count and duration are not believed: it ends with 0 on a truncated file. What counts are the
-frames that come out, and what it says about them while they do.
+The module does not trust ffmpeg's exit code, frame count and duration: ffmpeg exits with 0 on a truncated file. Only
+the decoded frames count, and ffmpeg's messages about them.
 
 Only local files are opened, only of container kinds that phones write, and never through a shell.
 """
@@ -29,18 +29,18 @@ from .yuv import Coding, YuvFrame
 
 DEMUXERS: Final = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"
 PIPE_BYTES: Final = 2**20
-"""The most that Linux gives without asking: a frame then passes in a few steps."""
+"""The largest pipe that Linux grants to any user; a frame then passes in a few steps."""
 FRAME_RATE_OUT: Final = 25
 """Any constant: see `_in_step`."""
 RIVAL: Final = 0.5
-"""A video stream at least so long, in shares of the longest, may be the film; a shorter one is a preview."""
+"""A video stream at least this long, as a share of the longest, may be the film; a shorter one is a preview."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Scan(Generic[T]):
-    """What decoding every frame showed."""
+    """The result of decoding every frame."""
 
     timestamps_s: NDArray[np.float64]
     """(n,) strictly increasing."""
@@ -49,17 +49,17 @@ class Scan(Generic[T]):
     n_damaged: int
     """Frames from the errors to the next key frames, without the margin: the least that must be damaged."""
     measures: list[T]
-    """Of every `every`-th frame."""
+    """The measures of every `every`-th frame."""
     every: int
     errors: tuple[str, ...]
-    """The decoder's complaints."""
+    """The decoder's error messages."""
 
 
 def ffmpeg_binary() -> str:
     """The ffmpeg on the PATH, else the one of imageio-ffmpeg.
 
     Raises:
-        EnvironmentUnusable: neither is there.
+        EnvironmentUnusable: neither exists.
     """
     if on_path := shutil.which("ffmpeg"):
         return on_path
@@ -74,10 +74,11 @@ def ffmpeg_binary() -> str:
 def probe(path: Path) -> VideoFacts:
     """Read a video's header, through ffmpeg's own description because not every installation has ffprobe.
 
-    Of several video streams the longest is the film; of those about as long the one that players show, or the largest.
+    The longest of several video streams is the film. Among streams of about that length, it is the one that players
+    show, or the largest.
 
     Raises:
-        BadInput: no video that ffmpeg can read, or one too large.
+        BadInput: the file is not a video that ffmpeg can read, or is too large.
         MissingInput: no such file.
     """
     if not path.is_file():
@@ -97,14 +98,14 @@ def probe(path: Path) -> VideoFacts:
 
 
 def _ask_ffmpeg(path: Path, *arguments: str) -> str:
-    """What it prints of a file, and of what it makes of it."""
+    """ffmpeg's output about a file and about what it makes of the file."""
     command = [ffmpeg_binary(), "-nostdin", "-hide_banner", *_input_arguments(), "-i", _url(path), *arguments]
     done = subprocess.run(command, capture_output=True, check=False, stdin=subprocess.DEVNULL)
     return done.stderr.decode("utf-8", "replace")
 
 
 def _length_s(path: Path, stream: int) -> float:
-    """Of one stream, read through without decoding it."""
+    """Length of one stream, read to its end without decoding."""
     said = _ask_ffmpeg(path, "-map", f"0:{stream}", "-c", "copy", "-f", "null", "-")
     times = re.findall(r"\btime=(\d+):(\d+):([\d.]+)", said)
     return seconds_of(*times[-1]) if times else 0.0
@@ -115,7 +116,7 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[YuvFra
 
     Args:
         max_side: longer side of the frames that are measured, px.
-        measure: called with every `every`-th frame, from the first on; what it keeps of a frame it has to copy.
+        measure: called with every `every`-th frame, from the first on; it has to copy what it keeps of a frame.
     Raises:
         BadInput: the size of the pictures changes.
     """
@@ -144,7 +145,7 @@ def scan(path: Path, facts: VideoFacts, max_side: int, measure: Callable[[YuvFra
 
 
 def coding_of(facts: VideoFacts, max_side: int) -> Coding:
-    """How `scan` has frames handed over: as they are, but for what is larger or finer than anybody sees."""
+    """The coding of the frames that `scan` receives: their own, unless they are larger or finer than anybody sees."""
     width, height = fit_size(facts.width, facts.height, max_side)
     if facts.is_hdr:
         return Coding(width, height, 10, facts.full_range, facts.matrix, facts.transfer)
@@ -157,7 +158,7 @@ def read_frames(path: Path, facts: VideoFacts, indices: list[int], max_side: int
     Yields:
         (H, W, 3) RGB, upright, sRGB; HDR is tone-mapped.
     Raises:
-        BadInput: fewer frames came out than are wanted.
+        BadInput: ffmpeg decodes fewer frames than are wanted.
     """
     width, height = fit_size(facts.width, facts.height, max_side)
     pixel_format, kind = ("rgb48le", "<u2") if facts.is_hdr else ("rgb24", "u1")
@@ -234,7 +235,7 @@ def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-de
 def _decoding(
     stream_and_settings: tuple, pixel_format: str, numbers: NDArray
 ) -> Iterator[tuple[Iterator[None], Callable[[], str]]]:
-    """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and a function for the log of all."""
+    """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and a function for the whole log."""
     stream, settings = stream_and_settings
     output = stream.output("pipe:1", format="rawvideo", pix_fmt=pixel_format, **settings)
     command = output.global_args("-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info").compile(
@@ -268,7 +269,7 @@ def _decoding(
 
 @contextmanager
 def reading(pipe: IO[bytes]) -> Iterator[Callable[[], str]]:
-    """A function for all that comes through a pipe until it is closed, which a thread reads lest it fill up."""
+    """A function that returns all that a pipe delivers; a thread reads the pipe so that it does not fill up."""
     parts: list[bytes] = []
     reader = threading.Thread(target=lambda: parts.extend(iter(pipe.readline, b"")), daemon=True)
     reader.start()
@@ -285,7 +286,7 @@ def reading(pipe: IO[bytes]) -> Iterator[Callable[[], str]]:
 
 
 def _fill(source: IO[bytes], content: memoryview) -> bool:
-    """Read until `content` is full; false where the source ends before."""
+    """Read until `content` is full; false if the source ends before."""
     filled = 0
     while filled < len(content):
         n = source.readinto(content[filled:])  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Excel files: numbers as numbers, text as text whatever it looks like, a sheet a table."""
+"""Excel files: numbers stay numbers, text stays text whatever it looks like, and each sheet is a table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import BadInput
 from .saving import explain_disk_errors, replacing
 
 KEPT_DIGITS: Final = 15
-"""A spreadsheet keeps no more of a number."""
+"""A spreadsheet keeps no more digits of a number."""
 
 
 def write_workbook(path: Path, sheets: Mapping[str, tuple[Sequence[str], Iterable[Sequence[Any]]]]) -> None:
@@ -69,17 +69,17 @@ def workbook_cells(content: bytes, name: str) -> list[list[str]]:
     """Rows of the first sheet as text: whole numbers with all digits and without a point, dates as year-month-day.
 
     Raises:
-        BadInput: not an Excel file, or a cell without a value that can be trusted.
+        BadInput: the file is not an Excel file, or a cell has no value that can be trusted.
     """
     try:
         values, formulas = (_sheet(content, data_only) for data_only in (True, False))
-    except Exception as error:  # whatever openpyxl and the parsers below it do not expect of a file
+    except Exception as error:  # openpyxl and its parsers raise all kinds of errors on unexpected files
         raise BadInput(f"{name} is no Excel file that can be read ({error}); save it as CSV in UTF-8") from error
     cells = []
     for row, written in zip(values, formulas, strict=True):
         for value, source in zip(row, written, strict=True):
             where = f"{name}, cell {getattr(value, 'coordinate', '')}"
-            # Without a value; text that is empty is one.
+            # A formula without a value; an empty text is a value.
             if source.data_type == "f" and value.value is None and value.data_type == "n":
                 raise BadInput(f"{where}: its formula was never computed; open the file in a spreadsheet and save it")
             number = value.value
@@ -94,9 +94,9 @@ def _sheet(content: bytes, data_only: bool) -> list[tuple[Any, ...]]:
     from openpyxl import load_workbook
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of styles and extensions, which are not read here
+        warnings.simplefilter("ignore")  # about styles and extensions, which are not read here
         sheet = load_workbook(io.BytesIO(content), read_only=True, data_only=data_only).worksheets[0]
-        sheet.reset_dimensions()  # which some programs write wrong
+        sheet.reset_dimensions()  # some programs write wrong dimensions
         return list(sheet.iter_rows())
 
 

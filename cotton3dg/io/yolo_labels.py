@@ -1,5 +1,5 @@
-"""YOLO segmentation labels: a text file an image, a line an instance: class, then x y of its corners in shares of the
-image's width and height (https://docs.ultralytics.com/datasets/segment). A file without lines is an image without any.
+"""YOLO segmentation labels: one text file per image, one line per instance: class, then x y of its corners in shares of
+the image's width and height (https://docs.ultralytics.com/datasets/segment). An empty file is an image without any.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from .listing import files_below
 BOX_COLUMNS: Final = 5
 TOLERANCE_PX: Final = 0.5
 CLASS_NAMES: Final = "classes.txt"
-"""Beside YOLO labels: the name of a class a line."""
+"""File beside YOLO labels that names one class per line."""
 DATA_SET: Final = "data.yaml"
-"""Of an export: its `names` are those of the classes."""
+"""File of an export; its `names` are the names of the classes."""
 _NUMBERS: Final = re.compile(r"[\s\d.eE+-]*", re.ASCII)
 _QUOTED: Final = r'"(?:[^"\\]|\\.)*"|' + r"'(?:[^']|'')*'"
 _YAML_ITEM: Final = (
@@ -36,7 +36,7 @@ _YAML_ITEM: Final = (
 
 
 def find_labels(source: Path, stems: Collection[str]) -> list[Path]:
-    """The label files of an export: all below its `labels` folders if it has any, without what else is text there.
+    """The label files of an export: all below its `labels` folders if it has any, without other text files.
 
     Args:
         stems: of the images that labels may belong to.
@@ -55,7 +55,7 @@ def _is_label(path: Path) -> bool:
 
 
 def read_class_names(folder: Path) -> dict[int, str]:
-    """Number -> name of the classes, from `classes.txt` or `data.yaml`; empty where there is neither.
+    """Number -> name of the classes, from `classes.txt` or `data.yaml`; empty if there is neither.
 
     Raises:
         BadInput: the encoding of the file is not known.
@@ -95,7 +95,7 @@ def read_yolo_labels(path: Path, height: int, width: int, names: Mapping[int, st
     Args:
         height, width: of the image. names: of the classes, by their number; without one, the number is the name.
     Raises:
-        BadInput: a line that is no outline.
+        BadInput: a line is not an outline.
     """
     check_size(height, width)
     instances = []
@@ -126,7 +126,7 @@ def read_yolo_labels(path: Path, height: int, width: int, names: Mapping[int, st
 
 
 def write_yolo_labels(path: Path, ids: NDArray[np.uint16]) -> None:
-    """Save instance ids (H, W) as class 0; of an instance in several pieces the outlines are joined by a seam.
+    """Save instance ids (H, W) as class 0; a seam joins the outlines of an instance in several pieces.
 
     As a line holds one outline, the pieces follow one another and each returns to where the first began.
     """

@@ -12,9 +12,9 @@ from .images import fit_size
 from .tonemap import tone_map
 
 LUMA_WEIGHTS: Final = {"bt709": (0.2126, 0.0722), "bt2020nc": (0.2627, 0.0593), "bt2020c": (0.2627, 0.0593)}
-"""Of red and blue, by the name that ffmpeg gives a matrix (ITU-R BT.709, BT.2020); ..."""
+"""Weights of red and blue, by ffmpeg's name of a matrix (ITU-R BT.709, BT.2020); ..."""
 USUAL_WEIGHTS: Final = (0.299, 0.114)
-"""... and of all others (BT.601), which is what ffmpeg takes where a file does not say."""
+"""... and for all others (BT.601), which ffmpeg takes if a file does not say."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Coding:
     """Whether black is 0 instead of 16 (of 255)."""
     matrix: str = ""
     transfer: str = ""
-    """Of HDR, which is tone-mapped."""
+    """Transfer function of HDR, which is tone-mapped."""
 
     @property
     def pixel_format(self) -> str:
-        """ffmpeg's name."""
+        """ffmpeg's name of the pixel format."""
         return ("yuvj420p" if self.full_range else "yuv420p") if self.bits == 8 else "yuv420p10le"
 
     @property
@@ -42,7 +42,7 @@ class Coding:
 
     @property
     def size(self) -> int:
-        """Numbers a frame."""
+        """Numbers per frame."""
         return self.width * self.height + 2 * self.chroma_width * self.chroma_height
 
     @property
@@ -78,7 +78,7 @@ class YuvFrame:
         gain, black = (1 / scale, 0.0) if coding.full_range else (255 / (219 * scale), 16 * scale)
         if coding.full_range and coding.bits == 8:
             return np.array(small, np.uint8)
-        # OpenCV takes the absolute value of what is blacker than black, which is next to nothing.
+        # OpenCV takes the absolute value of pixels that are darker than black; the difference is negligible.
         return np.asarray(cv2.convertScaleAbs(small, alpha=gain, beta=-black * gain), np.uint8)
 
     def rgb(self) -> NDArray[np.uint8]:
@@ -95,8 +95,8 @@ class YuvFrame:
 
 
 def _enlarge(chroma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
-    """At full size. A sample stands amid its four pixels, as converters have it; some cameras have it a quarter of its
-    width to the left, which nobody sees."""
+    """Enlarge chroma to full size. A sample stands in the middle of its four pixels, as converters assume; some cameras
+    place it a quarter of its width to the left, which nobody sees."""
     import cv2
 
     twice = cv2.resize(chroma, (2 * chroma.shape[1], 2 * chroma.shape[0]), interpolation=cv2.INTER_LINEAR)
@@ -104,7 +104,7 @@ def _enlarge(chroma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
 
 
 def _shrink(luma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
-    """Smaller by the mean of pixels; of very large frames only every second one is looked at."""
+    """Smaller by the mean of pixels; very large frames use only every second one."""
     import cv2
 
     step = 2 if luma.shape[1] >= 4 * size[0] else 1

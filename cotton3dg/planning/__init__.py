@@ -1,1 +1,1 @@
-"""What a run takes on this machine, and the settings that fit into a given time."""
+"""The time that a run takes on this machine, and the settings that fit into a given time."""

@@ -1,4 +1,4 @@
-"""How fast this machine is: a few seconds of the splatting core and of image features, on things made up here.
+"""The speed of this machine: a few seconds of the splatting core and of image features, on synthetic data.
 
 The result is kept in the user's cache folder, for all plants.
 """
@@ -25,15 +25,15 @@ from ..schemas.document import Document
 from .cost import Machine
 
 VERSION: Final = 2
-"""Raised when what is measured, or what it is compared with, changes."""
+"""Raised when the measurement, or its reference, changes."""
 
 SPLATTING_S: Final = 0.040
 IMAGING_S: Final = 0.36
-"""CPU-seconds of one step and of one image on the machines that the constants of `cost` were measured on."""
+"""CPU-seconds of one step and of one image on the machines on which the constants of `cost` were measured."""
 SPLATTING_TIMES: Final = 20
 IMAGING_TIMES: Final = 6
 BUSY: Final = 0.5
-"""Load for each core from which on other programs keep this one from all cores."""
+"""Load per core from which on other programs keep this one from using all cores."""
 
 N_GAUSSIANS: Final = 60_000
 SPLATTED_PX: Final = (480, 270)
@@ -42,17 +42,17 @@ FEATURES_PX: Final = (1280, 720)
 
 @dataclass(frozen=True)
 class Calibration(Document):
-    """What was measured, and on what."""
+    """The measurement and its machine."""
 
     REMEDY = "run `cotton3dg doctor --calibrate`"
 
     of: dict[str, Any]
-    """What it holds for, as `_identity` says it."""
+    """The machine for which it holds, from `_identity`."""
     machine: Machine
 
 
 def read_or_calibrate(tell: Callable[[str], None] = print) -> Machine:
-    """What was measured here, or is measured now if nothing was with this version, processor and number of cores."""
+    """The measurement of this machine; measures now if none exists for this version, processor and number of cores."""
     saved = read_calibration()
     if saved is None:
         tell("measuring this machine once, some 10 s; `cotton3dg doctor --calibrate` does it again")
@@ -61,7 +61,7 @@ def read_or_calibrate(tell: Callable[[str], None] = print) -> Machine:
 
 
 def read_calibration() -> Machine | None:
-    """What was measured on this machine, if it still holds."""
+    """The measurement of this machine, if it still holds."""
     try:
         saved = Calibration.load(_saved_json())
     except (BadInput, RuntimeError):
@@ -70,10 +70,10 @@ def read_calibration() -> Machine | None:
 
 
 def calibrate() -> Machine:
-    """Measure and keep what was measured.
+    """Measure, and keep the measurement.
 
-    The processor's time is taken rather than the clock's, as other programs hardly change it. How many cores really
-    work at once is the most that was seen, or, where others compute meanwhile, all of them.
+    It uses the processor's time rather than the clock's, because other programs hardly change it. The number of cores
+    that really work at once is the largest one seen or, if other programs compute meanwhile, all of them.
     """
     usable = len(usable_cores())
     busy = hasattr(os, "getloadavg") and os.getloadavg()[0] > BUSY * usable
@@ -84,7 +84,7 @@ def calibrate() -> Machine:
         splatting=round(splatting_s / SPLATTING_S, 3),
         imaging=round(imaging_s / IMAGING_S, 3),
     )
-    with suppress(OSError, RuntimeError):  # nowhere to keep it: it is measured again the next time
+    with suppress(OSError, RuntimeError):  # nowhere to keep it: the next run measures again
         path = _saved_json()
         path.parent.mkdir(parents=True, exist_ok=True)
         Calibration(_identity(), machine).save(path)
@@ -92,7 +92,7 @@ def calibrate() -> Machine:
 
 
 def describe(machine: Machine) -> str:
-    """What was measured, in a line."""
+    """The measurement in one line."""
     return (
         f"splatting takes {machine.splatting:.2f} and images {machine.imaging:.2f} times as long as on the reference"
         f" machine; {machine.cores:.1f} of {len(usable_cores())} cores work at once"
@@ -104,7 +104,7 @@ def _identity() -> dict[str, Any]:
 
 
 def _measure_least(work: Callable[[], None], times: int) -> tuple[float, float]:
-    """Least processor time of a few goes, s, and the most cores that were at work at once."""
+    """Least processor time of several repetitions, s, and the largest number of cores that worked at once."""
     work()
     cpu_s, cores = [], []
     for _ in range(times):
@@ -161,7 +161,7 @@ def _prepare_features() -> Callable[[], None]:
 
 
 def _saved_json() -> Path:
-    """Of this user, below $XDG_CACHE_HOME or ~/.cache.
+    """The user's file, below $XDG_CACHE_HOME or ~/.cache.
 
     Raises:
         RuntimeError: this user has no home.

@@ -1,7 +1,7 @@
-"""What a run will take: seconds of each stage from the number of images, their size, steps and Gaussians.
+"""The time that a run will take: seconds of each stage from the number of images, their size, steps and Gaussians.
 
-Each stage has a model of its own, in its module. Every term is work (images, pixels, pairs, steps) times what a unit of
-it took on 2 cores of a server: a Xeon (Sapphire Rapids, AVX-512) for the training, an AMD EPYC (Zen 4) for all else.
+Each stage has a model of its own, in its module. Every term is work (images, pixels, pairs, steps) times the time per
+unit on 2 cores of a server: a Xeon (Sapphire Rapids, AVX-512) for the training, an AMD EPYC (Zen 4) for all else.
 Another machine differs by two factors, which `calibrate` measures: one for the splatting core, one for everything else.
 """
 
@@ -20,26 +20,26 @@ from ..stage import STAGES, Cost, Footage, Work, stage_of
 from ..workspace import Workspace
 
 USUAL_FRAMES: Final = 900
-"""Of a video that does not say how long it is: half a minute."""
+"""Frames of a video that does not say how long it is: half a minute."""
 REPORT: Final = Cost(0.0, 8.0)
 """The page and the start of the program."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """How long this machine takes, relative to the one that the constants were measured on."""
+    """The speed of this machine relative to the one on which the constants were measured."""
 
     cores: float
-    """That really work at once."""
+    """Number of cores that really work at once."""
     splatting: float = 1.0
     imaging: float = 1.0
 
 
 def examine_footage(workspace: Workspace) -> Footage:
-    """What the capture holds, without decoding it.
+    """The contents of the capture, without decoding it.
 
     Raises:
-        MissingInput: there is none. CaptureFailed: it cannot be read.
+        MissingInput: there is no capture. CaptureFailed: it cannot be read.
     """
     from ..io import video
 
@@ -55,7 +55,7 @@ def examine_footage(workspace: Workspace) -> Footage:
 
 
 def estimate_costs(options: Mapping[str, Any], source: Footage, machine: Machine | None = None) -> dict[str, Cost]:
-    """Stage -> what it takes with these options of all stages; `report` is the page and the start of the program."""
+    """Stage -> its cost with these options of all stages; `report` is the page and the start of the program."""
     machine, work = machine or Machine(len(usable_cores())), Work(options, source)
     factors = {stage: machine.splatting if stage_of(stage).splats else machine.imaging for stage in STAGES}
     by_stage = {stage: stage_of(stage).cost(work).times(factors[stage]) for stage in STAGES}
@@ -63,5 +63,5 @@ def estimate_costs(options: Mapping[str, Any], source: Footage, machine: Machine
 
 
 def sum_seconds(by_stage: Mapping[str, Cost], cores: float) -> float:
-    """Of all stages together, on the clock of an idle machine."""
+    """Seconds of all stages together, on the clock of an idle machine."""
     return sum(cost.seconds(cores) for cost in by_stage.values())

@@ -1,7 +1,7 @@
 """The best settings that fit into a given time, and what they give up.
 
-The choice is made twice: before anything runs, and once the cameras are known. Then the steps of the training take what
-is left, so that a scene that was slower or quicker than expected costs steps instead of time.
+The run chooses twice: before any stage, and once the cameras are known. The steps of the training then take the time
+that is left, so that a scene that was slower or quicker than expected costs steps instead of time.
 """
 
 from __future__ import annotations
@@ -58,22 +58,22 @@ LADDER: Final = (
 """Fine to coarse: around the presets paper, standard and draft, and between and below them."""
 
 Resolve = Callable[[dict[str, dict[str, Any]]], dict[str, Any]]
-"""From what a rung wants to the options of all stages; what the user gave wins."""
+"""Turns the values of a rung into the options of all stages; values from the user win."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What fits."""
+    """The settings that fit."""
 
     rung: Rung
     options: dict[str, Any]
-    """Of all stages."""
+    """Options of all stages."""
     expected_s: float
 
 
 @dataclass(frozen=True)
 class BudgetInfo(Document):
-    """records/time_budget.json: what was chosen; for people, as no program needs it."""
+    """records/time_budget.json: the choice, for people only; no program reads it."""
 
     REMEDY = "run `cotton3dg run` with --time-budget"
 
@@ -90,12 +90,12 @@ def choose(
     spent_s: Mapping[str, float] | None = None,
     ladder: tuple[Rung, ...] = LADDER,
 ) -> Choice:
-    """The finest rung that fits, with as many steps as fit.
+    """Choose the finest rung that fits, with as many steps as fit.
 
     Args:
-        spent_s: stage -> seconds of those that are finished.
+        spent_s: stage -> seconds, for finished stages.
     Raises:
-        BadUsage: not even the coarsest fits.
+        BadUsage: not even the coarsest rung fits.
     """
     spent_s = spent_s or {}
 
@@ -126,7 +126,7 @@ def choose(
 
 
 def explain(choice: Choice, budget_s: float) -> str:
-    """What was chosen, and what it gives up against the preset `paper`."""
+    """The choice, and what it gives up against the preset `paper`."""
     images, train = choice.options["frames"].count, choice.options["train"]
     finest = PRESET_VALUES["paper"]
     lost = [
@@ -147,9 +147,9 @@ def explain(choice: Choice, budget_s: float) -> str:
 
 
 class Budget:
-    """A run of one plant that is to take no longer than `budget_s` seconds of an otherwise idle machine.
+    """A run of one plant that takes at most `budget_s` seconds on an otherwise idle machine.
 
-    Finished stages count with the seconds they took, so that the same command always chooses the same and resumes.
+    Finished stages count with the seconds that they took, so that the same command always chooses the same and resumes.
     """
 
     def __init__(
@@ -184,7 +184,7 @@ class Budget:
     def run(
         self, *, force: bool = False, wait: bool = False, watcher: Watcher | None = None, report: bool = False
     ) -> None:
-        """All stages, as `pipeline.run`; steps are chosen again once the cameras are known."""
+        """Run all stages, as `pipeline.run` does; choose the steps again once the cameras are known."""
         early, late = pipeline.selected(STAGES[0], "sfm"), pipeline.selected("train", STAGES[-1])
         self._run(early, force=force, wait=wait, watcher=watcher)
         records = [record for record in map(self.workspace.read_record, early) if record]

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: the settings worth choosing, and durations in words."""
+"""The cost of accuracy in time: the settings worth choosing, and durations in words."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _UNITS_S: Final = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def pareto_front(seconds: Sequence[float], losses: Sequence[float]) -> list[int]:
-    """Indices of the settings that no other one beats, the fastest first.
+    """Indices of the settings that no other setting beats, the fastest first.
 
-    A setting is beaten by one that is at most as slow and at most as bad, and better in one of the two; of equal ones
+    A setting beats another if it is at most as slow and at most as bad, and better in one of the two; of equal settings
     the first stays. Settings with a value that is not finite are never on the front.
     """
     order = sorted(range(len(seconds)), key=lambda i: (seconds[i], losses[i], i))
@@ -30,7 +30,7 @@ def pareto_front(seconds: Sequence[float], losses: Sequence[float]) -> list[int]
 
 
 def typical_ratio(pairs: Iterable[tuple[float, float]]) -> float:
-    """Median of measured over predicted seconds; 1 while nothing was measured."""
+    """Median of measured over predicted seconds; 1 without measurements."""
     ratios = [measured / predicted for measured, predicted in pairs if measured > 0 and predicted > 0]
     return median(ratios) if ratios else 1.0
 
@@ -39,7 +39,7 @@ def parse_duration(text: str) -> float:
     """Seconds of a duration such as 90s, 5m, 1h30m.
 
     Raises:
-        BadUsage: the text is none, lacks a unit, or is not above 0.
+        BadUsage: the text is not a duration, lacks a unit, or is not above 0.
     """
     parts = re.findall(r"(\d+(?:\.\d+)?)([smh])", text)
     whole = "".join(number + unit for number, unit in parts)
@@ -52,7 +52,7 @@ def parse_duration(text: str) -> float:
 
 
 def format_duration(seconds: float) -> str:
-    """Seconds as people say them."""
+    """Seconds in words."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

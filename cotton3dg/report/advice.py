@@ -1,4 +1,4 @@
-"""Quality flags in words, and what this video says about how to film the next one."""
+"""Quality flags in words, and advice from this video on how to film the next one."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ BOLL_FLAGS: Final = {
 
 
 def meaning(flag: str) -> Meaning:
-    """A flag in words; one that is not known here under its own name."""
+    """A flag in words; an unknown flag keeps its own name."""
     return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
 
 
@@ -255,9 +255,9 @@ def boll_doubts(row: Mapping[str, str]) -> str:
 
 
 def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Finding]:
-    """What was filmed well and what to do better, with this video's figures; what needs a change comes first.
+    """What was filmed well and what to do better, with this video's figures; advice to change something comes first.
 
-    What `check` judges, too, is judged as there; the rest is for information.
+    Points that `check` also judges have the same verdict as there; the rest is for information.
 
     Args:
         bolls_px: widths of the bolls in the training images.
@@ -289,7 +289,7 @@ def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Find
 
 
 def _advise_on_exposure(found: ExposureDecision) -> Finding | None:
-    """The evidence for or against the camera's exposure having drifted, and what was done about it."""
+    """The evidence for or against a drift of the camera's exposure, and what was done about it."""
     if found.spread_pct is None:
         return None
     size = f"{found.spread_pct:.1f} % (± {found.error_pct or 0:.1f} %)"
@@ -305,7 +305,7 @@ def _advise_on_exposure(found: ExposureDecision) -> Finding | None:
 
 
 def _advise_on_lens(found: LensDecision | None) -> Finding | None:
-    """Whether the lens was found to bend what is straight; either is fine."""
+    """Whether the lens bends straight lines; both cases are fine."""
     if found is None or found.rise_pct is None:
         return None
     if found.on:
@@ -316,7 +316,7 @@ def _advise_on_lens(found: LensDecision | None) -> Finding | None:
 
 
 def _advise_on_blur(found: MotionBlurFound | None) -> Finding | None:
-    """By how much the walk blurred the images; whether that matters for the bolls is said of their sharpness."""
+    """By how much the walk blurred the images; the finding on sharpness says whether that matters for the bolls."""
     if found is None or math.isnan(found.median_px):
         return None
     remark = "; walking more slowly, or more light, helps" if found.found else ""
@@ -328,7 +328,7 @@ def _advise_on_blur(found: MotionBlurFound | None) -> Finding | None:
 
 
 def _advise_on_shutter(found: RollingShutterFound | None) -> Finding | None:
-    """Whether rows were read out one after another while the camera moved; the model does not allow for it."""
+    """Whether the camera read out rows one after another while it moved; the model does not allow for it."""
     if found is None or math.isnan(found.error_frames):
         return None
     if not found.found:

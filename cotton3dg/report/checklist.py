@@ -1,4 +1,4 @@
-"""What to film, again or for the first time: plants of a batch with the reasons and what to do better."""
+"""Plants of a batch to film, again or for the first time, with the reasons and what to do better."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FILM_AGAIN: Final = {
     "table_edge_unclear": "with all four edges of the table in view and cleared, or with the card on it",
     "no_plant": "with the plant on the table, both in view",
 }
-"""Flag that another film may mend -> what to film."""
+"""Flag that another film may clear -> what to film."""
 FILM_AGAIN_CODES: Final = (CaptureFailed.exit_code, NoScale.exit_code)
 USUAL: Final = "one slow full turn with the whole plant and the table in view"
 
@@ -38,7 +38,7 @@ def to_film(folder: Path, plants: Sequence[Mapping[str, Any]], trial: Trial) -> 
     """A row for each plant: its name, where it stands, why, and what to film.
 
     A plant is on the list when its run failed for its film, when `check` found the film red, when it has flags that
-    another film may mend, or when the field book has it and nobody filmed it.
+    another film may clear, or when the field book has it and nobody filmed it.
 
     Args:
         folder: of the batch. plants: its rows, with `flags` as a list.
@@ -71,7 +71,7 @@ def _reasons(root: Path, plant: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _red(root: Path) -> list[Finding]:
-    """What `check` found red in the film that is there now."""
+    """The red findings of `check` for the present film."""
     try:
         workspace = Workspace(root)
         info = CheckInfo.load_if_there(workspace.check_json)
@@ -83,7 +83,7 @@ def _red(root: Path) -> list[Finding]:
 
 
 def _where(cells: Mapping[str, Any], columns: Sequence[str]) -> str:
-    """What finds a plant in the field."""
+    """The cells that help to find a plant in the field."""
     roles = find_roles(columns)
     named = [f"{role} {cells[roles[role]]}" for role in ("site", "block", "row", "column", "plot") if role in roles]
     return ", ".join(text for text in named if not text.endswith(" "))

@@ -1,4 +1,4 @@
-"""What the files of a plant's folder say about it, as far as they still belong to its video."""
+"""The facts in the files of a plant's folder, as far as the files still belong to its video."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T = TypeVar("T", bound=Document)
 
 @dataclass(frozen=True)
 class Facts:
-    """Everything that is told about a plant besides pictures."""
+    """Everything that a page says about a plant besides pictures."""
 
     plant_id: str
     stages: tuple[StageState, ...]
@@ -35,7 +35,7 @@ class Facts:
     bolls: list[dict[str, str]]
     """Rows of bolls.csv."""
     columns: dict[str, str]
-    """What each column means, by its name."""
+    """The meaning of each column, by its name."""
     frames: FramesInfo | None
     sfm: SfmInfo | None
     metrics: TrainMetrics | None
@@ -43,13 +43,13 @@ class Facts:
     scale: ScaleInfo | None
     skeleton: SkeletonInfo | None
     corrections: Corrections | None
-    """What a person said of it."""
+    """Corrections that a person made."""
 
     def done(self, stage: str) -> bool:
         return any(item.stage == stage and item.done for item in self.stages)
 
     def warnings(self, stage: str) -> tuple[str, ...]:
-        """Of its last run, when it is done."""
+        """Warnings of the stage's last run, if it is done."""
         records = [item.record for item in self.stages if item.stage == stage and item.done and item.record]
         return tuple(records[0].warnings) if records else ()
 
@@ -61,7 +61,7 @@ class Facts:
 
 
 def read_facts(workspace: Workspace) -> Facts:
-    """Gather what there is; what is missing or damaged is None or empty."""
+    """Gather all facts; whatever is missing or damaged is None or empty."""
     stages = recorded_states(workspace)
     done = {item.stage for item in stages if item.done}
 

@@ -20,11 +20,11 @@ from ..io.images import scale_down
 
 Picture = NDArray[np.uint8]
 UNNAMED: Final = (255, 255, 255)
-"""Colour of masks that became no boll."""
+"""Colour of masks that did not become a boll."""
 OUTLINE: Final = (255, 0, 200)
 RULER: Final = (255, 230, 0)
 CUT_MARGIN: Final = 0.35
-"""Around a cut-out, in sizes of its mask."""
+"""Margin around a cut-out, in sizes of its mask."""
 
 
 def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
@@ -48,7 +48,7 @@ def colour_of(boll_id: int) -> tuple[int, int, int]:
 
 
 def outline_masks(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, int], thickness_px: int = 2) -> Picture:
-    """The photo with each mask's outline in the colour of its boll, white on black where it is of none.
+    """The photo with each mask's outline in the colour of its boll, or white on black if it has no boll.
 
     Args:
         photo: (H, W, 3). ids: (H, W) mask ids. owners: mask id -> boll.
@@ -59,14 +59,14 @@ def outline_masks(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, 
     for mask_id in np.unique(ids[ids > 0]):
         contours, _ = cv2.findContours((ids == mask_id).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         boll = owners.get(int(mask_id))
-        if boll is None:  # black behind white is seen on any ground
+        if boll is None:  # white on black is visible on any background
             cv2.drawContours(drawn, contours, -1, (0, 0, 0), thickness_px + 2, cv2.LINE_AA)
         cv2.drawContours(drawn, contours, -1, colour_of(boll) if boll else UNNAMED, thickness_px, cv2.LINE_AA)
     return drawn
 
 
 def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
-    """Rows and columns of a square around most of (N, 2) pixels, as far as it lies in the image; all without pixels."""
+    """Rows and columns of a square around most of (N, 2) pixels, cut to the image; the whole image without pixels."""
     inside = pixels[np.isfinite(pixels).all(axis=1)]
     if not len(inside):
         return slice(0, height), slice(0, width)
@@ -80,8 +80,8 @@ def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
 def number_bolls(
     photo: Picture, camera: Camera, centres: Mapping[int, NDArray], seen: set[int], size_px: int, beside_px: float
 ) -> Picture:
-    """The photo with the number of each boll to the right of it, lower where another one stands; those that no mask of
-    this view shows are grey.
+    """The photo with the number of each boll to the right of it, or lower if another number stands there. Numbers of
+    bolls without a mask in this view are grey.
 
     Args:
         centres: boll -> (3,) su. seen: bolls that have a mask in this view. size_px: width of the part that is shown.
@@ -153,7 +153,7 @@ def cut_out(photo: Picture, ids: NDArray[np.uint16], mask_id: int, side_px: int 
 
 
 def scale_to(rgb: Picture, side_px: int) -> Picture:
-    """(H, W, 3) with its longer side `side_px`, whether that is more or less than it has."""
+    """(H, W, 3) with its longer side `side_px`, whether it was longer or shorter before."""
     import cv2
 
     factor = side_px / max(rgb.shape[:2])

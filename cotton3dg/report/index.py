@@ -37,7 +37,7 @@ FEWEST: Final = 5
 BINS: Final = 10
 THUMBNAIL_PX: Final = 160
 MOST_CHOICES: Final = 40
-"""A column of the field book with more values, or with one, is no filter."""
+"""A column of the field book with more values, or with only one, is not a filter."""
 MOST_GENOTYPES: Final = 40
 
 
@@ -73,7 +73,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial
 
 
 def _filters(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[dict[str, Any]]:
-    """Columns of the field book by whose values plants can be chosen."""
+    """Columns of the field book whose values can select plants."""
     found = []
     for column in columns:
         values = sorted({str(row.get(column, "")) for row in rows} - {""}, key=lambda text: (len(text), text))
@@ -85,7 +85,7 @@ def _filters(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[
 def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:
     """Adjusted means with their errors, the largest first, in a box of 320 wide with a line of 16 for each.
 
-    The axis is no shorter than the 95 % interval of one plant: what differs by less is not to look large.
+    The axis is at least as long as the 95 % interval of one plant, so that a smaller difference does not look large.
     """
     name, unit, digits = (SHOWN | {"boll_volume_mean_cm3": ("Volume of a boll", "cm³", 1)})[fit.trait]
     shown = sorted(means, key=lambda mean: -mean.adjusted_mean)[:MOST_GENOTYPES]
@@ -117,7 +117,7 @@ def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:
 
 
 def robust_z(values: np.ndarray) -> np.ndarray:
-    """Distance of each value from the median in robust standard deviations (MAD); NaN where that says nothing."""
+    """Distance of each value from the median in robust standard deviations (MAD); NaN where that has no meaning."""
     known = values[np.isfinite(values)]
     if len(known) < FEWEST:
         return np.full(len(values), np.nan)
@@ -152,7 +152,7 @@ def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, floa
 
 
 def _count_doubtful(plant: Path) -> int:
-    """Its bolls that have flags of their own."""
+    """Number of bolls of a plant that have flags of their own."""
     try:
         table = Workspace(plant).bolls_csv
         return _count_flagged(table, table.stat().st_mtime_ns)
@@ -162,12 +162,12 @@ def _count_doubtful(plant: Path) -> int:
 
 @lru_cache(maxsize=1024)
 def _count_flagged(table: Path, _changed_ns: int) -> int:
-    """Kept, as thumbnails are."""
+    """Cached, as thumbnails are."""
     return sum(bool(flags_of(row)) for row in read_rows(table))
 
 
 def _read_thumbnail(plant: Path) -> str:
-    """A small photo of the plant; nothing where there is none."""
+    """A small photo of the plant; empty if there is none."""
     try:
         images = Workspace(plant).frame_images()
         if not images:
@@ -180,7 +180,7 @@ def _read_thumbnail(plant: Path) -> str:
 
 @lru_cache(maxsize=1024)
 def _small(path: Path, _changed_ns: int) -> str:
-    """Kept, for the page is written again after every plant."""
+    """Cached, because the page is written again after every plant."""
     return jpeg_uri(read_image(path), THUMBNAIL_PX, 75)
 
 

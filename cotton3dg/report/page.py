@@ -40,9 +40,9 @@ RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
 OF_THE_PROGRAM: Final = ("report_version", "cotton3dg_version", "templates")
-"""What of a fingerprint another version of the program changes."""
+"""The parts of a fingerprint that another version of the program changes."""
 MARKED_BYTES: Final = 4096
-"""How a page begins that this tool made."""
+"""The first bytes of a page, which show whether this tool made it."""
 log = logging.getLogger("cotton3dg")
 
 
@@ -57,14 +57,14 @@ class Fingerprint(Document):
     templates: dict[str, str]
     """SHA-256 by name."""
     records: dict[str, str]
-    """SHA-256 of the stages' records, which hold those of all files."""
+    """SHA-256 of the stages' records, which hold the hashes of all files."""
     failure: str
     page: str
     """SHA-256 of the page itself."""
 
 
 def is_stale(workspace: Workspace, failure: str = "") -> bool:
-    """Whether the page would be another one now, and no worse: photos that `clean` dropped are in the old one only."""
+    """Whether a new page would differ and be no worse: photos that `clean` dropped are only in the old one."""
     if not workspace.report_html.is_file():
         return True
     try:
@@ -81,7 +81,7 @@ def make_report(workspace: Workspace, failure: str = "") -> Path:
     """Write report.html from what the folder holds, whether or not the plant has a result.
 
     Args:
-        failure: why there is no result, where the records do not tell.
+        failure: why there is no result, if the records do not say.
     """
     write_page(workspace.report_html, plant_page(workspace, failure))
     workspace.keep(_fingerprint(workspace, failure), RECORD)
@@ -89,7 +89,7 @@ def make_report(workspace: Workspace, failure: str = "") -> Path:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Save a page; one of somebody else is never replaced.
+    """Save a page; never replace one that this tool did not make.
 
     Raises:
         BadInput: a file of this name was not made by this tool.
@@ -103,7 +103,7 @@ def write_page(path: Path, text: str) -> None:
 
 
 def plant_page(workspace: Workspace, failure: str = "") -> str:
-    """The page as HTML. A part that cannot be made says so in its place and costs no other part."""
+    """The page as HTML. If a part cannot be made, a remark takes its place and all other parts stay."""
     facts = read_facts(workspace)
     pictures = Pictures(workspace, facts)
     trouble: dict[str, str] = {}
@@ -180,7 +180,7 @@ def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
 
 
 def write_headline(facts: Facts) -> str:
-    """What was filmed and what came of it, in a line."""
+    """The film and its outcome in one line."""
     told = []
     if facts.frames:
         told.append(facts.frames.file or "photos")
@@ -193,7 +193,7 @@ def write_headline(facts: Facts) -> str:
 
 
 def trait_cards(facts: Facts) -> list[dict[str, str]]:
-    """The four traits with what is known of their error."""
+    """The four traits with their errors, as far as these are known."""
     if not facts.traits:
         return []
     row = facts.traits
@@ -250,14 +250,14 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
 
 
 def drawn_map(pictures: Pictures) -> Markup | None:
-    """The plant map as an SVG inside the page; it holds nothing but numbers and our own words."""
+    """The plant map as an SVG inside the page; it contains only numbers and the program's own words."""
     from markupsafe import Markup
 
     return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None
 
 
 def _centre(row: dict[str, str]) -> str:
-    """Its centre as corrections name it, `[x,y,z]` cm; empty where it is not known."""
+    """The centre of a boll as corrections name it, `[x,y,z]` cm; empty if it is not known."""
     places = [parse_number(row.get(f"{axis}_cm")) for axis in "xyz"]
     return str(places).replace(" ", "") if all(map(math.isfinite, places)) else ""
 
@@ -296,7 +296,7 @@ def _format_summary(summary: dict[str, Any]) -> str:
 
 
 def _read_plotly() -> str:
-    """plotly.js as the package plotly ships it, fit to stand inside a script element."""
+    """plotly.js as the package plotly ships it, in a form that may stand inside a script element."""
     import importlib.util
 
     package = importlib.util.find_spec("plotly")

@@ -48,12 +48,12 @@ STRIP: Final = 10
 CUT_OUTS: Final = 3
 MANY_BOLLS: Final = 120
 MOST_BOLLS: Final = 500
-"""Cut-outs a boll; one where there are many bolls. Beyond the most, bolls have a row and no picture: no plant has as
+"""Cut-outs per boll; one if there are many bolls. Bolls beyond the most have a row but no picture: no plant has as
 many, but a room full of white things may."""
 
 
 class Pictures:
-    """A plant's photos, masks and model, as far as they are made and belong together."""
+    """A plant's photos, masks and model, as far as they exist and belong together."""
 
     def __init__(self, workspace: Workspace, facts: Facts):
         self.workspace, self.facts = workspace, facts
@@ -270,7 +270,7 @@ class Pictures:
 
     @property
     def plant_map(self) -> PlantMap | None:
-        """None where there is none."""
+        """The plant map; None if there is none."""
         found = read_map(self.facts.skeleton) if self.facts.skeleton else None
         return found if found and found.axes else None
 

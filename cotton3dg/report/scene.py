@@ -21,7 +21,7 @@ from .figures import colour_of, encode
 MAX_PLANT_POINTS: Final = 20_000
 MAX_GROUND_POINTS: Final = 6_000
 GROUND_CM: Final = 6.0
-"""What lies on the table, from a little below its top up to this height, is shown as its surroundings."""
+"""Whatever lies on the table, from a little below its top up to this height, is shown as its surroundings."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Frame:
 
     @property
     def origin(self) -> Float64:
-        """(3,) su of its origin: where the stem meets the table, if bolls or plant tell."""
+        """(3,) su of its origin: where the stem meets the table, if the bolls or the plant show it."""
         return np.linalg.inv(self.page_from_scene) @ -self.offset
 
 
@@ -48,8 +48,8 @@ def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm:
     """Coordinates for the page.
 
     Args:
-        centres: (B, 3) su of the bolls, and centres_cm: (B, 3) of the same as the table says; rows of NaN are unknown.
-        plant: (P, 3) su, points of the plant, whose lowest tenth tells its foot where no boll does.
+        centres: (B, 3) su of the bolls, and centres_cm: (B, 3) of the same from the table; rows of NaN are unknown.
+        plant: (P, 3) su, points of the plant; their lowest tenth gives its foot if no boll does.
     """
     if scale is None:
         helper = np.eye(3)[np.abs(orbit.axis).argmin()]
@@ -102,7 +102,7 @@ def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, 
 
 
 def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
-    """A line for the stem and for each branch with the stalks of its bolls, cm; null parts one from the next."""
+    """A line for the stem and for each branch with the stalks of its bolls, cm; null separates one from the next."""
     lines = []
     for axis in plant_map.axes:
         pieces = [axis.curve, *(boll.stalk for boll in plant_map.bolls if boll.branch == axis.rank)]

@@ -1,7 +1,7 @@
-"""What a film and a row are judged by, once for all pages: `check` before the training, the report and the index after.
+"""Criteria for a film and for a row, once for all pages: `check` before the training, the report and the index after.
 
-Green is good as it is. Yellow is what `run` flags, or what is missing or less sure than usual in the row. Red has no
-result. The limits are those by which the stages set their flags.
+Green is good as it is. Yellow means that `run` sets a flag, or that a value of the row is missing or less sure than
+usual. Red has no result. The limits are the ones at which the stages set their flags.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _others(blurred: Sequence[FrameInfo]) -> str:
 
 
 def of_light(images: Sequence[FrameInfo]) -> list[Finding]:
-    """What is wrong with the light of most images; nothing when it is well."""
+    """What is wrong with the light of most images; empty if it is good."""
     highlight = float(np.median([image.highlight for image in images]))
     white = float(np.median([image.white_share for image in images]))
     concerns = (concern.partition("; ") for concern in raise_concerns(0.0, highlight, white).values())
@@ -89,7 +89,7 @@ WELL_LIT: Final = Finding(GREEN, "Light", "well lit")
 
 
 def of_framing(n_lost: int, n_placed: int) -> Finding | None:
-    """Frames whose middle is not the plant; None where there are none."""
+    """Frames whose middle is not the plant; None if there are none."""
     if not n_lost:
         return None
     text = f"the plant has left the frame in {n_lost} of {n_placed} frames"
@@ -97,7 +97,7 @@ def of_framing(n_lost: int, n_placed: int) -> Finding | None:
 
 
 def of_distance(width_px: float, text: str) -> Finding:
-    """Whether bolls are large enough in the images that they are measured in; `text` says that they are."""
+    """Whether bolls are large enough in the images where they are measured; `text` is the remark if so."""
     if width_px < SMALL_BOLL_PX:
         said = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
         return Finding(YELLOW, "Bolls", said, "film closer, or raise train.max_side")
@@ -155,7 +155,7 @@ def find_unsure(traits: Mapping[str, object]) -> list[str]:
 
 
 def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:
-    """A trait and the ends of its interval; NaN what is blank."""
+    """A trait and the ends of its interval; NaN for a blank cell."""
     name, unit, power = column.partition("_cm")
     low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
     return parse_number(traits.get(column)), low, high

@@ -14,7 +14,7 @@ from ..schemas.frames import FrameInfo
 from .scene import Frame
 
 FARTHEST: Final = 138.0
-"""Where cameras are drawn that stand farther away than the map reaches."""
+"""Where the map draws cameras that stand farther away than it reaches."""
 
 
 def draw_walk(
@@ -27,8 +27,8 @@ def draw_walk(
     """Where each frame was taken, how blurred it is, and the table.
 
     Args:
-        looked_at: names of the images that were to be placed.
-        cameras: of those that were.
+        looked_at: names of the images that sfm tried to place.
+        cameras: those of the placed images.
         frame: coordinates of the page; None = no map.
     """
     if not images:

@@ -1,1 +1,1 @@
-"""What accuracy costs in time: settings that differ in one thing, tried on one plant and laid side by side."""
+"""The cost of accuracy in time: settings that differ in one thing, tried on one plant and compared."""

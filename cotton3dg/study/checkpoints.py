@@ -17,13 +17,13 @@ from ..workspace import Workspace
 def save_passing_models(
     workspace: Workspace, options: TrainOptions, targets: Mapping[int, Workspace], progress: Progress = silent
 ) -> dict[int, StageOutcome]:
-    """Train once and save the model after so many steps as the result of the stage train in other folders.
+    """Train once and save the model after given numbers of steps as the result of the stage train in other folders.
 
-    The schedules of a training are made for its last step: a training that ends at an earlier one does better than this
-    training there.
+    The schedules of a training depend on its last step: a training that ends at an earlier step does better there than
+    this one.
 
     Args:
-        targets: number of steps -> whose train folder gets the model. The clock stands while models are saved.
+        targets: number of steps -> workspace whose train folder gets the model. The clock stops while models are saved.
     """
     began, cpu_began = time.perf_counter(), time.process_time()
     capture = load_capture(workspace, options)

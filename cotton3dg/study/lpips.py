@@ -1,4 +1,4 @@
-"""LPIPS (Zhang et al. 2018): how unlike two images are to a trained network, where the user has one.
+"""LPIPS (Zhang et al. 2018): the difference of two images to a trained network, if the user has one.
 
 The network is a TorchScript file that takes two images (1, 3, H, W) in -1..1 and gives a number; docs/papers.md says
 how to make it with the `lpips` package, which brings the weights.
@@ -19,16 +19,16 @@ from ..gaussians.rasterizer import render
 from ..gaussians.views import View
 
 MOST_VIEWS: Final = 8
-"""Held-out images that are judged; a network looks at one for seconds."""
+"""Largest number of held-out images to judge; a network takes seconds for one."""
 
 
 def measure_lpips(weights: Path | None, gaussians: Gaussians, views: Sequence[View], gains: Mapping[str, Any]) -> float:
     """Mean over up to `MOST_VIEWS` views, 0 = alike; NaN without weights or views.
 
     Args:
-        gains: image -> (3,) by which its render is multiplied.
+        gains: image -> (3,) factors for its render.
     Raises:
-        BadInput: the file is no such network.
+        BadInput: the file is not such a network.
     """
     if weights is None or not views:
         return math.nan

@@ -1,4 +1,4 @@
-"""Which pixels of a photo show the plant, whatever model is judged by them: the same for all settings of a study."""
+"""The pixels of a photo that show the plant, independent of the judged model: the same for all settings of a study."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ..gaussians.views import View, hold_out
 from ..masks.bolls import open_bolls
 
 PLANT: Final = 0.25
-"""Probability of lint, bur, wood or leaf from which a pixel is the plant's: of thin twigs the network is never sure."""
+"""Least probability of lint, bur, wood or leaf for a pixel of the plant; the network is never sure of thin twigs."""
 
 EDGE_SHARE: Final = 0.003
-"""By how much a region is wider at each side than what the network sees, relative to the image's longer side: models
+"""Margin that widens a region at each side beyond the network's pixels, relative to the image's longer side: models
 differ most at the plant's edge."""
 
 
 class PlantRegions:
-    """Regions of photos, each looked for once."""
+    """Regions of photos, each computed once."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, NDArray[np.bool_]] = {}
 
     def of_held_out(self, views: Sequence[View], every: int, points: NDArray) -> list[NDArray[np.bool_]]:
-        """(H, W) each, of the photos that `hold_out` holds out.
+        """Regions, (H, W) each, of the photos that `hold_out` holds out.
 
         Args:
-            points: (N, 3) su, of structure from motion; those above the table tell what the plant's window is.
+            points: (N, 3) su, from structure from motion; those above the table give the plant's window.
         """
         windows = find_plant_windows(points, [view.camera for view in views])
         _, held_out = hold_out(list(zip(views, windows, strict=True)), every)
@@ -47,7 +47,7 @@ class PlantRegions:
 
 
 def find_plant_region(image: NDArray[np.uint8], window: Window | None) -> NDArray[np.bool_]:
-    """(H, W) what the bolls' network takes for parts of a plant, within the window.
+    """(H, W) pixels that the bolls' network takes for parts of a plant, within the window.
 
     Args:
         image: (H, W, 3) sRGB.
@@ -64,6 +64,6 @@ def find_plant_region(image: NDArray[np.uint8], window: Window | None) -> NDArra
 
 
 def resized(region: NDArray[np.bool_], like: View) -> NDArray[np.bool_]:
-    """The region at the size of a view: pixels of which it covers half."""
+    """The region at the size of a view: the pixels that it covers by half."""
     size = like.camera.width, like.camera.height
     return cv2.resize(region.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5

@@ -1,4 +1,4 @@
-"""The row of a finished setting: its traits, time and memory, and how well and how fast its model renders."""
+"""The row of a finished setting: its traits, time and memory, and the quality and speed of its renders."""
 
 from __future__ import annotations
 
@@ -34,31 +34,31 @@ from .tables import COLUMNS, ERRORS, PUBLISHED
 
 RECORD: Final = "study"
 FULL_SIDE: Final = 960
-"""All models are compared at this size of the images, px, or at their own if smaller."""
+"""Size of the images at which all models are compared, px; smaller images keep their own size."""
 TIMED_CAMERAS: Final = 5
 TIMED_TIMES: Final = 3
-"""The time of rendering is the median over so many cameras, each the best of so many times."""
+"""The rendering time is the median over this many cameras, each the best of this many times."""
 
 
 @dataclass(frozen=True)
 class RenderingInfo(Document):
-    """records/study.json: how fast and how well a model renders, as measuring it takes a while."""
+    """records/study.json: the speed and quality of a model's renders, kept because the measurement takes a while."""
 
     REMEDY = "run `cotton3dg study`"
 
     model: str
-    """`Gaussians.sha256()` of it."""
+    """`Gaussians.sha256()` of the model."""
     render_s: float
     """On the clock, with all cores."""
     plant_psnr_db: float
-    """Over the plant's pixels of the held-out images, which are the same for all models, at the training's size; ..."""
+    """PSNR over the plant's pixels of the held-out images, the same for all models, at the training's size; ..."""
     plant_ssim: float
     full_psnr_db: float
     """... and at `FULL_SIDE`."""
     lpips: float = math.nan
-    """Of the held-out images at the training's size; NaN without a network."""
+    """LPIPS of the held-out images at the training's size; NaN without a network."""
     lpips_weights: str = ""
-    """Which network."""
+    """The network's file."""
 
 
 def empty_row(sweep: str, setting: str, state: State, reason: str = "") -> dict[str, Any]:
@@ -74,7 +74,7 @@ def finished_row(
     regions: PlantRegions,
     lpips: Path | None = None,
 ) -> dict[str, Any]:
-    """What the study says of a finished folder; seconds are those of all stages, whichever setting ran them."""
+    """The study's row for a finished folder; seconds are those of all stages, whichever setting ran them."""
     records = [record for record in map(workspace.read_record, STAGES) if record]
     (traits,) = read_rows(workspace.traits_csv)
     metrics = TrainMetrics.load(workspace.metrics_json)
@@ -95,7 +95,7 @@ def finished_row(
 
 
 def _rendering(workspace: Workspace, options: TrainOptions, regions: PlantRegions, lpips: Path | None) -> RenderingInfo:
-    """Time of a render at the training's size, likeness of the plant there and at full size, LPIPS; once a model."""
+    """Time of a render at the training's size, PSNR of the plant there and at full size, LPIPS; once per model."""
     gaussians = read_gaussians(workspace.gaussians_ply)
     weights = file_sha256(lpips) if lpips else ""
     with suppress(BadInput):
@@ -133,7 +133,7 @@ def _rendering(workspace: Workspace, options: TrainOptions, regions: PlantRegion
 
 
 def _render_s(gaussians: Gaussians, view: View) -> float:
-    """Least time of a few renders on the clock, s: other programs disturb some of them."""
+    """Least clock time of a few renders, s: other programs disturb some of them."""
     times = []
     for _ in range(TIMED_TIMES):
         began = time.perf_counter()

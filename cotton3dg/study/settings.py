@@ -1,4 +1,4 @@
-"""Which settings a sweep consists of, and what in a plant's footage stands against some."""
+"""The settings of a sweep, and why a plant's footage rules out some of them."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ FACTORS: Final[dict[str, tuple[str, str, tuple[Any, ...]]]] = {
 """Sweep -> stage, option and values, coarse to fine. Besides, there are `style` and `preset`."""
 
 CLUSTERED_BY: Final = {"affinity": "dbscan"}
-"""Method of segment -> that of cluster which belongs to it, as published; others go with the base's."""
+"""Method of segment -> the method of cluster that was published with it; others use the base's."""
 
 CHEAP: Final = ("resolution", "steps", "views")
-"""They share the cameras, which take longest."""
+"""Sweeps whose settings share the cameras, which take longest."""
 
 
 PARTIAL_SHARE: Final = 0.6
-"""Of the frame's sides that `style partial` sees: a camera so much nearer that the plant does not fit."""
+"""Share of the frame's sides that `style partial` sees, as from a camera too near for the whole plant."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Setting:
     sweep: str
     value: str
     options: dict[str, Any]
-    """Of all stages."""
+    """Options of all stages."""
     obstacle: str = ""
-    """Why it cannot be tried on this plant."""
+    """Why this plant does not allow the setting; empty if it does."""
     is_base: bool = False
     """Whether it is the base setting under another name."""
     passing: bool = False
-    """Whether its model is one that the sweep's only training passes through or ends with."""
+    """Whether the sweep's only training passes through its model or ends with it."""
     partial: bool = False
     """Whether the video is cropped."""
 
@@ -58,7 +58,7 @@ def sweeps_of(texts: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
     """Sweep -> its values, from `name` or `name=value,value`: all usual values for none, the cheap sweeps for nothing.
 
     Raises:
-        BadUsage: there is no such sweep.
+        BadUsage: a sweep does not exist.
     """
     sweeps: dict[str, tuple[str, ...]] = {}
     for text in texts or CHEAP:
@@ -84,15 +84,15 @@ def settings_of(
     `steps` ends with the base's training, or with a longer one where `values` ask for more steps.
 
     Args:
-        values: those to try instead of the usual ones.
-        local: the plant was also filmed close by, so that no crop has to stand for it.
+        values: values to try instead of the usual ones.
+        local: the plant was also filmed from close by, so that no crop has to replace that film.
     Raises:
-        BadUsage: a value that the option does not take.
+        BadUsage: the option does not accept one of the values.
     """
     given = {stage: dict(own) for stage, own in overrides.items()}
     base = pipeline.stage_options(plant, preset, given)
     if sweep == "preset":
-        # Other methods are tried when they are named; the finest comes last, as what changes are told against.
+        # Other methods run only if the user names them; the finest comes last, as the reference for changes.
         ordered = [*(name for name in PRESETS if name not in FINER_PRESETS), *FINER_PRESETS]
         names = [name for name in ordered if name in (*(values or FINER_PRESETS), preset)]
         own = {name: pipeline.stage_options(plant, name, given) for name in names}
@@ -119,7 +119,7 @@ def settings_of(
     for value in wanted if isinstance(base_value, str) else sorted(wanted):
         options = {**base, stage: replace(base[stage], **{option: value})}
         if sweep == "resolution" and value > base["frames"].max_side:
-            # Frames are taken at the size of the row, else it would train on smaller ones than its name says.
+            # Take frames at the size of the row, else it would train on smaller ones than its name says.
             options["frames"] = replace(base["frames"], max_side=value)
         if sweep == "method" and "method" not in given.get("cluster", {}):
             options["cluster"] = replace(base["cluster"], method=CLUSTERED_BY.get(value, base["cluster"].method))
@@ -129,14 +129,14 @@ def settings_of(
 
 
 def obstacle_of(options: Mapping[str, Any], base: Mapping[str, Any], source: Footage) -> str:
-    """Why the footage does not allow for these options where they differ from the base's; empty when it does."""
+    """Why the footage does not allow these options, where they differ from the base's; empty if it does."""
     count, views, side = options["frames"].count, options["masks"].views, options["train"].max_side
     longer = max(source.width, source.height)
     if count > source.frames and count != base["frames"].count:
         return f"there are only {source.frames} images"
     if views > count and views != base["masks"].views:
         return f"only {count} images are taken"
-    # Sizes beyond that of the images are that of the images; the first of them stays, unless it asks for larger frames.
+    # Sizes beyond that of the images equal the images' size; the first such size stays, unless it needs larger frames.
     too_large = side > longer if side > base["frames"].max_side else side >= 2 * longer
     if too_large and side != base["train"].max_side:
         return f"the images have only {longer} px"

@@ -17,7 +17,7 @@ ERRORS: Final = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_siz
 """Traits that are compared; each has a column <trait>_error_pct."""
 
 PUBLISHED: Final = ("boll_volume_published_cm3", "plant_height_published_cm", "canopy_size_published_cm")
-"""The same as Cotton3DGaussians defines them; they stand beside those and have no part in `trait_error_pct`."""
+"""The same traits as Cotton3DGaussians defines them; they stand beside those and do not enter `trait_error_pct`."""
 
 COLUMNS: Final = (
     Column("sweep", "", "what is varied; base: the setting that all others differ from in one thing"),
@@ -87,17 +87,17 @@ FIGURES: Final = (
 )
 
 MEASURES: Final = {"full_psnr_db": -1.0, "trait_error_pct": 1.0}
-"""Measures of accuracy that a front is drawn for, and the sign that makes less better."""
+"""Measures of accuracy that have a front, and the sign that makes a smaller value better."""
 
 BUSY: Final = 1.5
-"""So many times longer than its CPU-seconds shared among the cores: then others were computing, too."""
+"""Ratio of clock time to CPU-seconds shared among the cores above which other programs were computing, too."""
 
 
 def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Rows with their errors in percent of the truth; where a trait's truth is unknown, of the finest setting.
+    """Rows with their errors in percent of the truth or, if a trait's truth is unknown, of the finest setting.
 
     Args:
-        rows: of one sweep, coarse to fine.
+        rows: those of one sweep, coarse to fine.
     """
     done = [row for row in rows if row["state"] == State.DONE]
     finest = done[-1] if done else {}
@@ -110,7 +110,7 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
         judged_errors = [errors[f"{trait}_error_pct"] for trait in ERRORS]
         finite = [abs(error) for error in judged_errors if math.isfinite(error)]
         reference = "truth" if truth else f"{finest['sweep']} {finest['setting']}" if finest else ""
-        # The finest setting's change against itself says nothing of its accuracy.
+        # The finest setting's change against itself does not show its accuracy.
         known = len(finite) == len(ERRORS) and (bool(truth) or row is not finest)
         told.append({**row, **errors, "trait_error_pct": sum(finite) / len(finite) if known else math.nan})
         told[-1]["reference"] = reference
@@ -124,13 +124,13 @@ def _error_pct(value: float | None, reference: float | None) -> float:
 
 
 def machine_was_busy(rows: Sequence[Row]) -> bool:
-    """Whether the seconds on the clock tell of other programs, too."""
+    """Whether the seconds on the clock include the work of other programs."""
     done = [row for row in rows if row["state"] == State.DONE]
     return sum(row["seconds"] for row in done) > BUSY * sum(row["idle_seconds"] for row in done)
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """A table a sweep; a star marks the settings on a front of accuracy against time, all sweeps together."""
+    """One table per sweep; a star marks the settings on a front of accuracy against time over all sweeps."""
     best = starred(rows)
     parts = [_table(sweep, [row for row in rows if row["sweep"] == sweep], best) for sweep in TITLES]
     parts = [part for part in parts if part]
@@ -148,7 +148,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def clock_of(rows: Sequence[Row]) -> str:
-    """The column that tells the time: of a busy machine the clock says nothing."""
+    """The column to use for time: on a busy machine the clock has no meaning."""
     return "idle_seconds" if machine_was_busy(rows) else "seconds"
 
 
@@ -159,7 +159,7 @@ def judged(rows: Sequence[Row], measure: str) -> list[Row]:
     for row in rows:
         if row["state"] != State.DONE or not math.isfinite(row[measure]):
             continue
-        # A camera nearer to the plant has other images, and what leaves the model alone tells nothing of it.
+        # A nearer camera has other images, and a setting that leaves the model alone shows nothing about it.
         alike = base is not None and row[measure] == base[measure]
         if measure == "full_psnr_db" and row is not base and (alike or row["sweep"] == "style"):
             continue
@@ -169,14 +169,14 @@ def judged(rows: Sequence[Row], measure: str) -> list[Row]:
 
 
 def front(rows: Sequence[Row], measure: str) -> set[tuple[str, str]]:
-    """Sweep and setting of the rows that no other one beats in time and `measure`."""
+    """Sweep and setting of the rows that no other row beats in time and `measure`."""
     shown, clock, sign = judged(rows, measure), clock_of(rows), MEASURES[measure]
     best = pareto_front([row[clock] for row in shown], [sign * row[measure] for row in shown])
     return {(shown[i]["sweep"], shown[i]["setting"]) for i in best}
 
 
 def starred(rows: Sequence[Row]) -> set[tuple[str, str]]:
-    """Sweep and setting of the rows on the front of any measure, by all the names that a setting has."""
+    """Sweep and setting of the rows on the front of any measure, under all names of a setting."""
     best = set().union(*(front(rows, measure) for measure in MEASURES))
     if any(sweep == "base" for sweep, _ in best):
         base = next(row for row in rows if row["sweep"] == "base")
@@ -218,7 +218,7 @@ def _figure(value: float | None, form: str) -> str:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """One line a setting, for the terminal."""
+    """One line per setting, for the terminal."""
     best, lines = starred(rows), [f"{'sweep':<12}{'setting':<14}{'PSNR dB':>9}{'traits %':>9}{'time':>10}{'CPU':>10}"]
     for row in rows:
         start = f"{row['sweep']:<12}{row['setting']:<14}"

@@ -1,7 +1,7 @@
-"""Trying the settings of a study on one plant, as far as the time goes.
+"""Tries the settings of a study on one plant, as far as time permits.
 
-Each setting is a plant's folder of its own below study/. It starts with what the base setting has finished, so that
-only the stages that the setting changes run; seconds count all stages all the same. Whatever is finished stays.
+Each setting has a plant's folder of its own below study/. It starts with the finished stages of the base setting, so
+that only the stages that the setting changes run; seconds still count all stages. Whatever is finished stays.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ class Study:
         self.rows: dict[tuple[str, str], dict[str, Any]] = {}
         self.ends = time.monotonic() + budget_s
         self.timed: dict[str, list[tuple[float, float]]] = defaultdict(list)
-        """Stage -> measured and modelled seconds of each setting that is done."""
+        """Stage -> measured and modelled seconds of each finished setting."""
 
     def run(self, sweeps: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
         """Try the settings of all sweeps, the base first; returns the rows of the tables.
 
         Args:
-            sweeps: name -> values, none for the usual ones.
+            sweeps: name -> values; none = the usual ones.
         Raises:
             Cotton3dgError: the base setting fails or does not fit into the time.
         """
@@ -152,7 +152,7 @@ class Study:
         base = self.plant.study_setting(self.base.sweep, self.base.value)
         donors = [self.plant] if setting is self.base else [base, self.plant]
         for stage in STAGES:
-            # What a training passed through is not what it ended with, although the options are the same.
+            # A model that a training passes through is not its final model, although the options are the same.
             if (setting.passing and stage == "train") or not self._is_due(workspace, setting, stage):
                 continue
             read = stage_of(stage).input_hashes(workspace, setting.options[stage])
@@ -199,7 +199,7 @@ class Study:
         return self.ends - time.monotonic()
 
     def _stage_s(self, setting: Setting, stage: str) -> float:
-        """What a stage will take: as modelled, corrected by what it took so far."""
+        """The time that a stage will take: as modelled, corrected by the times so far."""
         modelled = estimate_costs(setting.options, self.source)[stage].seconds(len(usable_cores()))
         return typical_ratio(self.timed[stage]) * modelled
 
@@ -210,7 +210,7 @@ class Study:
         due = [
             stage for stage in STAGES if stage in due or stage_of(stage).follows(workspace, setting.options[stage], due)
         ]
-        if setting.passing and "train" in due:  # its training left no time for the rest
+        if setting.passing and "train" in due:  # the training left no time for the rest
             return math.inf
         return sum(self._stage_s(setting, stage) for stage in due)
 

@@ -92,7 +92,7 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrectio
     }
 }
 
-// How many times as long a step is at `mean`: at least once, also where it is no number.
+// The factor by which a step at `mean` is longer: at least 1, also if `mean` is NaN.
 float lengthening(const Surroundings& s, const float* mean) {
     const float x = mean[0] - s.centre[0], y = mean[1] - s.centre[1], z = mean[2] - s.centre[2];
     const float beyond = __builtin_sqrtf(x * x + y * y + z * z) / s.radius - 1;

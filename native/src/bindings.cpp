@@ -1,5 +1,5 @@
-// The Python module cotton3dg._native: rendering. Its checked face is cotton3dg/gaussians/rasterizer.py; those of
-// the matching of descriptors and of thin lines in photos are cotton3dg/sfm/matching.py and plant_map/photo_lines.py.
+// The Python module cotton3dg._native: rendering. Its checked interface is cotton3dg/gaussians/rasterizer.py; those for
+// matching descriptors and for thin lines in photos are cotton3dg/sfm/matching.py and plant_map/photo_lines.py.
 #include "bindings.h"
 
 #include "dispatch.h"
@@ -23,7 +23,7 @@ std::string shape_text(const std::vector<int64_t>& shape) {
 
 namespace {
 
-// `window`: left, top, width and height in the image, or none for all of it.
+// `window`: left, top, width and height in the image, or none for the whole image.
 View make_view(int width, int height, double fx, double fy, double cx, double cy, const py::object& cam_from_scene,
                double near_plane, const std::optional<std::array<int, 4>>& window) {
     const auto pose = checked<double>(cam_from_scene, "cam_from_scene", {3, 4});

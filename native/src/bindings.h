@@ -40,7 +40,7 @@ Array<T> zeros(const std::vector<int64_t>& shape) {
     return array;
 }
 
-// Five arrays of the layout of core.scene.Gaussians: the parameters, or moments or gradients of theirs.
+// Five arrays in the layout of core.scene.Gaussians: the parameters, or their moments or gradients.
 template <class Real>
 struct GaussianArrays {
     Array<Real> means, quats, log_scales, opacity_logits, sh;
@@ -79,7 +79,7 @@ struct GaussianArrays {
     }
 };
 
-// Calls body(Real()) with the precision that the first array has.
+// Calls body(Real()) with the precision of the first array.
 template <class Body>
 auto with_precision(const py::tuple& arrays, const Body& body) {
     if (arrays.size() > 0 && py::isinstance<Array<double>>(arrays[0])) return body(double());

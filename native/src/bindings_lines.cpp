@@ -1,4 +1,4 @@
-// Thin lines in photos. Its face is cotton3dg/plant_map/photo_lines.py.
+// Thin lines in photos. The Python interface is cotton3dg/plant_map/photo_lines.py.
 #include "bindings.h"
 #include "lines.h"
 #include "threads.h"
@@ -17,7 +17,7 @@ py::tuple line_evidence_of(const py::list& pictures, const py::list& views, cons
     const auto along = checked<double>(directions, "directions", {from.shape(0), 3});
     if (int64_t(pictures.size()) != count) throw py::value_error("each picture needs its view");
     if (aside_px.empty() || !(noise > 0)) throw py::value_error("aside_px and noise must be positive");
-    std::vector<Array<uint8_t>> held;  // keeps the pixels while they are read
+    std::vector<Array<uint8_t>> held;  // keeps the pixels alive during the reading
     std::vector<Photo> photos;
     for (int64_t n = 0; n < count; ++n) {
         const View& view = views[size_t(n)].cast<const View&>();

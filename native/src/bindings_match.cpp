@@ -1,4 +1,4 @@
-// Matching of descriptors. Its face is cotton3dg/sfm/matching.py.
+// Matching of descriptors. The Python interface is cotton3dg/sfm/matching.py.
 #include "bindings.h"
 #include "kernels.h"
 
@@ -51,7 +51,7 @@ class Found {
 py::tuple match_descriptors(const py::object& a, const py::object& b) {
     const auto rows_of_a = checked<uint8_t>(a, "a", {-1, -1});
     const auto rows_of_b = checked<uint8_t>(b, "b", {-1, rows_of_a.shape(1)});
-    // A product is a sum of so many products of bytes and must fit 31 bits.
+    // A product is a sum of this many products of bytes and must fit into 31 bits.
     if (rows_of_a.shape(1) > 32768) throw py::value_error("descriptors must have at most 32768 numbers");
     if (rows_of_a.shape(0) >= int64_t(1) << 30 || rows_of_b.shape(0) >= int64_t(1) << 30)
         throw py::value_error("too many descriptors");

@@ -1,4 +1,4 @@
-// cotton3dg._native.for_tests: loss and gradients one by one, which the package only takes together in train_step.
+// cotton3dg._native.for_tests: loss and gradients one by one; the package itself only uses them together in train_step.
 #include "bindings_train.h"
 #include "memory.h"
 #include "threads.h"

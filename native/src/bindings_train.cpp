@@ -13,7 +13,7 @@ GaussianPointers pointers(GaussianArrays<float>& arrays) {
             arrays.opacity_logits.mutable_data(), arrays.sh.mutable_data()};
 }
 
-// What a step changes: the parameters, Adam's two moments of them, and how many steps each band of each row has taken.
+// The state that a step changes: the parameters, Adam's two moments, and the number of steps of each band of each row.
 struct OptimiserState {
     GaussianArrays<float> parameters, first, second;
     Array<int32_t> steps;
@@ -30,7 +30,7 @@ struct OptimiserState {
     }
 };
 
-// Sums for density control, which a step adds to.
+// Sums for density control; each step adds to them.
 struct StatisticsArrays {
     Array<float> abs_grad_px, weight;
     Array<int32_t> count;

@@ -1,4 +1,4 @@
-// What the bindings of training and of its parts for the tests share.
+// Code that the bindings of the training and the bindings of its parts for the tests share.
 #pragma once
 
 #include "bindings.h"
@@ -6,7 +6,7 @@
 
 namespace cotton {
 
-// The whole photograph, of which the view's window is compared; its array must be kept by the caller.
+// The whole photograph; the loss compares the view's window of it. The caller must keep the array alive.
 inline Target checked_target(const py::object& image, double dssim, const View& view) {
     if (!(dssim >= 0 && dssim <= 1)) throw py::value_error("dssim must be between 0 and 1");
     const auto photograph = checked<uint8_t>(image, "target", {view.image_height, view.image_width, 3});

@@ -1,5 +1,5 @@
-// What the forward and the backward rasterizers share, so that they agree to the last bit: the alpha of a Gaussian at
-// a vector of pixels, and the rule that says which pixels take it.
+// Code that the forward and the backward rasterizers share, so that they agree to the last bit: the alpha of a Gaussian
+// at a vector of pixels, and the rule for which pixels take it.
 #pragma once
 
 #include "simd.h"
@@ -19,7 +19,7 @@ struct PixelCentres {
 template <class Real>
 inline constexpr PixelCentres<Real> pixel_centres{};
 
-// The vectors that a block consists of.
+// The vectors that make up a block.
 template <class Real>
 inline constexpr int kVectors = kBlockPixels / kLanes<Real>;
 
@@ -37,7 +37,7 @@ struct Splat {
     }
 };
 
-// What a Gaussian does to the pixels of a block.
+// The effect of a Gaussian on the pixels of a block.
 template <class Real>
 struct Blend {
     Vec<Real> u[kVectors<Real>], v[kVectors<Real>];
@@ -45,7 +45,7 @@ struct Blend {
     Vec<Real> weight[kVectors<Real>];  // alpha times the transmittance in front of it
 };
 
-// Blends into the block that begins at pixel i; returns whether a pixel of it is still open.
+// Blends into the block that begins at pixel i; returns whether the block still has an open pixel.
 template <class Real>
 COTTON_INLINE bool blend(const Splat<Real>& g, int i, Real* transmittance, Blend<Real>& b) {
     constexpr Real cut = Real(kLog2AlphaCut);
@@ -57,7 +57,7 @@ COTTON_INLINE bool blend(const Splat<Real>& g, int i, Real* transmittance, Blend
         b.v[j] = fma(g.r, y, g.v0);
         const Vec<Real> power = fnma(b.u[j], b.u[j], fnma(b.v[j], b.v[j], g.log2_opacity));
         const Mask<Real> taken = (power >= cut) & (before > Real(kStop));
-        const Vec<Real> raised = exp2<Real>(power);  // of no meaning, but harmless, where not taken
+        const Vec<Real> raised = exp2<Real>(power);  // meaningless but harmless where not taken
         b.alpha[j] = taken ? minimum(raised, broadcast(Real(kAlphaCap))) : Vec<Real>{};
         b.weight[j] = before * b.alpha[j];
         const Vec<Real> after = fnma(before, b.alpha[j], before);
@@ -77,7 +77,7 @@ COTTON_INLINE void each_quad(const Tile& tile, const Body& body) {
     }
 }
 
-// Asks for the memory of one tile of a plane, whose rows lie too far apart for the processor to foresee them.
+// Prefetches one tile of a plane, because its rows lie too far apart for the processor's own prefetching.
 template <class Real>
 COTTON_INLINE void prefetch_tile(const Tile& tile, Plane<const Real> plane) {
     for (int y = tile.y0; y < tile.y0 + kTile && y < tile.height; ++y) {
@@ -128,10 +128,10 @@ COTTON_INLINE void each_block(uint32_t blocks, const Body& body) {
     for (; blocks != 0; blocks &= blocks - 1) body(__builtin_ctz(blocks));
 }
 
-// The walk of all rasterizers: every entry front to back, and in it every block that it reaches and that still has an
-// open pixel. `visit(i)` blends the block of pixels from i on and returns whether a pixel of it is still open; `begin`
-// and `finish` enclose the visits of an entry, `skip` stands for all when there are none. `rows` is the table that
-// `finish` and `skip` write to, or null.
+// The loop of all rasterizers: every entry front to back, and for each entry every block that it reaches and that still
+// has an open pixel. `visit(i)` blends the block of pixels from i on and returns whether it still has an open pixel.
+// `begin` and `finish` enclose the visits of an entry; `skip` replaces them if there are no visits. `rows` is the table
+// to which `finish` and `skip` write, or null.
 template <class Real, class Begin, class Visit, class Finish, class Skip>
 COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks, const Real* rows,
                         int row_stride, const Begin& begin, const Visit& visit, const Finish& finish,

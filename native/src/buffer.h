@@ -1,4 +1,4 @@
-// Memory that grows and is kept: aligned for vectors, never initialised, contents lost when it grows.
+// Memory that grows and is reused: aligned for vectors, never initialised; its contents are lost when it grows.
 #pragma once
 
 #if defined(__linux__)
@@ -21,18 +21,18 @@ class Buffer {
     Buffer& operator=(const Buffer&) = delete;
     ~Buffer() { release(); }
 
-    // Room for at least `count` elements, and one vector beyond them. Throws std::bad_alloc where memory for them would
-    // be promised, but is not there.
+    // Reserves room for at least `count` elements and one vector beyond them. Throws std::bad_alloc if the system would
+    // promise memory that it does not have.
     T* reserve(int64_t count) {
         if (count > capacity_) {
             release();
             const int64_t capacity = count + count / 4;  // the next view may need a little more
             const std::size_t bytes = size(capacity);
-            if (bytes >= kPage) check_memory(int64_t(size(count)));  // the rest is not touched
+            if (bytes >= kPage) check_memory(int64_t(size(count)));  // the rest is never touched
             data_ = static_cast<T*>(::operator new(bytes, alignment(bytes)));
             capacity_ = capacity;
 #if defined(__linux__)
-            // Large pages: these tables are read at random, and most of the misses would be those of the page table.
+            // Large pages: reads of these tables are random, and most of the misses would be those of the page table.
             if (bytes >= kPage) madvise(data_, bytes / kPage * kPage, MADV_HUGEPAGE);
 #endif
         }

@@ -37,8 +37,8 @@ struct Features {
     bool avx512 = false;  // F, DQ, BW and VL
 };
 
-// What the processor has and the system keeps the registers of (XCR0), by their own word: with some compilers, among
-// them zig's, which builds the wheels, __builtin_cpu_supports() knows of nothing.
+// The instruction sets that the processor has and whose registers the system saves (XCR0), from CPUID and XGETBV: with
+// some compilers, such as zig's, which builds the wheels, __builtin_cpu_supports() reports none.
 Features features() {
     Features found;
 #if defined(__x86_64__)

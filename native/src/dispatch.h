@@ -6,7 +6,7 @@
 
 namespace cotton {
 
-// The instruction sets that this build has and this processor runs, slowest first.
+// The instruction sets that this build contains and this processor runs, slowest first.
 std::vector<std::string> instruction_sets();
 
 std::string instruction_set();

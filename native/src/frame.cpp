@@ -11,11 +11,12 @@
 namespace cotton {
 namespace {
 
-// Positive numbers in the order of their bits.
+// Bits of a positive number; they have the same order as the numbers.
 uint64_t depth_key(float depth) { return std::bit_cast<uint32_t>(depth); }
 uint64_t depth_key(double depth) { return std::bit_cast<uint64_t>(depth); }
 
-// Counts of a stable counting sort, by part of the input and bucket -> where the first of each goes. Returns their sum.
+// Turns the counts of a stable counting sort, by part of the input and bucket, into the first place of each. Returns
+// their sum.
 int64_t counts_to_positions(std::vector<int64_t>& counts, int64_t parts) {
     const int64_t buckets = int64_t(counts.size()) / parts;
     int64_t sum = 0;

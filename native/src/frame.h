@@ -51,8 +51,7 @@ class Frame {
     Buffer<uint32_t> slots_;
 };
 
-// A frame kept by each calling thread, so that its memory is used again. What a caller sees of it depends on the last
-// prepare() alone.
+// Each calling thread keeps one frame and reuses its memory. Its contents depend only on the last prepare().
 template <class Real>
 Frame<Real>& scratch_frame();
 

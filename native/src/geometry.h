@@ -9,7 +9,7 @@ namespace cotton::COTTON_ISA {
 using Pack = Vec<double>;
 using PackMask = Mask<double>;
 inline constexpr int kPack = kLanes<double>;
-// As many numbers of the kernels' precision.
+// The same number of values in the kernels' precision.
 template <class Real>
 struct PackOfReal {
     typedef Real type __attribute__((vector_size(kPack * sizeof(Real))));
@@ -21,7 +21,7 @@ inline constexpr double kLn2 = 0.6931471805599453;
 // u² + v² = kScale2 * dᵀ Σ⁻¹ d, so that alpha = 2^(log2 opacity - u² - v²).
 inline constexpr double kScale2 = 0.5 * kLog2E;
 
-// 2 to the power of this, or of minus this, is beyond the odds of any opacity that a float tells from 0 and 1.
+// 2 to the power of this, or of minus this, is beyond the odds of any opacity that a float distinguishes from 0 and 1.
 inline constexpr double kMostLog2Odds = 100.0;
 
 // (1 - opacity) / opacity.

@@ -81,7 +81,7 @@ template <int degree, class Real>
 COTTON_INLINE void sh_colour(const Real* sh, const PackOf<Real>* basis, int lane, Real colour[3]) {
     typedef Real Four __attribute__((vector_size(4 * sizeof(Real))));
     constexpr int n = (degree + 1) * (degree + 1);
-    // Four numbers at a time, of which the fourth is the next coefficient's and is dropped; the last has no next.
+    // Four numbers at a time. The fourth belongs to the next coefficient and is dropped; the last has no next.
     Four sums[2] = {};
     for (int k = 0; k < n - 1; ++k) {
         Four coefficients;

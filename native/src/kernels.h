@@ -18,18 +18,18 @@ struct Kernels {
     // List the tiles that each of `n` visible Gaussians reaches; returns the number of hits.
     int64_t (*hit_tiles)(const View&, const Projection<Real>&, const uint32_t* visible, int64_t n, Hit* hits,
                          HitRange* ranges);
-    // Blend one tile with this many channels; null when there is no such kernel.
+    // Blend one tile with this many channels; null if the build has no kernel for that number.
     Forward (*forward)(int channels);
     // Sums over pixels of weight * v_tile (channels planes of kTilePixels), one row per entry.
     ValuesBackward (*values_backward)(int channels);
     // Weights of every entry at `n` pixels of the tile: row e of `weights` (entries x n) is that of entry e.
     void (*ray_weights)(const Tile&, const Real* records, int record_stride, const uint8_t* pixels, int n,
                         Real* weights);
-    // Gradient of all that a projected Gaussian with three channels consists of, one pair_gradient row per entry.
+    // Gradient by all components of a projected Gaussian with three channels, one pair_gradient row per entry.
     void (*backward)(const Tile&, const Real* records, const Plane<const Real>* image, const Plane<const Real>* v_image,
                      Real* rows);
     // Fold the pair gradients of `n` visible Gaussians and carry them on to the parameters: one row_gradient row each.
-    // Returns how many are not finite; those rows have a weight of 0, so that nothing takes them.
+    // Returns how many are not finite; those rows have a weight of 0, so that no update uses them.
     int64_t (*project_backward)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n,
                                 const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
                                 Real* rows);

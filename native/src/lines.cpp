@@ -10,7 +10,7 @@ struct Pixel {
     double colour[3];
 };
 
-// Between the centres of pixels, which are at whole numbers; false where the photo shows nothing.
+// Interpolates between the centres of pixels, which are at whole numbers; false where the photo shows nothing.
 bool look(const Photo& photo, double x, double y, Pixel& seen) {
     const int width = photo.view.width, height = photo.view.height;
     if (!(x >= 0 && y >= 0 && x <= width - 1 && y <= height - 1)) return false;

@@ -1,5 +1,5 @@
-// What photos show along thin lines: how much of each piece something of a known colour covers. What it is for, and the
-// equation, stand in cotton3dg/plant_map/photo_lines.py.
+// Evidence along thin lines in photos: the share of each piece that an object of known colour covers. Its purpose and
+// the equation are in cotton3dg/plant_map/photo_lines.py.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace cotton {
 
-// (H, W, 4), rows first: colour, and more than 0 where nothing is to be seen.
+// (H, W, 4), rows first: colour, and a value above 0 where nothing is visible.
 struct Photo {
     const uint8_t* pixels;
     View view;

@@ -1,5 +1,5 @@
-// Nearest neighbours among descriptors by all products: of each row of one image the best two of the other, and the
-// other way round. Whole numbers throughout, so the result is exact, and the same on every processor.
+// Nearest neighbours among descriptors by all products: for each row of one image the best two of the other, and the
+// reverse. All numbers are whole, so the result is exact, and the same on every processor.
 #pragma once
 
 #include "simd.h"
@@ -10,7 +10,7 @@ namespace {
 using Ints = Vec<int32_t>;
 constexpr int kIntLanes = kLanes<int32_t>;
 constexpr int kBlockVectors = kMatchBlock / kIntLanes;
-// Rows whose products with a block are summed at a time: as many as there are registers for.
+// Number of rows whose products with a block are summed at a time: as many as the registers hold.
 constexpr int kMatchRows = kIntLanes == 16 ? 8 : kIntLanes == 8 ? 2 : 1;
 
 // a0 b0 + a1 b1 of the two 16-bit numbers in each lane.
@@ -26,7 +26,7 @@ COTTON_INLINE Ints multiply_pairs(Ints a, Ints b) {
 #endif
 }
 
-// The best two so far, lane by lane; of equals the first.
+// The best two so far, lane by lane; the first of equal ones.
 struct BestTwo {
     Ints best, second, index;
 };

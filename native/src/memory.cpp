@@ -16,8 +16,8 @@ constexpr int64_t kUnlimited = std::numeric_limits<int64_t>::max();
 
 std::atomic<int64_t> pretended{-1};
 
-// The number that a text begins with, after spaces. No stream is asked: its locale is another one where libstdc++ is
-// linked into this module and another library brings its own, and reading a number from it crashed there.
+// The number at the start of a text, after spaces. It does not use a stream: if this module links libstdc++ and another
+// library brings its own, the stream's locale is a different one, and reading a number from it crashed.
 std::optional<int64_t> leading_number(const std::string& text) {
     char* end = nullptr;
     const int64_t number = std::strtoll(text.c_str(), &end, 10);
@@ -34,14 +34,14 @@ int64_t named_number(const std::string& path, const std::string& name) {
     return -1;
 }
 
-// The number that a file consists of; -1 where there is no file, or a word such as "max".
+// The number in a file; -1 if there is no file, or if it holds a word such as "max".
 int64_t only_number(const std::string& path) {
     std::ifstream file(path);
     std::string line;
     return std::getline(file, line) ? leading_number(line).value_or(-1) : -1;
 }
 
-// Names of one version's files.
+// The file names of one version.
 struct Group {
     const char *folder, *limit, *used, *cache;
 };
@@ -49,7 +49,8 @@ constexpr Group kVersion2 = {"/sys/fs/cgroup", "memory.max", "memory.current", "
 constexpr Group kVersion1 = {"/sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes",
                              "total_inactive_file"};
 
-// What a control group and all above it leave. Pages of files count as used, but are given back on demand.
+// The memory that a control group and all groups above it leave. Pages of files count as used, but the kernel frees
+// them on demand.
 int64_t room_of_group(const std::string& root, const Group& names, std::string path) {
     int64_t room = kUnlimited;
     for (;;) {

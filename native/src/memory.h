@@ -1,4 +1,4 @@
-// How much memory there is: what is taken beyond it ends the process without a word that could be caught.
+// The available memory: a process that takes more ends without an exception that it could catch.
 #pragma once
 
 #include <cstdint>
@@ -6,15 +6,15 @@
 
 namespace cotton {
 
-// Bytes that can be taken before the kernel runs out of them, by the machine's memory and by the limits of the control
-// groups (a container, a job of a scheduler); the largest number where the system does not say. `root` is that of the
-// file system, another one in tests.
+// Bytes that a process can take before the kernel runs out of them, from the machine's memory and the limits of the
+// control groups (a container, a job of a scheduler); the largest number if the system does not say. `root` is the root
+// of the file system, or another folder in tests.
 int64_t read_available_memory(const std::string& root = "");
 
-// Throws std::bad_alloc when `bytes` more would not leave a tenth of what is available.
+// Throws std::bad_alloc if `bytes` more would not leave a tenth of the available memory.
 void check_memory(int64_t bytes);
 
-// For tests: takes this to be available; a negative number ends that.
+// For tests: sets the available memory; a negative number ends that.
 void pretend_available_memory(int64_t bytes);
 
 }  // namespace cotton

@@ -44,7 +44,7 @@ bool write_values(const Scene<Real>& scene, const PackOf<Real>* basis, int lane,
     return usable;
 }
 
-// Logits above it are of opacities above the alpha cut: logit a = ln a - ln(1 - a), and -ln(1 - a) < a / (1 - a).
+// Logits above it mean opacities above the alpha cut: logit a = ln a - ln(1 - a), and -ln(1 - a) < a / (1 - a).
 constexpr double kSurelyInImage = kLog2AlphaCut * kLn2 + kAlphaCut / (1 - kAlphaCut);
 constexpr double kWidest = 3.33;  // standard deviations from which on the most opaque is below the alpha cut
 
@@ -52,7 +52,7 @@ constexpr bool nearly(double value, double wanted, double share) {
     return value >= wanted * (1 - share) && value <= wanted * (1 + share);
 }
 
-constexpr double exp_of_positive(double x) {  // by its series: std::exp is no constexpr before C++26
+constexpr double exp_of_positive(double x) {  // by its series: std::exp is not constexpr before C++26
     double sum = 1, term = 1;
     for (int k = 1; k < 100; ++k) sum += term *= x / k;
     return sum;
@@ -62,8 +62,8 @@ static_assert(nearly(kAlphaCut * exp_of_positive(-kLog2AlphaCut * kLn2), 1, 1e-1
 static_assert(kScale2 * kWidest * kWidest > -kLog2AlphaCut && nearly(kScale2 * kWidest * kWidest, -kLog2AlphaCut, 1e-3),
               "kWidest is of another cut");
 
-// Whether a pack shows nothing, told before the costly work: neighbours in space are neighbours in memory, so that most
-// packs are wholly in view or out of it. Counts their rows. Anything unusual goes the long way.
+// Whether a pack shows nothing, checked before the costly work: neighbours in space are neighbours in memory, so most
+// packs are completely in view or out of it. Counts their rows. Unusual rows take the full computation.
 template <class Real>
 COTTON_INLINE bool is_unseen(const Scene<Real>& scene, const View& view, const RatioLimits& limits,
                              const PackRows& rows, ProjectionCount& count) {

@@ -97,7 +97,7 @@ COTTON_INLINE void colour_backward(const Scene<Real>& scene, const PackRows& row
     });
 }
 
-// Takes the weight of those of `n` rows that are not all finite; returns how many there are.
+// Sets the weight to 0 in each of `n` rows that is not entirely finite; returns how many there are.
 template <class Real>
 int64_t drop_spoilt(Real* rows, int64_t n) {
     int64_t spoilt = 0;

@@ -62,7 +62,7 @@ typename Kernels<Real>::Forward forward(int channels) {
     }
 }
 
-// Front to back again: only the transmittance and one scalar per pixel are kept, the gradient-weighted colour that is
+// Front to back again: the loop keeps only the transmittance and one scalar per pixel, the gradient-weighted colour
 // still to come. With c·g the Gaussian's colour times the image gradient,
 //   d loss / d alpha_i = T_i (c_i·g) - (sum_{j>i} w_j (c_j·g) + T_end (background·g)) / (1 - alpha_i).
 template <class Real>

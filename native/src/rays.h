@@ -1,4 +1,4 @@
-// What single pixels are blended from.
+// The Gaussians and weights that blend into single pixels.
 #pragma once
 
 #include <vector>

@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-// The functions here are always inlined: the linker keeps one copy of an inline function of all units that have it, and
-// that might be one with instructions that the processor lacks.
+// The functions here are always inlined: the linker keeps one copy of an inline function from all units that have it,
+// and that copy might use instructions that the processor lacks.
 #define COTTON_SHARED inline __attribute__((always_inline))
 
 namespace cotton {
@@ -15,7 +15,7 @@ inline constexpr int kBlock = 4;  // px, side of a block; a tile has 4 x 4 block
 inline constexpr int kBlockPixels = 16;
 inline constexpr double kAlphaCap = 0.99;  // largest alpha; beyond it the gradient is zero
 inline constexpr double kAlphaCut = 1.0 / 255.0;
-inline constexpr double kLog2AlphaCut = -7.994353436858858;  // its logarithm, which is no constexpr before C++26
+inline constexpr double kLog2AlphaCut = -7.994353436858858;  // its logarithm, which is not constexpr before C++26
 inline constexpr double kStop = 1e-4;      // a pixel takes no further Gaussian once its transmittance is at most this
 inline constexpr double kDilation = 0.3;   // px², added to both variances of every projected Gaussian
 inline constexpr double kMaxColour = 1e6;  // a colour beyond it (1 is white) would overflow in the loss: culled
@@ -29,8 +29,8 @@ COTTON_SHARED constexpr int pixel_index(int x, int y) {
     return (y / kBlock * 4 + x / kBlock) * kBlockPixels + y % kBlock * kBlock + x % kBlock;
 }
 
-// A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn. What is drawn
-// may be a window of the camera's image: sizes and principal point are the window's, `image_` the whole image's.
+// A pinhole camera, OpenCV axes, pixel centres at +0.5. Nothing nearer than `near_plane` (su) is drawn. The view may be
+// a window of the camera's image: sizes and principal point are the window's, `image_` the whole image's.
 struct View {
     int width, height;
     double fx, fy, cx, cy;
@@ -44,7 +44,7 @@ struct View {
     COTTON_SHARED int64_t image_pixels() const { return int64_t(image_width) * image_height; }
 };
 
-// What is drawn: the colours of the spherical harmonics, or rows of `values`, or (both null) nothing but weights.
+// The content to draw: the colours of the spherical harmonics, or rows of `values`, or (both null) only weights.
 template <class Real>
 struct Scene {
     int64_t count;
@@ -127,8 +127,8 @@ namespace row_gradient {
 enum : int { mean = 0, quat = 3, log_scale = 7, logit = 10, colour = 11, weight = 14, abs_grad_px, unit, size = 20 };
 }
 
-// Sums over views for density control, (N,) each. Weights count as shares of the image, so that those of a coarse and
-// of a fine one can be compared.
+// Sums over views for density control, (N,) each. Weights count as shares of the image, so that the weights of a coarse
+// and a fine image can be compared.
 struct Statistics {
     float *abs_grad_px, *weight;
     int32_t* count;
@@ -156,18 +156,18 @@ struct LearningRates {
     float means, quats, log_scales, opacity_logits, sh0, sh_rest, beta1, beta2, epsilon;
 };
 
-// What is more than a radius from `centre` takes longer steps: `growth` times as long for each radius more, up to the
-// factors given.
+// Gaussians more than a radius from `centre` take longer steps: `growth` times as long for each further radius, up to
+// the given factors.
 struct Surroundings {
     float centre[3], radius, growth, most_means, most_log_scales;
 };
 
-// Of the parameters, or of moments of their gradient.
+// Values for the parameters, or for moments of their gradient.
 struct GaussianPointers {
     float *means, *quats, *log_scales, *opacity_logits, *sh;
 };
 
-// 1 / (1 - beta^t) of both moments.
+// 1 / (1 - beta^t) for both moments.
 struct BiasCorrection {
     float first, second;
 };

@@ -139,8 +139,8 @@ COTTON_INLINE bool any(M m) {
 COTTON_INLINE Vec<float> absolute(Vec<float> a) { return (Vec<float>)((Mask<float>)a & 0x7fffffff); }
 COTTON_INLINE Vec<double> absolute(Vec<double> a) { return (Vec<double>)((Mask<double>)a & 0x7fffffffffffffff); }
 
-// Adds the halves of every `segment` lanes of a and of b, and puts the results of a before those of b. One operand
-// keeps every lane in its place, which costs no shuffle.
+// Adds the halves of every `segment` lanes of a and of b, and puts the results of a before those of b. In one operand
+// every lane keeps its place, which saves a shuffle.
 template <int segment, class Real, int... lane>
 COTTON_INLINE Vec<Real> add_halves(Vec<Real> a, Vec<Real> b, std::integer_sequence<int, lane...>) {
     constexpr int half = segment / 2, lanes = kLanes<Real>;

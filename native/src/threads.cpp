@@ -52,7 +52,7 @@ class Pool {
     }
 
   private:
-    // Fewer than wanted where the system lets a process have no more, or has no memory for their stacks.
+    // There are fewer threads than wanted if the system allows a process no more, or has no memory for their stacks.
     void grow(int helpers) {
         try {
             while (int(workers_.size()) < helpers)
@@ -62,7 +62,7 @@ class Pool {
         }
     }
 
-    // A task that fails, most likely for want of memory, ends the job; the caller gets its exception once all are done.
+    // A task that fails, most likely from lack of memory, ends the job; the caller gets its exception once all end.
     void take() {
         try {
             for (int64_t i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(body_, i);
@@ -111,7 +111,7 @@ Pool& pool() {
     return *current;
 }
 
-// The standard library counts all cores of the machine, also those that a cluster's scheduler gave to others.
+// The standard library counts all cores of the machine, including those that a cluster's scheduler gave to others.
 int usable_cores() {
 #if defined(__linux__)
     cpu_set_t usable;

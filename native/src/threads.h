@@ -1,5 +1,5 @@
-// A pool of threads of our own (torch brings an OpenMP runtime that must not be shared). Which thread runs which task
-// is left open, so tasks must not share sums.
+// A separate pool of threads (torch brings an OpenMP runtime that must not be shared). Any thread may run any task, so
+// tasks must not share sums.
 #pragma once
 
 #include <cstdint>
@@ -8,11 +8,11 @@ namespace cotton {
 
 using Task = void (*)(const void* body, int64_t index);
 
-// Runs task(body, 0 .. count - 1) on up to `threads` threads (0: all cores), the caller's included. Of the exceptions
-// that tasks throw the first is thrown here, once none runs any more; tasks not yet begun are left out.
+// Runs task(body, 0 .. count - 1) on up to `threads` threads (0: all cores), the caller's included. If tasks throw, it
+// throws the first exception once no task runs any more, and skips the tasks that have not begun.
 void run_tasks(int64_t count, int threads, Task task, const void* body);
 
-// The number of threads that `threads` stands for.
+// The number of threads that `threads` means.
 int thread_count(int threads);
 
 template <class Body>

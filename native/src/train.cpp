@@ -9,7 +9,7 @@
 namespace cotton {
 namespace {
 
-constexpr int kBandRows = 64;  // 10 more are blurred at the seams of each
+constexpr int kBandRows = 64;  // each band blurs 10 more rows at its seams
 
 template <class Real>
 struct Scratch {
@@ -22,7 +22,7 @@ Scratch<Real>& scratch() {
     return kept;
 }
 
-// Gradient by the image (planar) -> gradient by the parameters. Returns how many of its rows are not finite.
+// Gradient by the image (planar) -> gradient by the parameters. Returns how many rows of it are not finite.
 template <class Real>
 int64_t parameter_gradient(Frame<Real>& frame, const Real* image, const Real* v_image) {
     const auto& k = kernels<Real>();
@@ -57,10 +57,10 @@ Real* render_planar(Frame<Real>& frame, const Scene<Real>& scene, const View& vi
     return image;
 }
 
-constexpr double kNoBias = 1e-8;        // less than this of a moment is the start's: its correction is 1 in float
-constexpr size_t kMostBiased = 100000;  // steps, however near to 1 beta is
+constexpr double kNoBias = 1e-8;        // if the start's share of a moment is smaller, its correction is 1 in float
+constexpr size_t kMostBiased = 100000;  // largest number of steps, for beta near 1
 
-// Up to the step from which both corrections are 1 in float.
+// The corrections up to the step from which both are 1 in float.
 std::vector<BiasCorrection> bias_corrections(const LearningRates& rates) {
     std::vector<BiasCorrection> table = {{1, 1}};
     double first = 1, second = 1;

@@ -11,11 +11,11 @@ struct LossReport {
     double loss, l1, ssim;
 };
 
-// The photograph that an image, or a window of it, is compared with.
+// The photograph with which an image, or a window of it, is compared.
 struct Target {
     const uint8_t* rgb;  // of the first pixel
     int64_t row;         // pixels from row to row
-    double share;        // of the photograph that is compared
+    double share;        // share of the photograph in the comparison
     double dssim;        // λ
 
     static Target of(const uint8_t* photograph, const View& view, double dssim) {
@@ -24,21 +24,21 @@ struct Target {
     }
 };
 
-// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W), and the gradient, as large, of the target's share of it: so a
-// pixel weighs the same in a window as in the whole image.
+// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W), and the gradient, of the same size, of the target's share of
+// the loss: so a pixel weighs the same in a window as in the whole image.
 template <class Real>
 LossReport image_loss(const Real* image, const Target& target, int width, int height, int threads, Real* v_image);
 
-// What one view asks of the parameters: a row_gradient row for each visible Gaussian.
+// The gradient of one view by the parameters: a row_gradient row for each visible Gaussian.
 template <class Real>
 struct ViewGradient {
     LossReport report;
-    bool finite;     // the loss is
-    int64_t spoilt;  // rows that are not, and are without a weight
+    bool finite;     // whether the loss is finite
+    int64_t spoilt;  // rows that are not finite and have a weight of 0
     const Real* rows;
 };
 
-// The loss of a planar image (3, H, W); writes its gradient by the image, as large, to `v_image`.
+// The loss of a planar image (3, H, W); writes its gradient by the image, of the same size, to `v_image`.
 template <class Real>
 using ImageLoss = std::function<LossReport(const Real* image, Real* v_image)>;
 

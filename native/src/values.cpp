@@ -49,7 +49,7 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
         float weight;
     };
     thread_local Buffer<float> kept;
-    Buffer<float>& totals = kept;  // the caller's, in all threads
+    Buffer<float>& totals = kept;  // the calling thread's, used in all threads
     totals.reserve(frame.pair_count);
     std::vector<std::vector<SlotWeight>> found(size_t(frame.tiles()));
     parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
@@ -89,7 +89,7 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
             std::accumulate(totals.data() + range.begin, totals.data() + range.begin + range.count, 0.0f);
     });
 
-    // Slots ascend with the rows: counting the finds of each slot puts them in the order of the rows.
+    // Slots ascend with the rows: a counting sort of the finds by slot puts them in the order of the rows.
     std::vector<int64_t> begin(size_t(frame.pair_count) + 1, 0);
     for (const auto& tile : found) {
         for (const SlotWeight& f : tile) ++begin[f.slot + 1];

@@ -1,4 +1,4 @@
-"""What a training does at which step: it follows from the views and the options alone."""
+"""The plan of a training, step by step. It follows from the views and the options alone."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ that shows the plant."""
 
 @dataclass(frozen=True)
 class Schedule:
-    """The plan of a training, step by step: it follows from the views and the options alone."""
+    """The plan of a training, step by step."""
 
     options: TrainOptions
     cameras: list[Camera]

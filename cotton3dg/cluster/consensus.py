@@ -277,7 +277,7 @@ def _reconcile(
 
 
 def _claim(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(F,) group of each candidate, -1 = none: those that are surely a group's, then what is left at their edges."""
+    """(F,) group of each candidate, -1 = none: first the sure ones of each group, then the rest at their edges."""
     labels, edge = (_vote(votes, nodes, groups, share) for share in (CORE_SHARE, EDGE_SHARE))
     return np.where((labels < 0) & np.isin(edge, labels[labels >= 0]), edge, labels)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table and what `columns.csv` and docs/csv.md say about it."""
+    """One column of a table, with its description in `columns.csv` and docs/csv.md."""
 
     name: str
     unit: str

@@ -69,7 +69,7 @@ class Plant:
     filmed: Path
     """COLMAP model of the images before their lens distortion was taken out."""
     own_masks: Path
-    """Where the user's masks are unless an option says otherwise."""
+    """Folder of the user's masks, unless an option names another."""
     file: Callable[[str], Path]
     """The file or folder that the text of an option means."""
 

@@ -101,7 +101,7 @@ def losses(maps: Tensor, classes: Tensor, wanted: Tensor, border: Tensor) -> dic
     total = (known != UNKNOWN).sum()
     bare = classes == NOT_LINT
     if bare.any():
-        # Some class that is not lint: what is left of the probability.
+        # The probability of all classes that are not lint is the remainder.
         of_pixel = logits.movedim(1, -1)[bare]
         others = torch.cat([of_pixel[:, :LINT], of_pixel[:, LINT + 1 :]], dim=1)
         summed = summed + (of_pixel.logsumexp(dim=1) - others.logsumexp(dim=1)).sum()

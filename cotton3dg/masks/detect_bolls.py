@@ -24,7 +24,7 @@ from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE: Final = 12
-"""Fewer views have halves that say little about the whole."""
+"""Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
 
 
 def detect_bolls(

@@ -1,10 +1,10 @@
 """Open cotton bolls in the images of one plant, found without any trained weights.
 
-Colour says in each image what may be lint: bright for its light and hardly coloured. Posters, labels and walls may be
-that too, and touching bolls look like one; so the images vote on where in space lint is (`lint_volume`), that lint
-is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels (`paint_bolls`). First
-small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size. A
-trained model of the plant adds what is near which boll (`proximity`).
+In each image pixels may be lint by their colour: bright for their light and hardly coloured. Posters, labels and walls
+have such colours, too, and touching bolls look like one. So the images vote on where in space lint is (`lint_volume`),
+that lint is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels
+(`paint_bolls`). Small images do all that first; their masks vote again, on the bolls' shapes, and then the images are
+painted at full size. A trained model of the plant adds what is near which boll (`proximity`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def detect_lint(
         points: (P, 3) su, on surfaces in the scene; the table is found from them.
         painted: names of the cameras that get masks.
         voters: names of those that vote on where lint is; None = all.
-        gaussians: trained model of the plant; without one, what has the colour of lint may pass for it around a boll.
+        gaussians: trained model of the plant; without one, things around a boll with the colour of lint may count as
+            lint.
     Returns:
         By camera name; a boll has the same id in all images.
     """

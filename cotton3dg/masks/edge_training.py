@@ -176,8 +176,8 @@ def _hardly_covered(patches: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArra
 
 
 def _cut(lesson: _Lesson, rng: np.random.Generator) -> Float32:
-    """A piece (CHANNELS + 2, PIECE_PX, PIECE_PX) around some edge, or its mirror image; what lies beyond the picture
-    has no weight."""
+    """A piece (CHANNELS + 2, PIECE_PX, PIECE_PX) around some edge, or its mirror image; pixels beyond the picture have
+    no weight."""
     middle, shape = lesson.edges[rng.integers(len(lesson.edges))], np.array(lesson.channels.shape[1:])
     low = np.clip(middle - PIECE_PX // 2, 0, np.maximum(shape - PIECE_PX, 0))
     piece = lesson.channels[:, low[0] : low[0] + PIECE_PX, low[1] : low[1] + PIECE_PX]

@@ -76,7 +76,7 @@ def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], si
 
 
 def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
-    """Which of (N, D) places, the surest first, are no nearer to a surer one than `APART` of the larger's size (N,)."""
+    """Which of (N, D) places, the surest first, keep the distance `APART`, in the larger size (N,), from surer ones."""
     from scipy.spatial import cKDTree
 
     if not len(places):

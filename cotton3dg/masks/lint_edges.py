@@ -80,7 +80,7 @@ class EdgeNetwork:
     def __init__(self, weights: bytes, name: str):
         """
         Raises:
-            BadInput: the weights are no network of edges.
+            BadInput: the weights are not a network of edges.
         """
         self._weights, self._own = weights, threading.local()
         try:

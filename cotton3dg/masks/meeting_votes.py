@@ -38,12 +38,12 @@ HEARD: Final = 0.2
 """... and least probability of lint by its own view: the network predicts no boll for pixels that it does not take
 for lint."""
 DEEPER: Final = 0.6
-"""How much deeper than what is seen of it the middle of a boll lies, in the depths of a ball: the middles of Gaussians
-lie below the surface that they show."""
+"""Depth of a boll's middle behind its visible lint, in the depths of a ball: the middles of Gaussians lie below the
+surface that they show."""
 OWN: Final = 0.45
 """Distance, in diameters, from a middle of the votes whose rays move it."""
 AGREES: Final = 0.15
-"""Distance, in diameters, from a middle at which a ray has half a say in where it is."""
+"""Distance, in diameters, from a middle at which a ray has half of its weight."""
 ROUNDS: Final = 4
 FAINT: Final = 0.08
 """Sum of the votes for a boll, in bolls seen whole, a view, below which it is not a boll ..."""
@@ -87,7 +87,7 @@ class Middles:
     centres: Float32
     """(B, 3) su."""
     diameters: Float32
-    """(B,) su, median of what the views say."""
+    """(B,) su, median of the views' votes."""
     support: Float32
     """(B,) bolls seen whole, summed over views."""
     views: NDArray[np.int64]

@@ -37,7 +37,7 @@ class ModelProximity:
         self._values = np.column_stack([near, places]).astype(np.float32)
 
     def seen(self, camera: Camera) -> tuple[Float32, Float32]:
-        """Shares (H, W), 0..1, of what is near, and its mean places (H, W, 3), su; the middle where nothing is near."""
+        """Shares (H, W), 0..1, of near things, and their mean places (H, W, 3), su; the middle if nothing is near."""
         values = rasterizer.render_values(self._gaussians, camera, self._values).image
         shares = values[..., 0]
         return shares, values[..., 1:] / np.maximum(shares, 1e-6)[..., None] + self._middle

@@ -1,4 +1,4 @@
-"""From bolls in space to masks in one image: the lint in space says where, the image's colours where it ends."""
+"""From bolls in space to masks in one image: the lint in space gives the place, the image's colours give the edges."""
 
 from __future__ import annotations
 

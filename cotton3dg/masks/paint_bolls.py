@@ -1,4 +1,4 @@
-"""From bolls in space to masks in one image: the volume says where a boll is, the image's colours where it ends."""
+"""From bolls in space to masks in one image: the volume gives a boll's place, the image's colours give its edges."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ BLIND_REACH: Final = 5.0
 """How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
 views. Where nothing separates a wall behind from lint, masks reach no farther than that half."""
 NEAR: Final = 0.5
-"""Least share of what is near in the light of a pixel of lint."""
+"""Least share of near things in the light of a pixel of lint."""
 TRUSTED: Final = 0.8
-"""Least share of the pixels that surely are lint which a model must call near to have a say: models of 480 and 960 px
-images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
+"""Least share of the sure pixels of lint that are near by a model; a model with less is not used. Models of 480 and
+960 px images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
 NO_LINT: Final = 0.05
 """Score below which a near thing is not lint but bur, branch or leaf."""
 MARGIN: Final = 4.0
@@ -50,7 +50,7 @@ def paint_bolls(
     Args:
         image: (H, W, 3) RGB.
         score: (H, W) 0..1, how much each pixel looks like lint.
-        proximity: to the volume; None = unknown, and so it is where the model is too coarse to tell (`TRUSTED`).
+        proximity: to the volume; None = unknown. It also counts as unknown if the model is too coarse (`TRUSTED`).
     Returns:
         ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
     """

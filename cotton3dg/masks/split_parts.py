@@ -24,7 +24,7 @@ bolls, parts of one boll had 0.05 to 0.17, those of two 0.24 to 0.48."""
 MOST_VOTES: Final = 600
 """Number of a part's votes that are used. More would not change a decision."""
 LEAST_VOTES: Final = 60
-"""Fewer say too little about two places."""
+"""Least number of a part's votes for a split; fewer do not determine two places."""
 DEPTH_SPREAD: Final = 2.5
 SHARPEST: Final = 0.01
 """Least standard deviation of votes, in diameters: votes that agree to the last digit would be infinitely likely."""
@@ -40,7 +40,7 @@ START: Final = 0.3
 
 @dataclass(frozen=True)
 class PlacedVotes:
-    """Votes of one part: each says about where the middle of its boll is."""
+    """Votes of one part: each is an estimate of the middle of its boll."""
 
     places: Float64
     """(N, 3) su."""

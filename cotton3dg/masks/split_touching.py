@@ -15,7 +15,7 @@ outwards because the views that look past a boll into another one, or onto a whi
 HALF: Final = 0.6
 """Contrast half way down that edge, whose surface encloses about the volume of a boll."""
 LEVELS: Final = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-"""Contrasts whose surfaces tell how deep inside of lint a voxel is: the necks between bolls show in some of them only,
+"""Contrasts whose surfaces give the depth of a voxel inside of lint. The necks between bolls show in some of them only,
 the lower the deeper the bolls stand in a heap."""
 SMOOTHING: Final = 0.1
 """Standard deviation, in boll diameters, that levels the ripples of depths that voxels and locks make."""

@@ -53,7 +53,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """The networks and the score that come with the program; and the model, where a back end looks at it."""
+    """The networks and the score that come with the program, and the model, if a back end uses it."""
     networks = [EDGES_FILE, SCORE_FILE] if options.backend == "bolls" else []
     networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
     return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
@@ -125,7 +125,7 @@ def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
     """The data of a plant that a back end uses."""
     sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
     cameras = read_cameras(sparse)
-    # One camera alone has no orbit; the back ends will say so.
+    # One camera alone does not have an orbit; the back ends report that.
     has_model = _looks_at_model(options) and workspace.gaussians_ply.is_file() and len(cameras) > 1
     model = read_gaussians(workspace.gaussians_ply) if has_model else None
     return Plant(

@@ -30,7 +30,7 @@ SILENT: Final = 0.05
 """A network that usually sees less of a plant beside bolls does not know plants, e.g. because it learnt from other
 pictures."""
 FEWEST: Final = 12
-"""Pixels of the maps that a boll must have in an image whose surroundings are looked at."""
+"""Least number of a boll's pixels in the maps of an image for its surroundings to be measured there."""
 
 
 def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Float64:

@@ -145,7 +145,7 @@ def suppress(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
 def mask_in_box(
     coefficients: Float32, prototypes: Float32, box: Float64, fit: Fit, stride: float, shape: tuple[int, int]
 ) -> tuple[tuple[int, int], NDArray[np.bool_]]:
-    """Top and left, and the mask (h, w), of what lies in a box; px of the image.
+    """Top and left, and the mask (h, w), of the object in a box; px of the image.
 
     Args:
         coefficients: (M,). prototypes: (M, h, w). box: left, top, right, bottom, px of the image.

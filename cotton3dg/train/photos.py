@@ -104,7 +104,7 @@ def _exposure(views: list[View], model: SparseModel, options: TrainOptions) -> t
 def _motion(
     views: list[View], model: SparseModel, times: Float64 | None
 ) -> tuple[MotionBlurFound | None, RollingShutterFound | None]:
-    """What the camera's motion did to the images of a video: reported, never modelled (docs/training.md says why)."""
+    """The effects of the camera's motion on a video's images: reported, never modelled (docs/training.md says why)."""
     if times is None:
         return None, None
     tracks = _tracks(model, times)

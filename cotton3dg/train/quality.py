@@ -51,7 +51,7 @@ def metrics_of(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> Tr
     """The content of metrics.json.
 
     Args:
-        pixel_su: size of a training image's pixel at what the cameras look at.
+        pixel_su: size of a training image's pixel at the point at which the cameras look.
     """
     last = result.history[-1]
     return TrainMetrics(

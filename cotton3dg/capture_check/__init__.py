@@ -1,1 +1,1 @@
-"""Whether a film will do, while the plant still stands: what a first look shows, and what to film again."""
+"""Whether a film suffices, while the plant still stands: the results of a first look, and what to film again."""

@@ -1,6 +1,6 @@
-"""A first count: bolls that were seen in single images, found again in space where their lines of sight meet.
+"""A first count: bolls seen in single images are found in space where their lines of sight meet.
 
-No model is needed, so it takes seconds. It is a count to judge a film by, not the one that `run` gives.
+It does not need a model, so it takes seconds. It serves to judge a film, and is not the count that `run` gives.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .view_detections import Sight
 
 LEAST_ANGLE: Final = np.radians(8.0)
 LARGEST_ANGLE: Final = np.radians(100.0)
-"""Between two lines of sight that may suggest a boll."""
+"""Largest angle between two lines of sight that may suggest a boll."""
 MEETING: Final = 0.35
-"""Farthest apart that two lines of sight of one boll pass, in its diameters."""
+"""Largest distance at which two lines of sight of one boll pass, in its diameters."""
 ALIKE: Final = 1.6
-"""Largest ratio of the sizes that two sights give a boll."""
+"""Largest ratio of a boll's sizes by two sights."""
 REACH: Final = 0.45
-"""Farthest distance, in diameters, of a sight from where the boll should be seen."""
+"""Largest distance, in diameters, of a sight from the place where the boll should appear."""
 APART: Final = 0.75
 """Least distance of two bolls' middles, in diameters of the larger."""
 LEAST_SIGHTS: Final = 3
@@ -61,10 +61,10 @@ class _Rays:
 
 
 def find_bolls_in_space(sights: Sequence[Sight], orbit: Orbit) -> list[FoundBoll]:
-    """Bolls that at least `LEAST_SIGHTS` images show, those that most show first.
+    """Bolls that at least `LEAST_SIGHTS` images show, those that most images show first.
 
     Each two lines of sight that nearly meet within the orbit, at a place where both see the same size, suggest a boll.
-    The one that most images confirm is taken with its sights, and so on with what is left.
+    The boll that most images confirm is taken with its sights, and the search goes on with the remaining sights.
     """
     rays = _gather(sights)
     cameras = [sight.camera for sight in sights]
@@ -89,7 +89,7 @@ def find_bolls_in_space(sights: Sequence[Sight], orbit: Orbit) -> list[FoundBoll
 
 
 def find_sure(bolls: Sequence[FoundBoll], n_views: int) -> list[FoundBoll]:
-    """Those that were seen in so many images that they are hardly chance."""
+    """The bolls that were seen in so many images that they are hardly chance."""
     return [boll for boll in bolls if boll.n_sights >= max(LEAST_SIGHTS, SURE_SHARE * n_views)]
 
 
@@ -130,7 +130,7 @@ def _suggest(rays: _Rays, orbit: Orbit) -> tuple[Float64, Float64]:
 
 
 def _confirm(rays: _Rays, cameras: Sequence[Camera], points: Float64, sizes: Float64) -> NDArray[np.bool_]:
-    """(N, S) for each place which sights lie where a boll there would be seen, and are as large."""
+    """(N, S) for each place, which sights lie where a boll at that place would appear, and are as large."""
     near = np.zeros((len(points), len(rays.view)), bool)
     for view, camera in enumerate(cameras):
         rows = np.flatnonzero(rays.view == view)
@@ -151,7 +151,7 @@ def _count_views(rays: _Rays, near: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _one_a_view(rays: _Rays, rows: NDArray[np.int64], point: Float64, cameras: Sequence[Camera]) -> NDArray[np.int64]:
-    """Of the sights of each image the one nearest to the point's projection."""
+    """For each image, its sight nearest to the point's projection."""
     far = np.array([np.linalg.norm(cameras[rays.view[r]].project(point[None])[0][0] - rays.place_px[r]) for r in rows])
     order = np.lexsort((rows, far))
     return rows[order[np.unique(rays.view[rows[order]], return_index=True)[1]]] if len(rows) else rows

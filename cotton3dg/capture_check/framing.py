@@ -14,7 +14,7 @@ from .view_detections import SIDES, Sight
 
 
 def find_cut_sides(bolls: Sequence[FoundBoll], cameras: Sequence[Camera]) -> dict[str, tuple[str, ...]]:
-    """Image -> sides that one of the bolls runs over; images that show all bolls whole are left out."""
+    """Image -> sides that cut one of the bolls; images that show all bolls whole are left out."""
     cut: dict[str, tuple[str, ...]] = {}
     if not bolls:
         return cut
@@ -33,7 +33,7 @@ def find_cut_sides(bolls: Sequence[FoundBoll], cameras: Sequence[Camera]) -> dic
 
 
 def find_cut_plants(bolls: Sequence[FoundBoll], sights: Sequence[Sight]) -> dict[str, tuple[str, ...]]:
-    """As `find_cut_sides`, but by what looks like the plant: it tells of what no image shows whole."""
+    """As `find_cut_sides`, but by the pixels that look like the plant: it also finds what no image shows whole."""
     centres = np.array([boll.centre for boll in bolls]).reshape(-1, 3)
     cut = {}
     for sight in sights:
@@ -56,7 +56,7 @@ def corners_in_view(corners: NDArray, cameras: Sequence[Camera]) -> Float64:
 def find_gaps(cameras: Sequence[Camera], orbit: Orbit, least_deg: float) -> list[tuple[float, float]]:
     """Parts of the turn without a view, (from, to) in degrees from the first image on, in the direction of the walk.
 
-    A part that reaches 360 was never walked; only those of at least `least_deg` are told, the widest first.
+    The walk never covered a part that reaches 360. Only parts of at least `least_deg` are given, the widest first.
     """
     angles = np.degrees(azimuths(cameras, orbit))
     steps = np.mod(np.diff(angles) + 180, 360) - 180

@@ -1,7 +1,7 @@
-"""From what a first look found to a verdict: what is good, what to film again.
+"""From the results of a first look to a verdict: what is good, what to film again.
 
-Red is what `run` refuses, yellow what it would flag or what would be missing from the row, green the rest. What the
-report judges, too, is judged by the same functions, so that the verdict is what it says later.
+Red is for films that `run` refuses, yellow for findings that it would flag or that would leave gaps in the row, green
+for the rest. Findings that the report also judges use the same functions, so that the verdict agrees with it.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .preview import Look
 
 NOTED_GAP_DEG: Final = 20.0
 OFTEN_CUT: Final = 0.25
-"""Share of the images in which the plant is cut by the frame from which on it matters."""
+"""Share of images whose frame cuts the plant from which on it matters."""
 ALWAYS_CUT: Final = 0.8
-"""From here on no image may show the plant whole, and its height is anyone's guess."""
+"""Share from which on perhaps no image shows the plant whole, and its height is unknown."""
 BURNT_LINT: Final = 0.25
 """Share of the lint without shades from which on bolls lose their shape."""
 DARK_SIDE: Final = 2.5
-"""How many times brighter the lint is on the bright side, from which on the dark side is lost in noise."""
+"""Ratio of the lint's brightness on the bright and on the dark side from which on the dark side is lost in noise."""
 RARELY_SEEN: Final = 0.1
 """Share of the images that show a corner of the table, below which its place is a guess."""
 
@@ -55,7 +55,7 @@ def judge(look: Look, train_side_px: int, seconds: float) -> CheckInfo:
 
 
 def conclude(findings: Sequence[Finding], figures: dict[str, Any], seconds: float) -> CheckInfo:
-    """The findings in order, the worst first, and what they come to."""
+    """The findings in order, the worst first, and the verdict."""
     ordered = sorted(findings, key=lambda finding: -VERDICTS.index(finding.verdict))
     verdict = ordered[0].verdict
     doubts = [finding for finding in ordered if finding.verdict != GREEN]
@@ -138,7 +138,7 @@ def _light(look: Look) -> _Part:
 
 
 def _plant(look: Look) -> _Part:
-    """Whether the frame cuts it."""
+    """Findings about whether the frame cuts the plant."""
     by_bolls = find_cut_sides(look.bolls, look.cameras)
     by_looks = find_cut_plants(look.bolls, look.sights)
     lost = find_out_of_view(look.orbit.centre, look.cameras)
@@ -170,7 +170,7 @@ def _bolls(look: Look, train_side_px: int) -> _Part:
 
 
 def _boll_widths_px(look: Look, train_side_px: int) -> NDArray[np.float64]:
-    """Of all bolls of all sights, in the images that `run` trains on."""
+    """Widths of all bolls in all sights, px of the images on which `run` trains."""
     shown = min(1.0, train_side_px / max(look.cameras[0].width, look.cameras[0].height))
     return shown * np.concatenate([np.zeros(0), *(sight.diameters_px for sight in look.sights)])
 

@@ -29,7 +29,7 @@ def check_page(plant_id: str, info: CheckInfo, look: Look | None, frames: Frames
     """The page as HTML.
 
     Args:
-        look: None where the film was refused; then `strip` shows what was filmed.
+        look: None if the film was refused; then `strip` shows the film.
     """
     content: dict[str, Any] = {"plant_id": plant_id, "info": info, "walk": {}, "photos": [], "strip": strip}
     if look:

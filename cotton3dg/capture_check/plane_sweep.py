@@ -1,8 +1,8 @@
 """Places on level planes where photos from all sides show the same colour: there the plane is a surface.
 
-They stand in for the Gaussians of a model, which show how far the table reaches where structure from motion has too few
-points. It is plane sweeping (Collins 1996) over the few planes that the points themselves suggest: those that they lie
-on, and, as the few things on a bare table may tell its height only, those as level as the floor.
+They replace the Gaussians of a model, which show how far the table reaches where structure from motion has too few
+points. The method is plane sweeping (Collins 1996) over the few planes that the points themselves suggest: the planes
+on which they lie, and planes parallel to the floor, as the few things on a bare table may give its height only.
 """
 
 from __future__ import annotations
@@ -48,21 +48,21 @@ def find_agreeing_places(
 
 
 def _is_new(plane: Float64, planes: Sequence[Float64], orbit: Orbit) -> bool:
-    """Whether a plane is off all others, somewhere on a table, by more than counts as on it."""
+    """Whether a plane differs from all others, somewhere on a table, by more than the tolerance of a plane."""
     grid = _grid(plane, orbit)
     table = grid[np.linalg.norm(grid - grid.mean(axis=0), axis=1) < REACH * orbit.radius]
     return all(np.abs(table @ other[:3] + other[3]).max() > TOLERANCE * orbit.radius for other in planes)
 
 
 def _shrink(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Small and a little blurred, so that places need not fit to the pixel."""
+    """The photo, small and a little blurred, so that places need not fit to the pixel."""
     factor = min(1.0, SIDE_PX / max(photo.shape[:2]))
     small = cv2.resize(photo, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return cv2.GaussianBlur(small, (0, 0), 1.5).astype(np.float32)
 
 
 def _grid(plane: Float64, orbit: Orbit) -> Float64:
-    """(G, 3) su, on a plane, as far as the cameras."""
+    """(G, 3) su, a grid on a plane that reaches as far as the cameras."""
     up = plane[:3]
     x = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     x /= np.linalg.norm(x)

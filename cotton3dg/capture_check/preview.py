@@ -1,4 +1,4 @@
-"""A first look at a film whose cameras, or some of them, are placed."""
+"""A first look at a film once some or all of its cameras are placed."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ from .plane_sweep import find_agreeing_places
 from .view_detections import Sight, see
 
 VIEWS: Final = 12
-"""Images in which bolls are looked for."""
+"""Number of images in which bolls are searched."""
 TABLE_VIEWS: Final = 20
-"""... and in which the rim of the table is measured: half of those of `run`."""
+"""Number of images in which the rim of the table is measured: half of those of `run`."""
 TOLERANCES: Final = (3.0, 6.0, 10.0)
-"""Grey levels by which photos may differ where they agree; a floor of one colour agrees with itself when it is lax."""
+"""Grey levels by which agreeing photos may differ. With a lax tolerance a floor of one colour agrees with itself."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What was found."""
+    """The results of a first look."""
 
     frames: FramesInfo
     names: tuple[str, ...]
-    """Images that were to be placed."""
+    """Images that had to be placed."""
     images: Path
-    """Folder of those that were, without lens distortion."""
+    """Folder of the placed images, without lens distortion."""
     cameras: Sequence[Camera]
-    """Theirs."""
+    """Cameras of the placed images."""
     orbit: Orbit
     sights: Sequence[Sight]
     bolls: Sequence[FoundBoll]
@@ -70,8 +70,8 @@ def look_at(
     """Look for bolls, for things of known size, and for motion blur.
 
     Args:
-        names: images that were to be placed.
-        undistorted: folder with `images/` and the COLMAP model `sparse/` of those that were.
+        names: images that had to be placed.
+        undistorted: folder with `images/` and the COLMAP model `sparse/` of the placed ones.
         train_side_px: longer side of the images that `run` trains on.
     """
     cameras = read_cameras(undistorted / "sparse")
@@ -121,8 +121,8 @@ def _seek_scale(
 ) -> FoundScale:
     """The scale by the points of structure from motion, or by these and places at which photos agree.
 
-    Points are few on a bare table, and agreeing places many on bare walls, so both may mislead, and to find that out in
-    the photos takes seconds. So what outlines a table of the known shape comes first.
+    Points are few on a bare table, and agreeing places many on bare walls, so both may mislead, and a check in the
+    photos takes seconds. So points that outline a table of the known shape come first.
     """
     if options.method == "none":
         return no_scale("no reference was asked for")

@@ -1,4 +1,4 @@
-"""What one image shows of the plant, by the bolls' network alone."""
+"""The plant and its bolls in one image, by the bolls' network alone."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from ..masks.bolls import BollNetwork, Maps
 from ..masks.group_votes import group_votes
 
 SIDES: Final = ("top", "bottom", "left", "right")
-"""Of an image."""
+"""Sides of an image."""
 PLANT: Final = 0.5
 """Probability from which a pixel is lint, bur, wood or leaf."""
 BRIDGED: Final = 0.02
-"""Widths of the image: gaps in twigs that the network misses."""
+"""Gap in a twig that the network misses, in widths of the image, over which parts still join."""
 CUT: Final = 0.01
-"""Share of a side that a plant must run over to be cut by it."""
+"""Share of a side that a plant must cross to be cut by it."""
 BURNT: Final = 250
 """Grey value from which a pixel has lost its shades."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """One image."""
+    """The plant and its bolls in one image."""
 
     camera: Camera
     ids: NDArray[np.uint16]
@@ -38,28 +38,28 @@ class Sight:
     diameters_px: NDArray[np.float64]
     """(B,)"""
     lint_luminance: float
-    """0..1; NaN where there is no lint."""
+    """0..1; NaN without lint."""
     burnt_share: float
-    """Of the lint; NaN where there is none."""
+    """Burnt-out share of the lint; NaN without lint."""
     plant: NDArray[np.int32]
-    """(h, w) connected parts of what looks like a plant, numbered; 0 = none."""
+    """(h, w) numbers of the connected parts that look like a plant; 0 = none."""
 
     def parts_of(self, places_px: NDArray) -> set[int]:
-        """The parts of the plant that (N, 2) places lie on or next to."""
+        """The parts of the plant on which, or next to which, (N, 2) places lie."""
         scale = self.plant.shape[1] / self.camera.width
         x, y = np.floor(np.asarray(places_px).reshape(-1, 2) * scale).astype(int).T
         inside = (x >= 0) & (y >= 0) & (x < self.plant.shape[1]) & (y < self.plant.shape[0])
         return set(self.plant[y[inside], x[inside]].tolist()) - {0}
 
     def cut_sides(self, parts: set[int]) -> tuple[str, ...]:
-        """Sides of the image that these parts run over."""
+        """Sides of the image that these parts cross."""
         plant = np.isin(self.plant, list(parts))
         edges = (plant[0], plant[-1], plant[:, 0], plant[:, -1])
         return tuple(side for side, edge in zip(SIDES, edges, strict=True) if edge.mean() > CUT)
 
 
 def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: Window | None = None) -> Sight:
-    """What the network says of an (H, W, 3) sRGB image, or of the window of it that shows the plant."""
+    """The network's detections in an (H, W, 3) sRGB image, or in the window of it that shows the plant."""
     maps = network.maps(image, window=window)
     ids, _ = group_votes(maps)
     small = cv2.resize(ids, maps.lint.shape[::-1], interpolation=cv2.INTER_NEAREST)

@@ -1,8 +1,8 @@
 """Objects of single views joined by the distance of their centres, the nearest first.
 
-A plain way across views beside DBSCAN (`dbscan`): it compares whole objects, never points. Two clusters never join when
-they share a view, for a rule on pairs leaks through chains; distance and volume are bounded by multiples of what the
-masks themselves show, so that no unit of length matters.
+This is a plain alternative to DBSCAN (`dbscan`) that compares whole objects, never points. Two clusters that share a
+view never join, because a rule on pairs alone leaks through chains. Distance and volume are bounded by multiples of
+the sizes that the masks themselves show, so the unit of length does not matter.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from ..geometry.point_sets import measure_extent
 from .view_objects import bolls_of_groups, find_objects, join_nearest
 
 VOLUME_CAP: Final = 3.0
-"""Largest bounding volume of a cluster in medians of one mask's, which covers the visible half of a boll."""
+"""Largest bounding volume of a cluster, relative to the median of one mask's, which covers the visible half of a
+boll."""
 LEAST_VIEWS: Final = 2
 
 

@@ -1,4 +1,4 @@
-"""Which masks show which boll, once it is known which Gaussians are its, and what their images think of it."""
+"""Which masks show which boll, once its Gaussians are known, and the scores of these masks."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ..core.bolls import BollInstance, LiftedMasks
 
 OTHER_WEIGHT: Final = 0.5
-"""A boll has a mask when it holds more than this many times the weight there of what is no boll."""
+"""A mask belongs to a boll whose weight in it is more than this many times the weight of all that is not a boll."""
 
 
 def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDArray[np.int32]) -> list[BollInstance]:
-    """The same bolls with their masks: those in which none has more weight. A mask of no boll is nobody's.
+    """The same bolls with their masks: those in which no other boll has more weight. Some masks belong to no boll.
 
     Args:
         labels: (N,) boll of each Gaussian, 0 = none.
@@ -30,12 +30,12 @@ def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDA
 
 
 def weigh_scores(bolls: Sequence[BollInstance], scores: Mapping[tuple[str, int], float]) -> list[BollInstance]:
-    """The same bolls with the probability that each is one, where images told them apart together.
+    """The same bolls with the probability that each is one boll, for masks that all images made together.
 
-    All their masks then say the same, so that counting the views that agree tells nothing.
+    All masks of a boll then agree, so the number of agreeing views is not evidence.
 
     Args:
-        scores: by (view, mask id), the probability that what it shows is one boll.
+        scores: by (view, mask id), the probability that the mask shows one boll.
     """
     return [_weigh(boll, [scores[mask] for mask in boll.masks if mask in scores]) for boll in bolls]
 

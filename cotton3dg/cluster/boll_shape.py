@@ -15,23 +15,23 @@ from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 
 SEPARATION: Final = 0.75
 """Distance of two bolls' centres in units of their widths: 1 when balls touch, 0.85 when they are sunk into each other,
-0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are asked."""
+0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are tested."""
 
 CLOSE: Final = 0.85
 """Distance, in usual widths, below which two bolls may be one: such halves were 0.7 and 0.8 apart, two bolls 0.9."""
 
 MOST_PIECES: Final = 8
-"""Bolls that a set is parted into at most: in heaps of more the inner ones show too little."""
+"""Largest number of bolls into which a set is divided. In larger heaps the inner bolls show too little."""
 SEEDINGS: Final = 6
-"""Starts of each number of pieces: one of a heap's farthest points is no good start for it now and then."""
+"""Starts for each number of pieces, because now and then one of a heap's farthest points is not a good start."""
 
 
 def split_heap(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
-    """Part a set that is several bolls in a row or heap.
+    """Divide a set that is several bolls in a row or heap.
 
-    Gaussians lie on the surface of bolls, and that tells how many these are: of the numbers of pieces that are each of
-    ordinary size and lie as far apart as touching bolls do, the one whose pieces are the roundest shells is taken. Too
-    few pieces hold two bolls each, too many hold caps.
+    Gaussians lie on the surface of bolls, which shows the number of bolls. A number of pieces is possible if each piece
+    has an ordinary size and they lie as far apart as touching bolls do. Among these numbers the one whose pieces are
+    the roundest shells is taken. Too few pieces hold two bolls each, too many are caps.
 
     Args:
         points: (n, 3).
@@ -59,7 +59,7 @@ def number_bolls(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
 
 
 def flag_close(bolls: list[BollInstance]) -> list[BollInstance]:
-    """The same bolls, with a flag `close` on those that may be one with a neighbour."""
+    """The same bolls, with a flag `close` on those that may be one boll with a neighbour."""
     if len(bolls) < 2:
         return bolls
     centres = np.array([boll.centre for boll in bolls])
@@ -72,7 +72,7 @@ def flag_close(bolls: list[BollInstance]) -> list[BollInstance]:
 
 
 def _most_pieces(points: NDArray, usual_width: float) -> int:
-    """How many bolls may be in a set: as many as its hull has room for, and half as many again."""
+    """Largest number of bolls in a set: as many as its hull has room for, and half as many again."""
     # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
     if measure_extent(points)[1][0] <= 1.7 * usual_width:
         return 2
@@ -83,7 +83,7 @@ def _most_pieces(points: NDArray, usual_width: float) -> int:
 def _like_bolls(points: NDArray, labels: NDArray[np.int64], usual_width: float) -> bool:
     """Whether the pieces are each of ordinary size and lie as far apart as touching bolls do."""
     count = int(labels.max()) + 1
-    # A touching boll of half the width still has a fifth of the pair's surface; less is stragglers.
+    # A touching boll of half the width still has a fifth of the pair's surface; smaller pieces are stragglers.
     if np.bincount(labels, minlength=count).min() < max(MIN_GAUSSIANS, 0.3 / count * len(points)):
         return False
     centres, widths = zip(*(measure_extent(points[labels == k]) for k in range(count)), strict=True)
@@ -128,8 +128,8 @@ def _seed(points: NDArray, count: int, first: int) -> NDArray[np.int64]:
 def _lloyd(points: NDArray, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
     """Lloyd's algorithm from given pieces.
 
-    Plain, it tells one ball from two. Sized, with distances in units of each piece's radius, it puts the cut between
-    balls of different size where they touch, but would also cut a cap off a single ball.
+    Plain, it distinguishes one ball from two. Sized, with distances in units of each piece's radius, it puts the cut
+    between balls of different size where they touch, but would also cut a cap off a single ball.
     """
     for _ in range(30):
         parts = [points[labels == k] for k in range(labels.max() + 1)]

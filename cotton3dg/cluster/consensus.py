@@ -1,10 +1,10 @@
-"""From the masks of single views to bolls: which masks show the same boll, decided by what all views say.
+"""From the masks of single views to bolls: all views together decide which masks show the same boll.
 
 Two masks show the same boll when the views that see both put both into one mask, and different bolls when they put them
-into two. This is the view consensus of MaskClustering (Yan et al. 2024). Departures: what views say for and against a
-pair is added up as signed edges and contracted greedily (Keuper et al. 2015, GAEC) instead of thresholded level by
-level, so that one wrong view cannot chain two bolls together; masks that hold two bolls are recognised by the views
-that split them and dropped; the Gaussians vote by weight. Nothing depends on the unit of length.
+into two. This is the view consensus of MaskClustering (Yan et al. 2024). Departures: the views' evidence for and
+against a pair is added up as signed edges and contracted greedily (Keuper et al. 2015, GAEC) instead of thresholded
+level by level, so that one wrong view cannot chain two bolls together; masks that hold two bolls are recognised by the
+views that split them and dropped; the Gaussians vote by weight. Nothing depends on the unit of length.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ CONSENSUS: Final = 0.7
 """Share of the views that must put two masks into one for them to be one boll. Views err both ways: some masks hold two
 touching bolls (say 30 % of them), some only half a boll (5 %)."""
 SEEN_SHARE: Final = 0.3
-"""A view has a say about a set of Gaussians when it sees at least this share of them."""
+"""A view votes on a set of Gaussians when it sees at least this share of them ..."""
 IN_MASK_SHARE: Final = 0.5
-"""... and at least this share of what it sees is in masks; else the detector missed it there, or something hides it."""
+"""... and at least this share of the seen ones is in masks; else the detector missed the set, or something hides it."""
 CONTAINED_SHARE: Final = 0.8
-"""... and one mask holds the set when it has more than this share of what is in masks; else the view splits the set."""
+"""One mask holds the set when it has more than this share of the Gaussians in masks; else the view splits the set."""
 
 FIT_WIDTH: Final = 1.3
 """Two groups fit into one boll when together they are no wider than this many usual widths; touching bolls are 1.4 to
 2."""
 FIT_EVIDENCE: Final = 1.0
-"""What fitting is worth: as much as three views for, or somewhat more than one against."""
+"""Evidence of a fit: as much as three views for it, or somewhat more than one against."""
 
 CORE_SHARE: Final = 0.5
 """Share of its weight in a boll's masks that makes a Gaussian the boll's."""
 EDGE_SHARE: Final = 0.3
-"""... and that suffices when no boll has so much: masks often stop short of the shaded side."""
+"""... and the share that suffices when no boll has so much, because masks often stop short of the shaded side."""
 WIDE: Final = 1.5
-"""Bolls this many times as wide as the usual one are taken for several if their shape says so; touching pairs are 1.4
+"""Bolls this many times as wide as the usual one are divided if their shape is that of several; touching pairs are 1.4
 to 2 times as wide, large bolls up to 1.3 times."""
 HALVES_APART: Final = 0.78
-"""Distance of the centres, in their mean widths, below which two sets are halves of one boll that all masks part alike:
-such halves were up to 0.76 apart, two bolls 0.81 and more."""
+"""Distance of the centres, in their mean widths, below which two sets are halves of one boll that all masks divide
+alike: such halves were up to 0.76 apart, two bolls 0.81 and more."""
 LEAST_GAUSSIANS: Final = 5
-"""In a mask that takes part and in a boll. A small boll of a coarse model has no more than twenty, and what several
-views agree upon needs no strength of numbers."""
+"""Least number of Gaussians in a mask that takes part, and in a boll. A small boll of a coarse model has at most
+twenty, and a set on which several views agree may be small."""
 FEW_VIEWS: Final = 3
 """Bolls found by fewer views are flagged: two views may agree by chance."""
 
@@ -59,7 +59,7 @@ class _Votes:
     """Which mask each view puts each candidate in.
 
     `held` is (F, M) with one at a Gaussian and the mask that has at least half of its weight in that view;
-    `visible` is (V, F); `view_of` (M,) and `starts` (V + 1,) tell which columns of `held` belong to a view.
+    `visible` is (V, F); `view_of` (M,) and `starts` (V + 1,) give the columns of `held` that belong to a view.
     """
 
     def __init__(self, lifted: LiftedMasks, heights: Float32):
@@ -81,19 +81,19 @@ class _Votes:
         weight = np.concatenate([lifted.selections[k].weights for k in order])
         self.weights = sparse.csr_matrix((weight, (row, column)), shape=(n, m))
         self.seen = lifted.seen
-        # Seen well is relative to the best view, for Gaussians differ in size and opacity.
+        # Visibility is relative to the best view, because Gaussians differ in size and opacity.
         self.visible = (lifted.seen >= 0.2 * lifted.seen.max(axis=0)).astype(np.float32)
         most = (weight >= 0.5 * lifted.seen[self.view_of[column], row]) & (self.visible[self.view_of[column], row] > 0)
         self.held = sparse.csr_matrix((np.ones(int(most.sum()), np.float32), (row[most], column[most])), shape=(n, m))
 
     def verdicts(self, sets: sparse.csr_matrix, usable: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """What each view says about each set of Gaussians.
+        """Each view's vote on each set of Gaussians.
 
         Args:
             sets: (F, C) indicator.
-            usable: (M,) masks that may testify.
+            usable: (M,) masks that may vote.
         Returns:
-            (C, V): the mask that holds the set; -1 = the view has no say; -2 = it splits the set.
+            (C, V): the mask that holds the set; -1 = the view does not vote; -2 = it splits the set.
         """
         sizes = np.asarray(sets.sum(axis=0)).ravel()
         seen = (self.visible @ sets).T
@@ -116,7 +116,7 @@ class _Votes:
 def _evidence(verdicts: NDArray[np.int64], n_masks: int) -> Float32:
     """(C, C) signed evidence that two sets are one boll, positive from `CONSENSUS` on.
 
-    Every view with a say about both adds 1 - CONSENSUS if one mask holds both and -CONSENSUS if not.
+    Every view that votes on both adds 1 - CONSENSUS if one mask holds both and -CONSENSUS if not.
     """
     says = (verdicts != -1).astype(np.float32)
     c, v = np.nonzero(verdicts >= 0)
@@ -160,7 +160,7 @@ def contract(evidence: Float32) -> NDArray[np.int64]:
 
 
 def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -> NDArray[np.int64]:
-    """Let each node go to the group it has the strongest evidence for, until none wants to; repairs early greed."""
+    """Move each node to the group with the strongest evidence for it, until none moves; this repairs early greed."""
     np.fill_diagonal(evidence, 0)
     groups = groups.copy()
     n_groups = int(groups.max(initial=-1)) + 1
@@ -182,15 +182,16 @@ def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -
 
 
 def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool = False) -> list[BollInstance]:
-    """Bolls that several views agree upon.
+    """Bolls on which several views agree.
 
     Args:
         lifted: masks lifted onto the Gaussians.
         means: (N, 3) su.
         up: (3,) roughly upwards in the scene; only the numbering depends on it.
-        together: all images decided together which lint is one boll (`MasksInfo.together`): masks of one id are of one.
+        together: all images decided together which lint is one boll (`MasksInfo.together`), so that masks with the same
+            id show the same boll.
     Returns:
-        bolls numbered from the top downwards; each Gaussian is in at most one. No masks, no bolls.
+        bolls numbered from the top downwards; each Gaussian is in at most one. Without masks there are none.
     """
     if not lifted.selections:
         return []
@@ -224,7 +225,7 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) 
 
 
 def _width(points: NDArray) -> float:
-    """Longest width of the Gaussians that a mask holds; 0 when they are too few to tell."""
+    """Longest width of the Gaussians that a mask holds; 0 if they are too few."""
     return float(measure_extent(points)[1][0]) if len(points) >= LEAST_GAUSSIANS else 0.0
 
 
@@ -250,7 +251,7 @@ def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], sh
 def _reconcile(
     votes: _Votes, usable: NDArray[np.bool_], nodes: NDArray[np.int64], groups: NDArray[np.int64], points: NDArray
 ) -> NDArray[np.int64]:
-    """Join groups that are parts of one boll, now that each is known by the Gaussians of all its views.
+    """Join groups that are parts of one boll, by the Gaussians of all views of each group.
 
     Halves that no view sees together have no evidence between them; they are joined when they fit into one boll of
     ordinary size, unless views speak against it.
@@ -276,7 +277,7 @@ def _reconcile(
 
 
 def _claim(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(F,) group of each candidate, -1 = none: those that are surely a group's, then what is left at their edges."""
+    """(F,) group of each candidate, -1 = none: first the sure ones of each group, then the rest at their edges."""
     labels, edge = (_vote(votes, nodes, groups, share) for share in (CORE_SHARE, EDGE_SHARE))
     return np.where((labels < 0) & np.isin(edge, labels[labels >= 0]), edge, labels)
 
@@ -286,7 +287,7 @@ def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:
     widths = np.array([measure_extent(part)[1][0] for part in parts])
     order = np.argsort(widths)
     counts = np.cumsum([len(parts[k]) for k in order])
-    # The median weighted by size, because crumbs are many and say nothing about the size of a boll.
+    # The median is weighted by size, because crumbs are many and unrelated to the size of a boll.
     usual = widths[order[np.searchsorted(counts, counts[-1] / 2)]]
     centres = np.array([measure_extent(part)[0] for part in parts])
     near = np.linalg.norm(centres[:, None] - centres, axis=2) < usual
@@ -298,7 +299,7 @@ def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:
 
 
 def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int64], dict[int, str]]:
-    """The labels without stragglers and crumbs, sets that are several bolls parted; and flags of the doubtful ones."""
+    """The labels without stragglers and crumbs, with sets of several bolls divided; and flags of the doubtful ones."""
     shaped = np.full(len(labels), -1)
     widths = {}
     for group in np.unique(labels[labels >= 0]):
@@ -323,9 +324,9 @@ def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np
 
 
 def join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArray) -> None:
-    """Make one, in place, of sets that lie too deep in each other to be two bolls; what shape has parted stays so.
+    """Join, in place, sets that lie too deep in each other to be two bolls; sets divided by shape stay divided.
 
-    No vote tells: whatever finds a boll's locks apart in space masks them apart in every view.
+    Votes do not help here: a method that separates a boll's locks in space masks them separately in every view.
     """
     names = np.unique(labels[labels >= 0])
     sizes = [measure_extent(points[labels == name]) for name in names]
@@ -353,7 +354,7 @@ def _make_instances(
     flags: dict[int, str],
     points: NDArray,
 ) -> list[BollInstance]:
-    """The labelled sets with their size and with what the views say about them as a whole."""
+    """The labelled sets as bolls, with their size and with the views' votes on each set as a whole."""
     names = np.unique(labels[labels >= 0])
     if not len(names):
         return []

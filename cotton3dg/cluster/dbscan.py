@@ -9,10 +9,11 @@ Departures and readings:
 - The paper's eps of 0.3 and its cap of 25,000 are in the arbitrary unit of its model. Here eps is in median widths of
   an object and the cap in median hulls. (Two path-traced plants give the same bolls with 0.3, 0.4 and 0.6; a sparse
   model with 30 Gaussians an object has too few points within 0.3.)
-- Points of touching bolls are one cluster of DBSCAN. The paper forbids that two objects of one view are one boll and
-  does not say how such a cluster is parted. Here as in C-DBSCAN (Ruiz et al. 2007): within a cluster, objects whose
-  points come within eps join, the nearest centres first, unless the two share a view.
-- With more than five views, what fewer than a fifth of those find that could is dropped (`LEAST_CONFIDENCE`).
+- Points of touching bolls are one cluster of DBSCAN. The paper forbids that two objects of one view are one boll, but
+  does not say how to divide such a cluster. Here it is divided as in C-DBSCAN (Ruiz et al. 2007): within a cluster,
+  objects whose points come within eps join, the nearest centres first, unless the two share a view.
+- With more than five views, a boll is dropped if fewer than a fifth of the views that could find it do
+  (`LEAST_CONFIDENCE`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from ..geometry.point_sets import measure_extent
 from .view_objects import ViewObject, bolls_of_groups, find_objects, join_nearest
 
 VOLUME_CAP: Final = 3.0
-"""Largest convex hull of an object in medians of all; one that two touching bolls share has more than twice as much."""
+"""Largest convex hull of an object, in medians of all; an object of two touching bolls has more than twice as much."""
 NOISE: Final = -1
 
 
@@ -63,7 +64,7 @@ def cluster_objects(
 
 
 def drop_large(objects: list[ViewObject], points: NDArray) -> list[ViewObject]:
-    """The objects whose convex hull is no larger than `VOLUME_CAP` medians; flat ones have none."""
+    """The objects whose convex hull is at most `VOLUME_CAP` medians; flat objects do not have a hull."""
     volumes = np.array([convex_volume(points[item.rows]).value for item in objects])
     if not np.isfinite(volumes).any():
         return []
@@ -93,7 +94,7 @@ def find_clusters(objects: list[ViewObject], points: NDArray, eps_su: float, min
 
 
 def part_cluster(objects: list[ViewObject], points: NDArray, eps_su: float) -> list[list[ViewObject]]:
-    """One group, if all objects are of different views, else several, none with two of a view."""
+    """One group if all objects come from different views, else several groups without two objects of a view."""
     view_of = np.array([item.view for item in objects])
     if len(np.unique(view_of)) == len(objects):
         return [objects]

@@ -32,14 +32,14 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: ClusterOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none), bolls.ply, coloured by boll, and views.jpg, what
-    one view shows beside what all do; on request a PLY a boll."""
+    """Writes bolls.json, labels.npy (boll of each Gaussian, 0 = none), bolls.ply, coloured by boll, and views.jpg, the
+    bolls by one view beside those by all; on request also one PLY for each boll."""
     lifted = read_lifted(workspace.require(workspace.selections_npz, "segment"))
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     if lifted.gaussians_sha256 != gaussians.sha256():
         raise BadInput("selections.npz belongs to another model than gaussians.ply; run `cotton3dg segment` again")
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
-    # Cameras are held upright on the whole, which tells top from bottom well enough to number the bolls.
+    # People hold cameras upright on the whole; that gives the top and the bottom well enough to number the bolls.
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     masks = MasksInfo.load_if_there(workspace.masks_json)
     together = masks is not None and masks.together

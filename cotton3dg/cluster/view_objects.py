@@ -15,12 +15,13 @@ from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_exte
 from .boll_shape import number_bolls
 
 LEAST_CONFIDENCE: Final = 0.2
-"""Crumbs of halved and hidden masks gather too; whatever fewer than a fifth of the views find that could is no boll."""
+"""Least share of the views that find a boll among those that could. Crumbs of halved and hidden masks gather, too; a
+group that fewer views find is not a boll."""
 
 
 @dataclass(frozen=True)
 class ViewObject:
-    """What one mask shows of a boll."""
+    """The part of a boll that one mask shows."""
 
     view: int
     """Index among the views of the lifted masks."""
@@ -31,7 +32,7 @@ class ViewObject:
 
 
 def find_objects(lifted: LiftedMasks, points: NDArray) -> list[ViewObject]:
-    """An object a mask: the Gaussians with half of their weight in it, without stragglers, if there are 10 of them.
+    """One object for each mask: the Gaussians with half of their weight in it, without stragglers, if there are 10.
 
     Args:
         points: (N, 3) su, of all Gaussians.
@@ -52,11 +53,11 @@ def find_objects(lifted: LiftedMasks, points: NDArray) -> list[ViewObject]:
 def join_nearest(
     centres: NDArray, view_of: NDArray, may_join: Callable[[list[int], list[int]], bool], reach: float = np.inf
 ) -> list[list[int]]:
-    """Members of each group: the two nearest join, again and again, never two of one view.
+    """Members of each group. The two nearest groups join, again and again, unless they share a view.
 
     Args:
         centres: (M, 3) of the objects; that of a group is the mean of its members'. view_of: (M,)
-        may_join: asked of the members of two groups that share no view.
+        may_join: called with the members of two groups that do not share a view.
         reach: farthest distance of the centres of two groups that join.
     """
     members = [[k] for k in range(len(centres))]
@@ -81,7 +82,7 @@ def join_nearest(
 def bolls_of_groups(
     groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: NDArray, up: NDArray, least_views: int
 ) -> list[BollInstance]:
-    """A boll a group, numbered from the top downwards.
+    """One boll for each group, numbered from the top downwards.
 
     A Gaussian that several groups claim goes to the one with the most weight. The confidence is the share of the views
     that see the boll and show it. Left out are groups of fewer than `least_views` views, or with less confidence than

@@ -1,4 +1,4 @@
-"""What a single view shows of the bolls, beside what all views show together (Cotton3DGaussians, Fig. 9)."""
+"""The bolls by a single view beside the bolls by all views together (Cotton3DGaussians, Fig. 9)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def draw_views(
     for number, item in enumerate((item for item in objects if item.view == chosen), 1):
         known = np.bincount(merged[item.rows], minlength=1)
         known[0] = 0
-        # What became no boll has a colour that no boll has.
+        # A mask that did not become a boll has a colour that no boll has.
         single[item.rows] = known.argmax() if known.any() else len(bolls) + number
     names = [camera.name for camera in cameras]
     angles = azimuths(cameras, fit_orbit(cameras))

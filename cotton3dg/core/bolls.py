@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class MaskSet:
-    """Boll masks of several images; ids mean nothing across images unless they are told apart `together`."""
+    """Boll masks of several images; an id means the same boll in all images only if these decided `together`."""
 
     ids: dict[str, NDArray[np.uint16]]
     """Image name -> (H, W) instance ids, 0 = background, at the size of the undistorted image."""
@@ -20,9 +20,9 @@ class MaskSet:
     """Whether all images decided together: a boll has one id in all then, and its score is the probability that it is
     one boll."""
     halves: tuple[int, int] | None = None
-    """Bolls that every second image alone finds, and those that the others do; None where that was not asked."""
+    """Counts of bolls by every second image alone, and by the others; None where they were not computed."""
     notes: tuple[str, ...] = ()
-    """What was not taken as it stands in the file that they were read from."""
+    """Notes on masks that were changed when they were read from a file."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class BollSelection:
 
 @dataclass(frozen=True)
 class LiftedMasks:
-    """What the masks of all views say about the Gaussians; what `segment` hands to `cluster`."""
+    """The masks of all views, lifted onto the Gaussians; `segment` hands them to `cluster`."""
 
     gaussians_sha256: str
     """`Gaussians.sha256()` of the model the rows belong to."""
@@ -57,7 +57,7 @@ class LiftedMasks:
 
 @dataclass(frozen=True)
 class BollInstance:
-    """One boll of the plant: Gaussians that several views agree upon."""
+    """One boll of the plant: Gaussians on which several views agree."""
 
     boll_id: int
     """1, 2, ... from the top of the plant downwards where an up axis is known, else by size."""
@@ -70,8 +70,9 @@ class BollInstance:
     diameter_su: float
     """Mean width of its Gaussians' centres; the surface lies outside of them."""
     confidence: float
-    """0..1, the share of the views that see the boll and agree on it; where these decided together, the probability
+    """0..1, the share of the views that see the boll and agree on it; if the views decided together, the probability
     that it is one boll."""
     flags: tuple[str, ...] = ()
     masks: tuple[tuple[str, int], ...] = ()
-    """(view, mask id) of each mask that shows it; of touching bolls in one mask only the one that fills most of it."""
+    """(view, mask id) of each mask that shows it; a mask of touching bolls belongs only to the one that fills most of
+    it."""

@@ -1,4 +1,4 @@
-"""Where everything is on the printed card of a plant, cm from its top left corner, x to the right, y down."""
+"""The layout of the printed card of a plant, cm from its top left corner, x to the right, y down."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .srgb import to_linear
 PAPER_CM: Final = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
 WIDTH_CM: Final = 18.6
 HEIGHT_CM: Final = 25.9
-"""Of what is printed, with the ruler; A4 and Letter leave a margin around it."""
+"""Width and height of the print, with the ruler; A4 and Letter leave a margin around it."""
 MARKER_DICTIONARY: Final = "4x4_100"
 MARKER_CM: Final = 4.8
 MARKERS_CM: Final = {96: (0.0, 0.0), 97: (13.8, 0.0), 98: (13.8, 20.0), 99: (0.0, 20.0)}
@@ -22,7 +22,8 @@ CODE_CM: Final = (4.1, 5.9, 10.4)
 PATCHES_CM: Final = ((0.0, 15.7), 5.9, 2.9, 1.73)
 """Left of both columns, top, width and height of a patch."""
 PATCH_LEVELS: Final = (255, 205, 155, 105, 55, 0)
-"""Grey levels of the left column from the top; the right one has them from below, which tells light that falls off."""
+"""Grey levels of the left column from the top. The right column has them from below, which shows light that falls
+off."""
 RULER_CM: Final = 10.0
 INK: Final = 0.04
 PAPER: Final = 0.86

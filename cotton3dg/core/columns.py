@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table and what `columns.csv` and docs/csv.md say about it."""
+    """One column of a table, with its description in `columns.csv` and docs/csv.md."""
 
     name: str
     unit: str
@@ -36,9 +36,10 @@ def column(
     """A field of a dataclass that is a column.
 
     Args:
-        name: of the column, unless it is the field's.
-        later: it came after the first tables and stands behind all columns of these, so that they keep their places.
-        default: NaN for what came later, else none.
+        name: name of the column; by default that of the field.
+        later: whether the column came after the first tables; it stands behind all their columns, so that these keep
+            their places.
+        default: NaN for a later column, else none.
     """
     default = nan if later and default is MISSING else default
     return columns({name: description}, unit, digits, ontology, blank_when, later, default)
@@ -69,7 +70,7 @@ def columns_of(*classes: type) -> tuple[Column, ...]:
 
 
 def cells_of(*records: Any) -> dict[str, Any]:
-    """What some instances of such classes have in each of their columns."""
+    """The values of some instances of such classes, by column."""
     cells: dict[str, Any] = {}
     for record in records:
         for item in fields(record):

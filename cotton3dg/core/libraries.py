@@ -1,4 +1,4 @@
-"""Libraries that a default run does without, imported where they are used; what to do where they cannot be."""
+"""Libraries that a default run does not need. They are imported where they are used, with a remedy if that fails."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def import_open3d() -> ModuleType:
 def import_pycolmap() -> Any:
     """pycolmap, without its answer to SIGTERM.
 
-    When it is imported its log takes the signals of a crash, and SIGTERM with them: it then prints a stack of C++ and
-    the process ends in the middle of whatever it saves. Python's own function for this works in the main thread only.
+    At import its log installs handlers for the signals of a crash, and for SIGTERM, too: they print a C++ stack, and
+    the process ends in the middle of saving. Python's own function for this works in the main thread only.
     """
     restore = ctypes.pythonapi.PyOS_setsig
     read = ctypes.pythonapi.PyOS_getsig
@@ -58,7 +58,7 @@ def missing_library(said: str) -> str:
 
 
 def remedy_of(library: str) -> str:
-    """What brings a shared library; with the first of Open3D's that is missing all of them, as the loader names one."""
+    """How to install a shared library; for one of Open3D's, all of these, because the loader names one at a time."""
     if library in DEBIAN_PACKAGE_OF:
         return f"sudo apt-get install {' '.join(DEBIAN_PACKAGE_OF.values())}"
     return f"install the system package that has {library}"

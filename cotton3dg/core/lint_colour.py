@@ -12,7 +12,7 @@ NO_PATCHES: Final = "fewer than three views show the grey patches of a card (`sc
 
 @dataclass(frozen=True)
 class LintColour:
-    """Relative to a matt surface beside the card; NaN = not known."""
+    """Colour of lint relative to a matt surface beside the card; NaN = not known."""
 
     lint_cie_l: float = column("1", "lightness L* of the lint (CIELAB, D65)", 1, blank_when=NO_PATCHES, later=True)
     lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, later=True)
@@ -27,7 +27,7 @@ class LintColour:
 
 @dataclass(frozen=True)
 class BollColour(LintColour):
-    """Of one boll."""
+    """Colour of one boll's lint."""
 
     lint_colour_views: int | None = column(
         "1", "views that these rest on", blank_when=NO_PATCHES, later=True, default=None

@@ -1,4 +1,4 @@
-"""What of the machine this process may use."""
+"""The part of the machine that this process may use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def usable_cores() -> list[int]:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """OpenCV's functions take one thread, as several are called at once."""
+    """Let OpenCV's functions use one thread each, because several are called at once."""
     import cv2
 
     threads = cv2.getNumThreads()
@@ -34,16 +34,16 @@ def one_thread_each() -> Iterator[None]:
 
 
 def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Of each item, in their order.
+    """The result for each item, in their order.
 
-    Threads: for work of OpenCV, NumPy, Qhull and our own core, which let others run meanwhile.
+    It uses threads, for work of OpenCV, NumPy, Qhull and the project's own core, which release the interpreter lock.
     """
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         return list(threads.map(function, items))
 
 
 def stream_on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """As `on_all_cores`, for items that are too large to be held together: one or two more than there are cores are."""
+    """As `on_all_cores`, for items too large to be held together: it holds one or two more items than cores."""
     cores = len(usable_cores())
     with one_thread_each(), ThreadPoolExecutor(cores) as threads:
         begun: deque[Future[Result]] = deque()

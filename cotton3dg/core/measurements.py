@@ -1,6 +1,6 @@
 """What is measured on a plant, with its units: scale, boll traits, plant traits.
 
-Fields of the traits are the columns of the tables: columns.csv and docs/csv.md say of them what is said here.
+Fields of the traits are the columns of the tables; columns.csv and docs/csv.md repeat the descriptions given here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .columns import column, columns
 
 Float64 = NDArray[np.float64]
 OFF_PLANT: Final = "off_plant"
-"""Flag of what was taken for a boll and hangs on nothing: it has a row of its own and is in no sum."""
+"""Flag of a supposed boll that does not hang on the plant. It has a row of its own and does not count in any sum."""
 
 
 def is_counted(flags: Collection[str]) -> bool:
@@ -55,7 +55,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class PlantFrame:
-    """The frame that places on a plant are told in, cm: z up from the table top, x along the table's long side."""
+    """The frame for places on a plant, cm: z up from the table top, x along the table's long side."""
 
     scale: Scale
     foot: Float64
@@ -165,7 +165,7 @@ class PlantTraits:
         "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
     )
     flags: tuple[str, ...] = ()
-    """Those of the stage traits; the row has those of all stages."""
+    """Flags of the stage traits; the row has the flags of all stages."""
     plant_hull_volume_cm3: float = column(
         "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_SIZE, later=True
     )
@@ -336,7 +336,7 @@ class PlantTraits:
 
 @dataclass(frozen=True)
 class PlantEvidence:
-    """What the traits in a row of traits.csv rest on; None = not known."""
+    """The evidence for the traits in a row of traits.csv; None = not known."""
 
     scale_source: str = column("", "reference of known size; none = no metric trait is given")
     scale_error_pct: float | None = column(

@@ -1,4 +1,4 @@
-"""What a stage tells about its run besides the files it wrote."""
+"""The report of a stage on its run, besides the files that it wrote."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 KINDS: Final = ("stem", "fruiting", "vegetative")
 DOUBTFUL: Final = 0.7
-"""Less confidence than this is worth a look."""
+"""Confidence below which a place on the map is worth a look."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Axis:
     curve: Float64
     """(N, 3) cm, from its foot on the parent's centre line to its tip or to the foot of its last boll."""
     radii: Float64
-    """(N,) cm; NaN where no silhouette tells it."""
+    """(N,) cm; NaN where no silhouette shows it."""
     confidence: float
     """0..1, share of its length that wood was seen along."""
     bolls: tuple[int, ...] = ()
@@ -53,10 +53,10 @@ class BollOnMap:
     position: int
     """Inferred fruiting position: 1, 2 or 3, which is 3 and beyond; 0 = not inferred."""
     position_confidence: float
-    """0..1; NaN where there is no position."""
+    """0..1; NaN without a position."""
     confidence: float
-    """0..1, that this is its branch: how much nearer to its foot that is than another one, and whether branches may
-    have been mixed up on the way there."""
+    """0..1, that this is its branch: it depends on how much nearer the branch is to its foot than another one, and on
+    whether branches may have been mixed up on the way there."""
 
     @property
     def doubtful(self) -> bool:
@@ -66,14 +66,14 @@ class BollOnMap:
 
 @dataclass(frozen=True)
 class PlantMap:
-    """All of it; no axes when no stem was found."""
+    """The whole map; it has no axes if no stem was found."""
 
     axes: tuple[Axis, ...]
     """The stem, then the branches by rank."""
     bolls: tuple[BollOnMap, ...]
-    """Ascending by id; a boll that nothing connects with the stem is not among them."""
+    """Ascending by id, without bolls that are not connected with the stem."""
     reason: str = ""
-    """Why there is no map."""
+    """The reason for a missing map."""
 
     @property
     def stem(self) -> Axis:

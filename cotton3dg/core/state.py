@@ -1,15 +1,15 @@
-"""What became of a stage, of a plant in a batch or of a setting in a study, in one vocabulary."""
+"""The state of a stage, of a plant in a batch or of a setting in a study, in one vocabulary."""
 
 from enum import StrEnum
 
 
 class State(StrEnum):
-    """One word each; tables and `status --json` have them as they stand here."""
+    """One word for each state; tables and `status --json` show these words."""
 
     DONE = "done"
     FAILED = "failed"
     STALE = "stale"
-    """Done, but it would be another result now."""
+    """Done, but a new run would give another result."""
     MISSING = "missing"
     """Never done."""
     WAITING = "waiting"

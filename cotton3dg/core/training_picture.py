@@ -1,4 +1,4 @@
-"""What a network of bolls learns from."""
+"""The pictures from which a network of bolls learns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 UNKNOWN: Final = 255
 """Class of pixels that teach nothing, e.g. lint too blurred to be counted."""
 NOT_LINT: Final = 254
-"""Class of pixels of which an annotation only says that they are no lint."""
+"""Class of pixels that an annotation only excludes from lint."""
 CLASSES: Final = ("other", "lint", "bur", "wood", "leaf")
 OTHER: Final = 0
 LINT: Final = 1
@@ -20,7 +20,7 @@ LEAF: Final = 4
 
 @dataclass(frozen=True)
 class TrainingPicture:
-    """An image with what its pixels show."""
+    """An image with the classes and bolls of its pixels."""
 
     image: NDArray[np.uint8]
     """(H, W, 3) sRGB."""

@@ -1,4 +1,4 @@
-"""Which cotton3dg this is."""
+"""The version of this cotton3dg."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PACKAGE: Final = Path(__file__).parents[1]
 
 
 def version_text(package: Path = PACKAGE) -> str:
-    """Version and, where it is known, the commit: a wheel names it in a file, of a checkout git tells it."""
+    """Version and, where it is known, the commit: a wheel has it in a file, a checkout gets it from git."""
     commit = _commit(package)
     return f"{__version__} (commit {commit})" if commit else __version__
 

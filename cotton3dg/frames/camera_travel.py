@@ -1,4 +1,4 @@
-"""How far the camera has gone, by corners that are followed from frame to frame.
+"""How far the camera has gone, measured by corners that are followed from frame to frame.
 
 The unit is the longer side of the image: a phone that goes once around a plant and looks at it pans over about five.
 """
@@ -18,18 +18,18 @@ SIDE_PX: Final = 320
 CORNERS: Final = 150
 LEAST_CORNERS: Final = 10
 FARTHEST: Final = 0.06
-"""Beyond this way, corners are chosen anew."""
+"""Way beyond which corners are chosen anew."""
 LEAST_FOLLOWED: Final = 0.5
-"""Share of the corners below which nothing is known, and the camera is taken to go on as before."""
+"""Share of followed corners below which the way is unknown, and the camera is assumed to go on as before."""
 PERCENTILE: Final = 80
-"""Of the corners' ways: what is behind the plant moves most when the camera goes round, the plant itself hardly."""
+"""Percentile of the corners' ways. When the camera goes round, the background moves most and the plant hardly."""
 
 
 class WayMeter:
-    """Give it the frames of a film one by one.
+    """Measures the way of a camera from the frames of a film, one by one.
 
-    Corners are measured from where they were when they were chosen (Shi and Tomasi 1994; Lucas and Kanade 1981), so a
-    hand that trembles on the spot does not get anywhere.
+    Corners are measured from the places where they were chosen (Shi and Tomasi 1994; Lucas and Kanade 1981), so a hand
+    that trembles on the spot does not add to the way.
     """
 
     def __init__(self) -> None:

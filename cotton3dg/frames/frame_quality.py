@@ -16,11 +16,11 @@ BLURRED: Final = 0.4
 BLANK_CONTRAST: Final = 1.0
 """Standard deviation of the grey values, of 255, below which a frame shows nothing: black, white, a covered lens."""
 REPEATED_SHARE: Final = 0.1
-"""Change from the frame before, relative to the median one, below which a frame is that frame once more: even encoded
-anew as a key frame it changes less, and what the camera sees while it moves changes more."""
+"""Change from the frame before, relative to the median change, below which a frame repeats that frame. Even a repeated
+frame that is encoded anew as a key frame changes less, and the picture of a moving camera changes more."""
 DARK_HIGHLIGHT: Final = 0.55
-"""`highlight` of dark images: 0.37 to 0.46 of simulated rooms two stops too dark, 0.64 and more of others. The mean
-would take a black cloth behind a well lit plant for the dark."""
+"""`highlight` below which images are dark: 0.37 to 0.46 in simulated rooms two stops too dark, 0.64 and more in others.
+The mean would take a black cloth behind a well lit plant for darkness."""
 HIGHLIGHT_PERCENT: Final = 98
 BURNT_SHARE: Final = 0.3
 
@@ -68,7 +68,7 @@ def measure_displacement(grey_a: Grey, grey_b: Grey) -> float:
     """Motion of the picture between two images of equal size, as a share of their width; NaN when nothing is tracked.
 
     The 90th percentile of the displacement of tracked corners: near 0 only where nearly everything stands still.
-    Corners that cannot be followed say that the picture changed, so when most are lost the answer is NaN, not 0.
+    Corners that cannot be followed mean that the picture changed, so the result is NaN, not 0, when most are lost.
     """
     import cv2
 
@@ -109,17 +109,17 @@ def contrast(grey: Grey) -> float:
 
 
 def change(before: Grey | None, grey: Grey) -> float:
-    """Mean absolute difference of two images of equal size, of 255; infinite when there is none before."""
+    """Mean absolute difference of two images of equal size, of 255; infinite if there is no image before."""
     import cv2
 
     return float("inf") if before is None else float(cv2.mean(cv2.absdiff(before, grey))[0])
 
 
 def find_blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which of n frames show nothing, and which of the others only the frame before once more.
+    """Which of n frames show nothing, and which of the others only repeat the frame before.
 
-    What most frames are is no defect of single ones: then it is dark or the camera stands still, and that has to be
-    said instead.
+    What holds for most frames is not a defect of single frames: then it is dark or the camera stands still, and the
+    stage reports that instead.
     """
     blank = contrasts < BLANK_CONTRAST
     blank &= 2 * blank.sum() < len(blank)

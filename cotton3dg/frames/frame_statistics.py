@@ -1,4 +1,4 @@
-"""The images that were taken from a capture: measured as they pass by, for they are too many to be held together."""
+"""The images taken from a capture. They are measured one by one, as they are too many to be held together."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ORIENTATION_RULE: Final = "rotation tags and EXIF orientation are applied to the
 
 @dataclass(frozen=True)
 class Taken:
-    """The images of one capture, as kept, and what is to be said about them."""
+    """The kept images of one capture, and the flags and warnings about them."""
 
     info: FramesInfo
     motions: tuple[float, ...]
@@ -44,7 +44,7 @@ class Taken:
 def keep_all(
     pictures: Iterator[Picture], indices: list[int], keep: Keep, progress: Progress
 ) -> tuple[list[FrameInfo], tuple[float, ...]]:
-    """Keep RGB images as they come; what there is to know of each, and the motion from each to the next."""
+    """Keep RGB images as they come; the facts about each, and the motion from each to the next."""
     entries: list[FrameInfo] = []
     motions: list[float] = []
     before: Picture | None = None
@@ -60,7 +60,7 @@ def keep_all(
 
 
 def _kept(name: str, index: int, picture: Picture, keep: Keep) -> tuple[FrameInfo, Picture]:
-    """What there is to know of an image that is kept, and the image, grey and small, in which motion is looked for."""
+    """The facts about a kept image, and the image, grey and small, in which motion is looked for."""
     import cv2
 
     keep(name, picture)
@@ -80,7 +80,7 @@ def _kept(name: str, index: int, picture: Picture, keep: Keep) -> tuple[FrameInf
 
 
 def outcome_of(taken: Taken) -> StageOutcome:
-    """What the images themselves say about the capture.
+    """The flags and warnings that follow from the images themselves.
 
     Raises:
         CaptureFailed: the camera did not move.

@@ -1,7 +1,7 @@
 """The best frames of a film so far, held while it streams by, in bounded space.
 
-Nobody knows beforehand how long the way is. At first every frame is held; when the room is full, the way so far is
-divided into so many intervals that a third of the room is free, and of each the best frame is kept; from then on
+The length of the way is not known beforehand. At first every frame is held. When the room is full, the way so far is
+divided into intervals, so many that a third of the room becomes free, and each keeps its best frame. From then on
 intervals become longer by half each time the room is full.
 """
 
@@ -24,7 +24,7 @@ class HeldFrames:
     def __init__(self, room: int, size: int, kind: Any, folder: Path):
         """
         Args:
-            room: how many frames there is place for.
+            room: largest number of held frames.
             size: numbers a frame, of the dtype `kind`.
             folder: on the disk that has the space.
         """
@@ -74,7 +74,7 @@ class HeldFrames:
         return int(way / self._interval) if self._interval else frame
 
     def _widen(self, way: float) -> None:
-        """Longer intervals, so that at most two thirds of the room are taken."""
+        """Make intervals longer, so that at most two thirds of the room are taken."""
         start = WIDER * max(way, 1e-9) / len(self._slots)
         self._interval = max(WIDER * self._interval, start) * (1 + 1e-9)
         best: dict[int, tuple[int, int, float, float]] = {}
@@ -90,8 +90,8 @@ class HeldFrames:
 def select_keyframes(ways: NDArray[np.float64], scores: NDArray[np.float64], count: int) -> list[int]:
     """Indices of at most `count` of n frames at even steps of the way, the better ones preferred; ascending.
 
-    One frame after the other is left out: the one whose gap, from its neighbour before to that behind, is smallest,
-    where one of half its better neighbour's score counts as half as long.
+    Frames are left out one by one: each time the one with the smallest gap between its neighbours before and behind.
+    The gap of a frame with half the score of its better neighbour counts as half as long.
 
     Args:
         ways: (n,) ascending.

@@ -20,7 +20,7 @@ from .take_video import HELD_A_FRAME, take_video
 JPEG_BYTES_A_PIXEL: Final = 1.0
 """At quality 97 without chroma subsampling, of footage rich in detail; 0.6 is usual."""
 HELD_BYTES_A_PIXEL: Final = 1.5
-"""Of a frame that is held until the film's end; HDR takes twice as much."""
+"""Bytes of a frame that is held until the film's end; HDR takes twice as much."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:

@@ -64,7 +64,7 @@ def take_photos(source: Path, options: FramesOptions, keep: Keep, progress: Prog
 
 
 def _warnings(found: Sequence[Path], unread: Sequence[Path], indices: Sequence[int]) -> Iterator[str]:
-    """What the photos that were taken are not."""
+    """Warnings about the photos that were taken, and about those that were not."""
     if len(indices) < len(found):
         yield f"{len(indices)} of {len(found)} photos are used; raise frames.count to use more"
     if unread:

@@ -29,18 +29,18 @@ MIN_INTACT_SHARE: Final = 0.8
 HELD_A_FRAME: Final = 2
 """Frames held for each that is wanted."""
 LOOKED_AT: Final = 4
-"""Frames looked at for each that is wanted, at least: of a long film or a fast one only every n-th is, ..."""
+"""Least number of measured frames for each wanted one: of a long film or a fast one only every n-th is measured, ..."""
 LEAST_FPS: Final = 12.0
-"""... but never fewer a second, or corners could not be followed."""
+"""... but never fewer a second, so that corners can be followed."""
 NO_WAY: Final = 0.02
-"""A camera that has gone no farther, in sides of the image, stands still."""
+"""A camera that goes no farther than this, in sides of the image, stands still."""
 SAVING_SHARE: Final = 0.3
-"""Of the time for decoding, which saving takes, roughly."""
+"""Time for saving relative to the time for decoding, roughly."""
 
 
 @dataclass(frozen=True)
 class _Measures:
-    """Of one frame."""
+    """Measures of one frame."""
 
     sharpness: float
     contrast: float
@@ -50,7 +50,7 @@ class _Measures:
 
 @dataclass(frozen=True)
 class _Scanned:
-    """What decoding the whole video showed, of each frame that was looked at."""
+    """The result of decoding the whole video, for each measured frame."""
 
     scan: video.Scan[_Measures]
     frames: NDArray[np.int64]
@@ -72,7 +72,7 @@ class _Scanned:
 def take_video(path: Path, options: FramesOptions, keep: Keep, progress: Progress, folder: Path) -> Taken:
     """Take sharp frames at even steps of the camera's way, while the video is decoded once.
 
-    Of a damaged video, whose damage is known only in the end, frames are chosen from all and read once more.
+    The damage of a video is known only in the end; then frames are chosen from all and read once more.
 
     Args:
         folder: on a disk with room for some frames.
@@ -122,7 +122,7 @@ def _scanned(
     wanted: int,
     progress: Progress,
 ) -> _Scanned:
-    """Look at the frames, small, and hold the best of them."""
+    """Measure the frames at a small size, and hold the best of them."""
     before: Picture | None = None
     meter = WayMeter()
     every = _looked_at_every(facts.fps, n_expected, wanted)
@@ -158,7 +158,7 @@ def _scanned(
 
 
 def _looked_at_every(fps: float, n_expected: int, wanted: int) -> int:
-    """Every how many-th frame is looked at, of about `n_expected` frames of which some are wanted."""
+    """The number n for which every n-th frame is measured, of about `n_expected` frames, if `wanted` are to be kept."""
     if not fps > 0:
         return 1
     return max(1, min(n_expected // (LOOKED_AT * wanted), round(fps / LEAST_FPS)))
@@ -194,7 +194,7 @@ def _checked_scan(
         raise BadInput(f"{path.name}: no frame can be decoded; copy it again from the phone")
     times = scan.timestamps_s[np.isfinite(scan.timestamps_s)]
     length_s = float(times.max() - times.min()) * (1 + 1 / max(1, len(times) - 1))
-    # A header without a duration cannot say that something is missing.
+    # A header without a duration does not show that something is missing.
     claimed_s = facts.duration_s if facts.duration_s > 0 else length_s
     share = (length_s / claimed_s if claimed_s > 0 else 1.0) * (1 - scan.n_damaged / n)
     if share < MIN_INTACT_SHARE and claimed_s >= MIN_VIDEO_S:

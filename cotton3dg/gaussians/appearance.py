@@ -11,7 +11,7 @@ from ..core.scene import Float32, Gaussians
 from .harmonics import SH_CONSTANT
 
 FADED: Final = 0.35
-"""What is left of the contrast of all that is no boll."""
+"""Share of its contrast that everything except the bolls keeps."""
 
 
 def boll_colours(labels: NDArray[np.int32]) -> Float32:

@@ -40,10 +40,10 @@ def basis(directions: Float64, n_coefficients: int) -> Float64:
 
 
 def turned(sh: Float32, rotation: NDArray) -> Float32:
-    """(N, K, 3) coefficients in a frame x of what (N, K, 3) coefficients say in the frame `rotation` @ x.
+    """(N, K, 3) coefficients in a frame x of the colour that (N, K, 3) coefficients have in the frame `rotation` @ x.
 
-    Functions of one degree turn into each other, so what they are at turned directions is a linear map of what they
-    are at these; it is solved for at more directions than there are functions.
+    Functions of one degree turn into each other, so their values at turned directions are a linear map of those at the
+    given ones. The map is solved for at more directions than there are functions.
     """
     directions = fibonacci_directions(64)
     count = sh.shape[1]

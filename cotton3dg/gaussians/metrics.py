@@ -27,7 +27,7 @@ class ViewQuality:
     psnr_db: float
     ssim: float
     plant_psnr_db: float
-    """Over the plant's pixels; NaN where the view shows none of it."""
+    """PSNR over the plant's pixels; NaN if the view does not show the plant."""
     plant_ssim: float
     plant_share: float
     """The plant's share of the pixels."""
@@ -41,8 +41,8 @@ def view_quality(
     """Render `gaussians` through the camera of `view` and compare.
 
     Args:
-        plant: (H, W) the plant's pixels, the same for all models that are to be compared. Or the orbit of all cameras:
-            the plant is then what this model itself shows in a ball around the orbit's centre.
+        plant: (H, W) the plant's pixels, the same for all models in a comparison. Or the orbit of all cameras: the
+            plant is then the part that this model itself shows in a ball around the orbit's centre.
         gains: (3,) how much brighter the photo is than the images trained on (see exposure.py).
     """
     rendering = render(gaussians, view.camera)
@@ -62,7 +62,7 @@ def view_quality(
 
 
 def mean_known(values: Iterable[float]) -> float:
-    """Mean of those that are finite; NaN without any."""
+    """Mean of the finite values; NaN without any."""
     finite = [value for value in values if math.isfinite(value)]
     return float(np.mean(finite)) if finite else math.nan
 

@@ -1,4 +1,4 @@
-"""Where in each photo the plant is: all that most fine steps of a training, and the bolls' network, look at."""
+"""The window of each photo that shows the plant. Most fine steps of a training, and the bolls' network, use only it."""
 
 from __future__ import annotations
 
@@ -14,35 +14,36 @@ from ..geometry.planes import TOLERANCE, table_plane
 from .rasterizer import Window
 
 REACH: Final = 0.6
-"""Points farther from the orbit's axis are the room, relative to the orbit's radius: half of a table's long side."""
+"""Distance from the orbit's axis, relative to the orbit's radius, beyond which points belong to the room: half of a
+table's long side."""
 
 STRAY_SHARE: Final = 0.01
-"""Share of the points at each end of the plant, along each axis, that are taken for strays."""
+"""Share of the points at each end of the plant, along each axis, that count as strays."""
 
 MARGIN: Final = 0.12
-"""By how much a window is wider than the plant's points, relative to its longer side: points end before twigs do. (It
-cuts no mask of 296 plants, and of one that the frame cuts 0.4 %.)"""
+"""Margin of a window around the plant's points, relative to its longer side, because points end before twigs do. (It
+cuts no mask of 296 plants, and 0.4 % of one that the frame cuts.)"""
 
 SEEN_MARGIN: Final = 0.2
-"""That of what the bolls' network sees, which understands an edge by what is around it."""
+"""The same margin for the bolls' network, which understands an edge by its surroundings."""
 
 LEAST_POINTS: Final = 100
-"""Fewer points above the table do not tell where the plant ends."""
+"""Least number of points above the table from which the plant's ends are found."""
 
 LARGEST_SHARE: Final = 0.8
-"""A window of more of the image saves less than its borders cost."""
+"""Largest share of the image for a window. A larger window saves less than its borders cost."""
 
 GRID_PX: Final = 16
 """Windows begin and end at tiles of the core."""
 
 
 def find_plant_windows(points: NDArray, cameras: Sequence[Camera], margin: float = MARGIN) -> list[Window | None]:
-    """The part of each image that shows the plant; None where that is most of the image, or where nobody knows.
+    """The part of each image that shows the plant; None where that is most of the image, or where it is unknown.
 
     Args:
         points: (N, 3) su, of structure from motion.
-        cameras: of the images that the windows are for, from all around the plant.
-        margin: by how much a window is wider than the plant's points, relative to its longer side.
+        cameras: of the images, from all around the plant.
+        margin: margin of a window around the plant's points, relative to its longer side.
     """
     plant = find_plant_points(np.asarray(points, np.float64), cameras)
     if len(plant) < LEAST_POINTS:

@@ -74,12 +74,12 @@ class RayWeights:
     rows: NDArray[np.int32]
     """(P,) Gaussians, those of a ray front to back."""
     weights: Float32
-    """(P,) > 0; what a ray's sum lacks of 1 is its transmittance."""
+    """(P,) > 0; 1 minus a ray's sum is its transmittance."""
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one training step saw; when its loss is not `finite`, nothing was changed."""
+    """The result of one training step; when its loss is not `finite`, nothing was changed."""
 
     loss: float
     l1: float
@@ -200,10 +200,10 @@ def train_step(
     near_su: float | None = None,
     window: Window | None = None,
 ) -> StepReport:
-    """Render one view, compare it with its photograph (H, W, 3) uint8 and update what it shows, all in place.
+    """Render one view, compare it with its photograph (H, W, 3) uint8 and update the Gaussians in view, all in place.
 
     With a `window` only that part of the photograph is rendered and compared, at the cost of that part. Its pixels
-    weigh what they do in the whole image; the loss that is reported is their mean.
+    have the same weight as in the whole image; the reported loss is their mean.
 
     The loss is (1 - dssim) L1 + dssim (1 - SSIM), a mean over pixels and channels; SSIM as in Kerbl et al.: 11 x 11
     Gaussian window, sigma 1.5, zero padding. When the loss is not finite nothing is changed, and a Gaussian whose

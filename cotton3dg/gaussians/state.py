@@ -1,4 +1,4 @@
-"""What a training keeps from one step to the next besides the Gaussians, and how large its steps are."""
+"""The state that a training keeps between steps besides the Gaussians, and the sizes of its steps."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32,
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Around what is of interest Gaussians are larger and seen from farther: they may take longer steps.
+    """Around the plant Gaussians are larger and seen from farther, so they may take longer steps.
 
     Within `radius_su` of `centre` nothing changes; beyond it the rates of means and of log scales grow with distance.
     """
@@ -31,7 +31,7 @@ class Surroundings:
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius_su: float = math.inf
     growth: float = 0.0
-    """By how many times itself a rate grows for each radius more."""
+    """Growth of a rate for each further radius, relative to the rate itself."""
     most_means: float = 1.0
     """Largest factor on the rate of the means."""
     most_log_scales: float = 1.0

@@ -1,1 +1,1 @@
-"""Below the rooms of the stages: camera orbit and paths, boxes, planes, triangulation, measures of point sets."""
+"""Geometry that the stages share: camera orbit and paths, boxes, planes, triangulation, measures of point sets."""

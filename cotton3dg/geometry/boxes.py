@@ -125,7 +125,7 @@ def _hull_rows(points: NDArray[np.float64]) -> NDArray[np.int64]:
         axes = _principal_axes(points)
         if points.shape[1] == 3:
             return _hull_rows(points @ axes[:2].T)
-        # A segment between the extremes says all about a collinear set.
+        # A collinear set is described by the segment between its extremes.
         along = points @ axes[0]
         return np.array([int(along.argmin()), int(along.argmax())])
 

@@ -1,4 +1,4 @@
-"""Where the cameras stand around the plant, and which of them to look through."""
+"""Where the cameras stand around the plant, and which of them to choose."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Orbit:
     distance: float
     """su, median distance of the cameras from the centre."""
     coverage_deg: float
-    """Of 360, what is left when every gap beyond GAP_BIN_DEG is taken away."""
+    """360 degrees without all gaps beyond GAP_BIN_DEG."""
     largest_gap_deg: float
 
 
@@ -36,10 +36,10 @@ def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
     """The orbit that the cameras follow, wherever on it they stand and however often they pass.
 
     The axis is the normal of the cameras' plane, or the mean of their up vectors where the path is too short or too
-    uneven to have a plane; the centre is the point closest to the optical axes, with distances weighed by Cauchy's
-    function because a hand now and then points elsewhere, which would move the point of plain least squares.
+    uneven to have a plane. The centre is the point closest to the optical axes, with distances weighted by Cauchy's
+    function, because a hand now and then points elsewhere and would move the point of plain least squares.
 
-    One camera alone has an orbit of no size, where it stands.
+    One camera alone has an orbit of size zero at its own place.
 
     Raises:
         ValueError: no camera.
@@ -50,7 +50,7 @@ def fit_orbit(cameras: Sequence[Camera]) -> Orbit:
     forwards = np.stack([camera.forward for camera in cameras])
     up = -np.stack([camera.rotation[1] for camera in cameras]).mean(axis=0)
     _, spreads, directions = np.linalg.svd(centres - centres.mean(axis=0))
-    # A sixth of the length is the sagitta of an arc of about 75 degrees: shorter ones do not tell their plane well.
+    # A sixth of the length is the sagitta of an arc of about 75 degrees; shorter ones do not define their plane well.
     planar = len(cameras) > 2 and spreads[1] > spreads[0] / 6 and spreads[2] < spreads[1] / 2
     axis = directions[2] * (1.0 if directions[2] @ up >= 0 else -1.0) if planar else up / np.linalg.norm(up)
 
@@ -103,7 +103,7 @@ def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
     chosen = [0]
     gaps = _gap(angles, angles[0])
     while len(chosen) < count:
-        # Rounded, so that the choice does not hang on the last bit.
+        # Rounded, so that the choice does not depend on the last bit.
         chosen.append(int(np.argmax(np.round(np.where(np.isin(np.arange(len(angles)), chosen), -1.0, gaps), 9))))
         gaps = np.minimum(gaps, _gap(angles, angles[chosen[-1]]))
     return np.sort(np.array(chosen, np.int64))
@@ -126,7 +126,7 @@ def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: O
         means: (N, 3) su.
         orbit: of the cameras.
     Returns:
-        (N,) what is nearer to the centre than 0.8 of the cameras' distance; everything when they do not look inwards.
+        (N,) points nearer to the centre than 0.8 of the cameras' distance; all points if they do not look inwards.
     """
     ahead = np.median([(orbit.centre - camera.centre) @ camera.forward for camera in cameras])
     if not ahead > 0.5 * orbit.distance:

@@ -57,7 +57,7 @@ def walk(cameras: Sequence[Camera], count: int) -> list[Camera]:
     travelled = np.append(0.0, np.linalg.norm(np.diff(poses[:, 9:], axis=0), axis=1).cumsum())
     times = np.interp(np.linspace(0.0, travelled[-1], count), travelled, np.arange(len(cameras)))
     sampled = CubicSpline(np.arange(len(cameras)), poses)(times)
-    # A mean of rotations is none itself; the nearest one is its orthogonal part.
+    # A mean of rotations is not a rotation; the nearest one is its orthogonal part.
     u, _, v = np.linalg.svd(sampled[:, :9].reshape(-1, 3, 3))
     u[:, :, 2] *= np.linalg.det(u @ v)[:, None]
     return [_pose(cameras[0], i, count, r, c) for i, (r, c) in enumerate(zip(u @ v, sampled[:, 9:], strict=True))]

@@ -57,7 +57,7 @@ def alpha_volume(points: NDArray, alpha: float) -> Measured:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import ConvexHull, Delaunay
 
-    # What is much finer than the ball makes no difference to it; the hull's corners keep the set solid.
+    # Details much finer than the ball do not matter; the hull's corners keep the set solid.
     extent = float(np.ptp(centred, axis=0).max())
     cells = np.floor(centred / np.clip(alpha / 5, extent / 1e5, extent / 40)).astype(np.int64)
     firsts = np.unique(cells @ [1, 1 << 20, 1 << 40], return_index=True)[1]

@@ -14,12 +14,12 @@ from .triangulation import triangulate
 PICK_PX: Final = 1.0
 """Standard error of a place picked by hand."""
 SLIP_PX: Final = 6.0
-"""Farther from the point that the others agree on, a pick is a slip."""
+"""Largest distance of a pick from the point on which the others agree. A pick farther off is a slip."""
 
 
 @dataclass(frozen=True)
 class PickedPoint:
-    """Where picks meet."""
+    """The point where picks meet."""
 
     point: Float64
     """(3,) su."""
@@ -36,5 +36,5 @@ def point_of_picks(cameras: Sequence[Camera], pixels: NDArray) -> PickedPoint | 
     sighting = triangulate(cameras, pixels, tolerance_px=SLIP_PX)
     if sighting is None:
         return None
-    # Two picks meet by chance, so no residual is trusted below what a hand does.
+    # Two picks meet by chance, so the error is at least that of a hand, even with smaller residuals.
     return PickedPoint(sighting.point, sighting.su_per_px * max(PICK_PX, sighting.residual_px))

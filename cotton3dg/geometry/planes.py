@@ -18,12 +18,12 @@ TOLERANCE: Final = 0.006
 CELL: Final = 0.02
 """Cells in which covered area is counted, R."""
 REACH: Final = 0.75
-"""As far from the orbit's axis as a table reaches, R."""
+"""Distance from the orbit's axis to which a table reaches, R."""
 ROOM: Final = 3.0
-"""As far from it a floor is looked at, R."""
+"""Distance from the orbit's axis within which the floor is searched, R."""
 MOST_PARALLEL: Final = 6
 LEAST_PARALLEL: Final = 15
-"""Heights that are looked at, and points that make one."""
+"""Number of heights that are tried, and least number of points at one."""
 MAX_TILT: Final = np.radians(25.0)
 """Between the table's normal and the orbit's axis: people raise and lower the phone while they walk."""
 MIN_AREA: Final = 0.2
@@ -37,7 +37,7 @@ floors 334 have more (most ten times as many), of 38 slices through crowns none.
 def level_planes(points: Float64, orbit: Orbit, seed: int = 0, reach: float = REACH) -> list[Float64]:
     """Planes (4,) of the level surfaces inside the orbit, highest first: a x + b y + c z + d = height, (a, b, c) up.
 
-    Points farther from the orbit's axis than `reach` are not looked at, R.
+    Points farther from the orbit's axis than `reach`, R, do not count.
 
     RANSAC (Fischler and Bolles 1981) over triples of points of similar height, seeded and of a fixed length. Points are
     thinned to one a cell first, so that area counts and not texture.
@@ -56,7 +56,7 @@ def level_planes(points: Float64, orbit: Orbit, seed: int = 0, reach: float = RE
         plane, on_plane = found
         planes.append((int(on_plane.sum()), float(plane[:3] @ orbit.centre + plane[3]), plane))
         points = points[np.abs(points @ plane[:3] + plane[3]) > 3 * TOLERANCE * radius]
-    # The distance of the orbit's centre from a plane is the smaller, the higher the plane lies.
+    # The higher a plane lies, the smaller its distance from the orbit's centre.
     return [plane for _, _, plane in sorted(planes, key=lambda item: (item[1], *item[2]))]
 
 
@@ -86,7 +86,7 @@ def floor_normal(points: Float64, orbit: Orbit) -> Float64 | None:
 def parallel_planes(points: Float64, orbit: Orbit, up: Float64) -> list[Float64]:
     """Planes (4,) with this normal at the heights where most points inside the orbit lie, fullest first.
 
-    A few small things on a bare table lie at one height, but too close together to tell its tilt.
+    A few small things on a bare table lie at one height, but too close together to determine its tilt.
     """
     outward = points - orbit.centre - ((points - orbit.centre) @ orbit.axis)[:, None] * orbit.axis
     inside = points[np.linalg.norm(outward, axis=1) < REACH * orbit.radius]
@@ -118,7 +118,7 @@ def _largest_plane(points: Float64, orbit: Orbit, rng: np.random.Generator) -> t
     lengths = np.linalg.norm(normals, axis=1)
     normals /= np.where(lengths > 0, lengths, 1)[:, None]
     normals *= np.where(normals @ orbit.axis < 0, -1, 1)[:, None]
-    # Triples of close points tell the tilt badly.
+    # Triples of close points determine the tilt badly.
     usable = (lengths > (0.15 * orbit.radius) ** 2) & (normals @ orbit.axis > np.cos(MAX_TILT))
     normals, offsets = normals[usable], -np.einsum("ij,ij->i", normals[usable], ranked[i[usable]])
     normals, offsets = normals[:2000], offsets[:2000]

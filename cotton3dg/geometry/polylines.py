@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 Float64 = NDArray[np.float64]
 TOGETHER: Final = 100_000
-"""Pairs of a place and a piece of a polyline that are looked at in one go."""
+"""Number of pairs of a place and a piece of a polyline that are computed at once."""
 
 
 def path_lengths(points: NDArray) -> Float64:
@@ -71,7 +71,7 @@ def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tupl
     """Distance (M,) of each of (M, 3) places to a polyline (N, 3), and the path length (M,) of the nearest point.
 
     Args:
-        within: places that are farther away may be at infinity; this is quicker where most are.
+        within: the distance of places farther away may be infinity, which is quicker if most are.
     """
     if np.isfinite(within) and len(places) > len(points):
         longest = np.sqrt(_squared(*np.diff(points, axis=0).T).max(initial=0.0))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 
 SMALLEST: Final = 0.02
-"""Least length around a marker, in sides of the picture: one that lies on the table is seen under a small angle and may
-be a few pixels high."""
+"""Least length around a marker, in sides of the picture. A marker on the table is seen under a small angle and may be a
+few pixels high."""
 
 
 @cache
@@ -27,7 +27,7 @@ def find_squares(grey: NDArray[np.uint8], dictionary: str, *, refined: bool = Fa
     """Markers in a (H, W) picture by their number; one that it shows twice is left out.
 
     Args:
-        refined: whether corners are sought to a part of a pixel.
+        refined: whether corners are located to a part of a pixel.
     Returns:
         (4, 2) px of the corners of each, in the order of its kind; the corner of the first pixel is (0, 0).
     """

@@ -1,4 +1,4 @@
-"""A point in space from its places in several photos, some of which may be wrong."""
+"""A point in space from its places in several photos; some of these places may be wrong."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from ..core.scene import Camera, Float64
 
 LEAST_ANGLE: Final = np.radians(3.0)
-"""Between two rays that may suggest a point; closer ones tell its depth badly."""
+"""Least angle between two rays that may suggest a point; rays at a smaller angle give its depth badly."""
 HYPOTHESES: Final = 200
 FULL_WIDTH_PX: Final = 1280
-"""Larger photos are judged more leniently, by their width: structure from motion errs by angles."""
+"""Width above which the tolerance of a photo grows with its width, because structure from motion errs by angles."""
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A point with what speaks for it."""
+    """A point with its evidence."""
 
     point: Float64
     """(3,) su."""
@@ -64,7 +64,7 @@ def triangulate(
         agreeing = _distances(point, poses, flat, focal) < reach
         if best is None or agreeing.sum() > best.sum():
             best = agreeing
-    # The pair's own point is rough: what agrees is counted once more around the point of all that agreed.
+    # The pair's own point is rough, so agreeing views are counted again around the point of all that agreed.
     for _ in range(2):
         if best is None or best.sum() < max(least_views, 2):
             return None
@@ -87,7 +87,7 @@ def _pairs(count: int, seed: int) -> list[NDArray[np.int64]]:
 
 
 def _solve_linear(poses: Float64, flat: Float64) -> Float64:
-    """(3,) su: the point whose projections miss least, not weighed by distance."""
+    """(3,) su: the point whose projections miss least, not weighted by distance."""
     matrix = (flat[:, :, None] * poses[:, 2:3] - poses[:, :2]).reshape(-1, 4)
     return np.asarray(np.linalg.lstsq(matrix[:, :3], -matrix[:, 3], rcond=None)[0], np.float64)
 

@@ -28,7 +28,8 @@ from .yolo import detect_yolo
 from .yolo_networks import class_numbers, open_network
 
 VOTING_VIEWS: Final = 36
-"""Views, where there are as many, that vote on where lint is, however few or many get masks: one every ten degrees."""
+"""Number of views that vote on where lint is, if there are as many; it does not depend on how many views get masks.
+One every ten degrees."""
 
 EXPORTED: Final = re.compile(r"_(?:jpe?g|png)\.rf\.\w+$")
 """What Roboflow puts behind an image's name."""
@@ -51,7 +52,7 @@ Detector = Callable[[str, NDArray[np.uint8]], tuple[NDArray[np.uint16], dict[int
 
 @dataclass(frozen=True)
 class Plant:
-    """What there is of a plant."""
+    """The data of a plant that a back end may use."""
 
     cameras: Sequence[Camera]
     """Of all undistorted images."""
@@ -60,15 +61,15 @@ class Plant:
     points: NDArray[np.float64]
     """(P, 3) su, triangulated."""
     model: Gaussians | None
-    """Once there is one, for the back ends that look at it."""
+    """The trained model, once there is one, for the back ends that use it."""
     allowed: NDArray[np.bool_] | None
     """(N,) which Gaussians of the model may be a boll's."""
     cm_per_su: float | None
-    """About, once there is a scale."""
+    """Length of a scene unit, about, once there is a scale."""
     filmed: Path
     """COLMAP model of the images before their lens distortion was taken out."""
     own_masks: Path
-    """Where the user's masks are unless an option says otherwise."""
+    """Folder of the user's masks, unless an option names another."""
     file: Callable[[str], Path]
     """The file or folder that the text of an option means."""
 
@@ -222,7 +223,7 @@ def _each(plant: Plant, views: Sequence[Camera], detect: Detector, progress: Pro
 
 
 def _given(plant: Plant, text: str, option: str) -> Path:
-    """The file or folder of an option that this back end cannot do without."""
+    """The file or folder of an option that this back end requires."""
     if not text:
         raise BadUsage(f"this back end needs weights, and none are downloaded; give a local file or folder as {option}")
     return plant.file(text)

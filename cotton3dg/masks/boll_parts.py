@@ -1,6 +1,6 @@
-"""Parts of bolls: what was seen of each place where votes meet, and what is measured of two of them.
+"""Parts of bolls: the lint and the votes at each place where votes meet, and the measures of a pair of parts.
 
-Each Gaussian of lint and each vote is of the part that it is nearest to; what is joined keeps both parts' own.
+Each Gaussian of lint and each vote belongs to the nearest part. A joined part keeps those of both parts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .same_boll import PairMeasures
 from .split_parts import PlacedVotes, fit_mixture
 
 MOST_RAYS: Final = 400
-"""Of a part that are kept: more would make no middle sharper."""
+"""Number of rays that a part keeps. More rays do not make a middle sharper."""
 DIRECTIONS: Final = 64
 TAIL: Final = 0.02
 """Share of a part's Gaussians at either end that its width leaves out."""
@@ -32,22 +32,22 @@ class Part:
     centre: Float64
     """(3,) su, where its votes meet."""
     diameter: float
-    """su, that the votes say its boll has."""
+    """Diameter of its boll by the votes, su."""
     support: float
     """Bolls seen whole, summed over views."""
     views: int
-    """With votes for it."""
+    """Number of views with votes for it."""
     lint: Float32
-    """(n, 3) su, of its Gaussians."""
+    """(n, 3) places of its Gaussians, su."""
     places: Float32
     rays: Float32
-    """(m, 3) where some of the votes say its middle is, su, and their rays."""
+    """(m, 3) middles of its boll by some of the votes, su, and the rays of these votes."""
     weights: Float32
-    """(m,) of these, 1 in all."""
+    """(m,) weights of these votes; their sum is 1."""
 
 
 def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> dict[int, Part]:
-    """The parts whose middles these are, by row; those that no vote is nearest to are left out."""
+    """The parts with these middles, by row; a part without a vote of its own is left out."""
     places = lint.gaussians.means[lint.shares > 0.5]
     places = places[np.isfinite(places).all(axis=1)]
     owners = middles.nearest(places)
@@ -74,7 +74,7 @@ def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) ->
 
 
 def join_two(a: Part, b: Part) -> Part:
-    """Both as one, in the place that the rays of both pass nearest."""
+    """Both parts as one, at the point that the rays of both pass nearest."""
     share = a.support / (a.support + b.support)
     diameter = max(a.diameter, b.diameter)
     places, rays = np.concatenate([a.places, b.places]), np.concatenate([a.rays, b.rays])
@@ -92,7 +92,7 @@ def join_two(a: Part, b: Part) -> Part:
 
 
 def measure_pair(one: Part, other: Part, cm_per_su: float) -> PairMeasures:
-    """What two parts are to each other."""
+    """The measures of a pair of parts."""
     return PairMeasures(
         apart_cm=float(np.linalg.norm(one.centre - other.centre)) * cm_per_su,
         joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
@@ -101,7 +101,7 @@ def measure_pair(one: Part, other: Part, cm_per_su: float) -> PairMeasures:
 
 
 def gain_of_two(one: Part, other: Part) -> float:
-    """Log likelihood of a vote, in the mean, by which the middles of both explain their votes better than one does."""
+    """Gain of a vote's mean log likelihood when the middles of both explain their votes, instead of one middle."""
     share = one.support / (one.support + other.support)
     votes = PlacedVotes.of(
         np.concatenate([one.places, other.places]),
@@ -116,7 +116,7 @@ def gain_of_two(one: Part, other: Part) -> float:
 
 
 def mean_width(places: Float32) -> float:
-    """Width of points (N, 3), the mean over all directions, without the ends; 0 of none."""
+    """Mean width of points (N, 3) over all directions, without the ends; 0 without any points."""
     if not len(places):
         return 0.0
     low, high = np.quantile((places - places.mean(axis=0)) @ _directions().T, [TAIL, 1 - TAIL], axis=0)

@@ -1,4 +1,4 @@
-"""The bolls' network, run by OpenCV: what it says of each pixel of an image (its heads: `bolls_network`)."""
+"""The bolls' network, run by OpenCV: its maps of an image (`bolls_network` describes its heads)."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from .builtin_weights import read_shipped
 
 Float32 = NDArray[np.float32]
 CHANNELS: Final = len(CLASSES) + 4
-"""What the network gives for a pixel: classes, x and y of the way to the middle, border, size, in this order."""
+"""Outputs of the network for a pixel: classes, x and y of the way to the middle, border, size, in this order."""
 OFFSET_PX: Final = 32.0
-"""What one unit of the way to the middle is worth; and the size at 0 of the network's binary logarithmic scale."""
+"""Length of one unit of the way to the middle, and the size at 0 of the network's binary logarithmic scale."""
 STRIDE: Final = 32
-"""Sides of what the network sees are multiples of this."""
+"""Sides of the network's input are multiples of this."""
 IMAGE_SIDE: Final = 1280
-"""px, longer side of what the network sees; larger images are scaled down, smaller ones up, ..."""
+"""Longer side of the network's input, px; larger images are scaled down, smaller ones up, ..."""
 LARGEST_ZOOM: Final = 2.0
 """... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
 SURE: Final = 20.0
-"""Logit of what is taken for certain."""
+"""Logit that stands for certainty."""
 
 
 @dataclass(frozen=True)
 class Maps:
-    """What the network says of each pixel of an image, at half the size that the network saw."""
+    """The network's outputs for each pixel of an image, at half the size of its input."""
 
     probabilities: Float32
-    """(C, h, w) of each of `CLASSES`."""
+    """(C, h, w) probability of each of `CLASSES`."""
     votes: Float32
-    """(2, h, w) x, y of the middle of the pixel's boll, px of the image."""
+    """(2, h, w) x and y of the middle of the pixel's boll, px of the image."""
     borders: Float32
     """(h, w) probability that another boll is next to the pixel."""
     diameters: Float32
@@ -55,7 +55,7 @@ class Maps:
 
 
 def seen_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
-    """Width and height, px, of what the network sees of an image."""
+    """Width and height, px, of the network's input for an image."""
     factor = look * min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
     return max(round(width * factor), 1), max(round(height * factor), 1)
 
@@ -66,7 +66,7 @@ class BollNetwork:
     def __init__(self, weights: bytes, name: str):
         """
         Raises:
-            BadInput: the weights are no network, or one that does not speak of bolls.
+            BadInput: the weights are not a network, or not a network of bolls.
         """
         try:
             self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
@@ -76,10 +76,10 @@ class BollNetwork:
             raise BadInput(f"{name} is no network of bolls; {REMEDY}")
 
     def maps(self, image: NDArray[np.uint8], look: float = 1.0, window: Window | None = None) -> Maps:
-        """What the network says of an (H, W, 3) sRGB image; of one that is seen smaller by `look`.
+        """The network's maps of an (H, W, 3) sRGB image, scaled by the factor `look`.
 
         Args:
-            window: the part that it sees, which saves time; what is outside passes for no plant.
+            window: the part that the network sees, which saves time; all outside of it counts as not a plant.
         """
         height, width = image.shape[:2]
         size = seen_size(height, width, look)
@@ -104,7 +104,7 @@ class BollNetwork:
         )
 
     def _raw_within(self, seen: NDArray[np.uint8], part: tuple[slice, slice]) -> Float32:
-        """(CHANNELS, h, w) at half the size of what is seen, of which the network is given a part."""
+        """(CHANNELS, h, w) at half the size of `seen`; the network runs on a part of it only."""
         raw = np.zeros((CHANNELS, seen.shape[0] // 2, seen.shape[1] // 2), np.float32)
         raw[OTHER], raw[len(CLASSES) + 2] = SURE, -SURE
         half = tuple(slice(of_side.start // 2, of_side.stop // 2) for of_side in part)
@@ -133,8 +133,8 @@ def open_bolls(weights: Path | None = None) -> BollNetwork:
     """The network of a file, or the one that the program brings.
 
     Raises:
-        MissingInput: there is no such file.
-        BadInput: it holds no network of bolls, or not what the program brought.
+        MissingInput: the file does not exist.
+        BadInput: the file does not hold a network of bolls, or it is not the one that the program brought.
     """
     if weights is None:
         return _shipped()
@@ -151,7 +151,7 @@ def _shipped() -> BollNetwork:
 def _in_strides(
     window: Window | None, image: tuple[int, int], seen: tuple[int, int], padded: tuple[int, ...]
 ) -> tuple[slice, slice]:
-    """Rows and columns of what the network sees that hold a window of the image, from stride to stride; all without."""
+    """Rows and columns of the network's input that hold a window of the image, in whole strides; all without one."""
     if window is None:
         return slice(0, padded[0]), slice(0, padded[1])
     rows, columns = (

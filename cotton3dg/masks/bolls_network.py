@@ -2,10 +2,10 @@
 
 EfficientNet-Lite0 (Tan and Le 2019, without squeeze and excitation, ReLU6 for swish) encodes the image; a feature
 pyramid (Lin et al. 2017) leads back up to half its size; the heads are those of Panoptic-DeepLab (Cheng et al. 2020):
-what each pixel is, and how far away the middle of its boll lies. Departures: the encoder ends with the first two blocks
-of 1/32; no map of middles is predicted, the pixels' own votes make one; the middle is that of the whole boll in space,
-seen or not, so that views agree on it; and each pixel says how large its boll is. Torch trains it; OpenCV runs it
-(`bolls.py`).
+the class of each pixel, and the way from it to the middle of its boll. Departures: the encoder ends with the first two
+blocks of 1/32; no map of middles is predicted, the pixels' own votes make one; the middle is that of the whole boll in
+space, seen or not, so that views agree on it; and each pixel predicts the size of its boll. Torch trains the network;
+OpenCV runs it (`bolls.py`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STAGES: Final = (
     (2, 5, 2, 6, 192),
 )
 """Blocks, side of their depthwise filters, stride of the first, expansion, channels. Of the last stage's four blocks
-two are kept, and nothing of what follows: half of the encoder's weights for hardly any of what it sees."""
+two are kept, and nothing that follows: that leaves out half of the encoder's weights and hardly any of what it sees."""
 PRETRAINED_BLOCKS: Final = (1, 2, 2, 3, 3, 4)
 """Blocks of the same stages in the network that ImageNet trained."""
 LEVELS: Final = (1, 2, 3, 5, 6)
@@ -239,7 +239,7 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
     """The network of a file that `to_onnx` wrote, to be trained further with its normalisation as it is.
 
     Raises:
-        BadInput: it is no such file.
+        BadInput: it is not such a file.
     """
     constants = onnx.read_constants(model, name)
     network = BollsNetwork()
@@ -256,7 +256,7 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
 
 
 def _as_tensor(values: NDArray, like: Tensor) -> Tensor:
-    """The values as numbers of the shape that is wanted, or ValueError."""
+    """The values as a tensor of the shape of `like`; ValueError if they have another shape or are not finite."""
     if values.shape != tuple(like.shape) or not np.isfinite(values).all():
         raise ValueError(f"{values.shape} instead of {tuple(like.shape)}, or not finite")
     return torch.from_numpy(values.astype(np.float32))

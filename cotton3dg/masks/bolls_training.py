@@ -1,4 +1,4 @@
-"""Training of the bolls' network, from nothing or from weights that there are."""
+"""Training of the bolls' network, from nothing or from given weights."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ from .bolls_network import BollsNetwork
 
 LEARNING_RATE: Final = 2e-3
 ENCODER_RATE: Final = 0.15
-"""Learning rate of the pretrained encoder, in those of the decoder."""
+"""Learning rate of the pretrained encoder, relative to that of the decoder."""
 FROZEN_BLOCKS: Final = 3
-"""Of the encoder, with its stem: the first filters are those of all images, and cost most to train."""
+"""Number of the encoder's blocks, beside its stem, that stay fixed: the first filters suit all images, and cost most to
+train."""
 WARM_UP: Final = 100
 FALL: Final = 0.3
 """Share of the steps in which the learning rate falls."""
 WEIGHT_DECAY: Final = 1e-4
 MEMORY: Final = 0.998
-"""Share of the mean of the weights that a step leaves as it was: what is learnt is the mean of some 500 steps, which is
-better than any of them (Polyak averaging)."""
+"""Share of the mean of the weights that a step keeps. The result is the mean of some 500 steps, which is better than
+any of them (Polyak averaging)."""
 TERMS: Final = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
 BORDER_PX: Final = 2
 """Distance from another boll within which a pixel of lint is on the border."""
@@ -70,7 +71,7 @@ class TrainingReport:
 
 
 def targets(picture: TrainingPicture) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]:
-    """What the network should say of each pixel.
+    """The outputs that the network should have for each pixel.
 
     Returns:
         classes (H, W); x and y of the way to the middle and the size, px (3, H, W), 0 where no boll is; on a border
@@ -100,7 +101,7 @@ def losses(maps: Tensor, classes: Tensor, wanted: Tensor, border: Tensor) -> dic
     total = (known != UNKNOWN).sum()
     bare = classes == NOT_LINT
     if bare.any():
-        # Some class that is not lint: what is left of the probability.
+        # The probability of all classes that are not lint is the remainder.
         of_pixel = logits.movedim(1, -1)[bare]
         others = torch.cat([of_pixel[:, :LINT], of_pixel[:, LINT + 1 :]], dim=1)
         summed = summed + (of_pixel.logsumexp(dim=1) - others.logsumexp(dim=1)).sum()
@@ -129,7 +130,8 @@ def train(
 
     Args:
         draw: makes picture number n; step s learns from numbers s * batch to (s + 1) * batch - 1.
-        checkpoint: what was begun there is gone on with, to the same step; None = begin anew and save nothing.
+        checkpoint: file of an interrupted training, which goes on from there to the same step; None = begin anew and
+            save nothing.
     """
     torch.manual_seed(settings.seed)
     device = next(network.parameters()).device
@@ -199,7 +201,7 @@ def _follow(mean: dict[str, Tensor], network: BollsNetwork, step: int) -> None:
 @torch.no_grad()
 def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None:
     """Give the decoder's normalisations, which were folded into convolutions (`from_onnx`), the statistics of pictures,
-    so that they can be trained on; what the network computes stays the same."""
+    so that training can continue; the network's output stays the same."""
     images = np.stack([draw(number).image.transpose(2, 0, 1) for number in range(pictures)])
     batch = torch.from_numpy(images).to(next(network.parameters()).device).float()
     network.eval()
@@ -222,7 +224,7 @@ def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None
 def _batches(
     draw: Draw, steps: range, settings: TrainingSettings
 ) -> Iterator[tuple[int, tuple[Tensor, Tensor, Tensor, Tensor]]]:
-    """What each step learns from, made ahead of it: images, and `targets`."""
+    """The images and `targets` of each step, made ahead of it."""
 
     def made(step: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         numbers = range((step - 1) * settings.batch, step * settings.batch)
@@ -245,7 +247,7 @@ def _batches(
 def _rate(step: int, steps: int) -> float:
     """Share of the learning rate: a short rise, the same for long, then a fall to nothing.
 
-    What was learnt before the fall does not depend on the number of steps, so a training may be made longer.
+    The training before the fall does not depend on the number of steps, so it may be made longer.
     """
     rise, fall = min(WARM_UP, steps), (1 - FALL) * steps
     return min((step + 1) / rise, 1.0) * min((steps - step) / max(steps - fall, 1), 1.0)

@@ -15,7 +15,7 @@ def read_shipped(file: Path) -> bytes:
     """The content of a file that the program brings.
 
     Raises:
-        EnvironmentUnusable: it is gone, or not what it was.
+        EnvironmentUnusable: the file is gone, or has changed.
     """
     try:
         content = file.read_bytes()

@@ -1,4 +1,4 @@
-"""Open bolls in the images of one plant, found by the bolls' network and told apart by all views together."""
+"""Open bolls in the images of one plant: the bolls' network finds them, and all views together separate them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FEWEST_TO_HALVE: Final = 12
-"""Fewer views have halves that say little about the whole."""
+"""Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
 
 
 def detect_bolls(
@@ -42,9 +42,9 @@ def detect_bolls(
     Args:
         images: (H, W, 3) sRGB.
         cameras: theirs.
-        gaussians: the plant's model, which lets the images tell each other what they show; None = each is taken alone.
+        gaussians: the plant's model, which combines the evidence of all images; None = each image is taken alone.
         allowed: (N,) which Gaussians may be a boll's; None = all.
-        windows: what of each image shows the plant; with a model the network is not asked about the rest.
+        windows: the part of each image that shows the plant; with a model the network does not see the rest.
         cm_per_su: length of a scene unit; None = unknown.
     Returns:
         By camera name; with a model a boll has the same id in all images, and its score is the probability that it is
@@ -84,8 +84,8 @@ def detect_bolls(
 def separate_all(
     votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None
 ) -> tuple[Bolls, list[Bolls]]:
-    """The bolls that all votes give; and those that every second view gives and those of the others, if there are
-    enough: what would have been found with other images. Where lint is all take from all views."""
+    """The bolls from all votes, and, if there are enough views, those from every second view and those from the other
+    half: what other images would have given. All of them take the places of lint from all views."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]

@@ -1,10 +1,10 @@
 """Open cotton bolls in the images of one plant, found without any trained weights.
 
-Colour says in each image what may be lint: bright for its light and hardly coloured. Posters, labels and walls may be
-that too, and touching bolls look like one; so the images vote on where in space lint is (`lint_volume`), that lint
-is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels (`paint_bolls`). First
-small images do all that; their masks vote again, on the bolls' shapes, and then the images are painted at full size. A
-trained model of the plant tells the painter what is near which boll (`proximity`).
+In each image pixels may be lint by their colour: bright for their light and hardly coloured. Posters, labels and walls
+have such colours, too, and touching bolls look like one. So the images vote on where in space lint is (`lint_volume`),
+that lint is divided into bolls there (`split_touching`), and each image paints the bolls on its own pixels
+(`paint_bolls`). Small images do all that first; their masks vote again, on the bolls' shapes, and then the images are
+painted at full size. A trained model of the plant adds what is near which boll (`proximity`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CODES: Final = np.arange(256) / 255
 _LINEAR: Final = np.where(_CODES <= 0.04045, _CODES / 12.92, ((_CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Linear light of each sRGB code (IEC 61966-2-1)."""
 VOTING_SIDE_PX: Final = 640
-"""Longer side of the images that vote: a voxel is then about two pixels wide, and finer detail has no say."""
+"""Longer side of the images that vote. A voxel is then about two pixels wide, and finer detail does not matter."""
 FLOOR: Final = 0.1
 """Least height of the orbit's centre, which is amid the plant, above what the plant stands on, R."""
 
@@ -55,10 +55,11 @@ def detect_lint(
         images: (H, W, 3) RGB, undistorted.
         cameras: of these images.
         orbit: that the plant stands in.
-        points: (P, 3) su, of surfaces in the scene; they tell where the table is.
+        points: (P, 3) su, on surfaces in the scene; the table is found from them.
         painted: names of the cameras that get masks.
         voters: names of those that vote on where lint is; None = all.
-        gaussians: trained model of the plant; without one, what has the colour of lint may pass for it around a boll.
+        gaussians: trained model of the plant; without one, things around a boll with the colour of lint may count as
+            lint.
     Returns:
         By camera name; a boll has the same id in all images.
     """
@@ -106,7 +107,7 @@ def plant_floor(points: Float64, orbit: Orbit) -> Float64 | None:
 def lint_score(image: NDArray[np.uint8]) -> Float32:
     """How much each pixel's colour is that of lint, 0..1.
 
-    All light is taken relative to the image's own white, the 99.5th percentile of what is hardly coloured, so that
+    All light is taken relative to the image's own white, the 99.5th percentile of the hardly coloured pixels, so that
     neither exposure nor its drift matters.
 
     Args:

@@ -1,7 +1,7 @@
 """Training of the network of lint's edges (`lint_edges.py`) on images of simulated plants with true masks.
 
 Simulated bolls are lit too evenly: the undersides of real ones lie in warm shade. So most bolls of a picture are shaded
-from one side, and both what other images and what this one says of lint is made less sure there.
+from one side, and the probabilities of lint, those by other images and that by this one, are less sure there.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ DEPTH: Final = 3
 BATCH: Final = 24
 PIECE_PX: Final = 48
 LEARNING_RATE: Final = 4e-3
-"""The largest."""
+"""The largest learning rate."""
 FOUND: Final = 0.3
 """Least share of a patch of rendered lint that is true, and of a patch of true lint that is rendered: the others are
 false or missed bolls, which edges have nothing to do with."""
@@ -39,7 +39,7 @@ BESIDE_PX: Final = 8.0
 
 @dataclass(frozen=True)
 class EdgePicture:
-    """An image with all that the network is told, and the truth."""
+    """An image with the network's inputs, and the truth."""
 
     image: NDArray[np.uint8]
     """(H, W, 3) sRGB."""
@@ -53,10 +53,10 @@ class EdgePicture:
 
 @dataclass(frozen=True)
 class _Lesson:
-    """A picture, varied, as it is learnt from."""
+    """A varied picture, as the training uses it."""
 
     channels: Float32
-    """(CHANNELS + 2, H, W) what the network is told, the truth, and whether this is known to be one or the other."""
+    """(CHANNELS + 2, H, W) the network's inputs, the truth, and whether the truth is known there."""
     edges: NDArray[np.int64]
     """(K, 2) row and column of pixels around edges."""
 
@@ -169,15 +169,15 @@ def _learnable(picture: EdgePicture, rng: np.random.Generator) -> _Lesson:
 
 
 def _hardly_covered(patches: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The connected patches of which hardly anything is in the other mask."""
+    """The connected patches that lie almost wholly outside of the other mask."""
     count, labels = cv2.connectedComponents(patches.astype(np.uint8))
     all_px, shared_px = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[by], minlength=count)
     return patches & (shared_px < FOUND * all_px)[labels]
 
 
 def _cut(lesson: _Lesson, rng: np.random.Generator) -> Float32:
-    """A piece (CHANNELS + 2, PIECE_PX, PIECE_PX) around some edge, or its mirror image; what lies beyond the picture
-    has no weight."""
+    """A piece (CHANNELS + 2, PIECE_PX, PIECE_PX) around some edge, or its mirror image; pixels beyond the picture have
+    no weight."""
     middle, shape = lesson.edges[rng.integers(len(lesson.edges))], np.array(lesson.channels.shape[1:])
     low = np.clip(middle - PIECE_PX // 2, 0, np.maximum(shape - PIECE_PX, 0))
     piece = lesson.channels[:, low[0] : low[0] + PIECE_PX, low[1] : low[1] + PIECE_PX]

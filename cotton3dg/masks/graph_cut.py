@@ -25,13 +25,13 @@ def cut_groups(
 ) -> NDArray[np.bool_]:
     """Which pixels (H, W) are foreground.
 
-    Bolls that are close share colour models and a cut: what surrounds one must not be another.
+    Bolls that are close share colour models and a cut, so that no boll is in the surroundings of another.
 
     Args:
         trimap: (H, W) OpenCV's GC_FGD, GC_PR_FGD, GC_PR_BGD, GC_BGD.
-        within: (H, W) what may be foreground; what hangs together is a group.
-        margin_px: width of the surroundings that are looked at with each group.
-        shown: the colours of a window that are looked at; None = the image's.
+        within: (H, W) pixels that may be foreground; connected ones are a group.
+        margin_px: width of the surroundings that are cut with each group.
+        shown: gives the colours that the cut uses in a window; None = the image's.
     """
     import cv2
 

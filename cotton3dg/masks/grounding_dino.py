@@ -46,7 +46,7 @@ def find_boxes(image: NDArray[np.uint8], find: Finder, *, confidence: float, til
 
 
 def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
-    """Grounding DINO from a folder that transformers saved, asked for what `text` names.
+    """Grounding DINO from a folder that transformers saved; it finds the objects that `text` names.
 
     Raises:
         MissingInput, BadUsage, BadInput, EnvironmentUnusable: it cannot be used.

@@ -18,7 +18,7 @@ from .bolls import OFFSET_PX, Maps
 SURE: Final = 0.32
 """Probability of lint from which a pixel is lint."""
 VOTE_SPREAD: Final = 0.10
-"""Standard deviation, in diameters of the boll, that votes for one middle are gathered over."""
+"""Standard deviation, in diameters of the boll, over which votes for one middle are gathered."""
 APART: Final = 0.55
 """Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
 LEAST_SHARE: Final = 0.06
@@ -43,7 +43,7 @@ def group_votes(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
 
 
 def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float32, Float32]:
-    """(B, 2) places where enough votes meet, most first, and (B,) the mean size that these votes tell; px."""
+    """(B, 2) places where enough votes meet, most first, and (B,) the mean size by these votes; px."""
     # The middle of a boll that the image's edge cuts may lie beyond it.
     shape = (maps.lint.shape[0] + 2 * MARGIN, maps.lint.shape[1] + 2 * MARGIN)
     # A boll seen whole gives votes of weight 1 in all.
@@ -76,7 +76,7 @@ def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], si
 
 
 def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
-    """Which of (N, D) places, the surest first, are no nearer to a surer one than `APART` of the larger's size (N,)."""
+    """Which of (N, D) places, the surest first, keep the distance `APART`, in the larger size (N,), from surer ones."""
     from scipy.spatial import cKDTree
 
     if not len(places):
@@ -95,7 +95,7 @@ def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
 
 
 def find_nearest(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
-    """(N,) number of the middle (B, D), from 1, that each point (N, D) is nearest to, in diameters (B,) of the boll;
+    """(N,) number, from 1, of the middle (B, D) nearest to each point (N, D), in diameters (B,) of the boll;
     0 = none within reach."""
     from scipy.spatial import cKDTree
 

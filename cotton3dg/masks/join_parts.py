@@ -1,7 +1,7 @@
-"""Parts of one boll that votes took for several are joined: locks that hang apart, sides that no view sees together.
+"""Joins the parts of one boll that the votes took for several: locks that hang apart, sides that no view sees together.
 
-The likeliest pair joins first, and what was measured of it is measured anew. What is left over is likelier two bolls
-than one, and keeps its probability.
+The likeliest pair joins first, and its measures are taken anew. A pair that is left over is likelier two bolls than
+one, and keeps its probability.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Joined:
 
     parts: dict[int, Part]
     pairs: Pairs
-    """That are left."""
+    """The pairs that are left."""
     joins: dict[int, float]
-    """Of each part that others were joined to, the least probability that any of them belongs there."""
+    """For each part that others joined, the least probability that one of them belongs there."""
 
     def one_boll(self, part: int) -> float:
         """The probability that a part is all of one boll and of no other."""

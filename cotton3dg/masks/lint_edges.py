@@ -1,8 +1,8 @@
-"""Where lint ends in one image, by a small network that weighs what all images say against the image's colours.
+"""Where lint ends in one image: a small network weighs the evidence of all images against the image's colours.
 
-The rendered lint is right about where a boll is, and blurred by a pixel or two; colours are sharp, but lint in its own
-shade looks like a bur, and a pale wall like lint. What decides between them is learnt from simulated plants
-(`edge_training.py`).
+The rendered lint is right about where a boll is, but blurred by a pixel or two. Colours are sharp, but lint in its own
+shade looks like a bur, and a pale wall looks like lint. The network learns from simulated plants how to decide between
+them (`edge_training.py`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from ..errors import BadInput
 from .builtin_weights import REINSTALL, read_shipped
 
 CHANNELS: Final = 7
-"""What the network is told of a pixel: `describe`."""
+"""Number of the network's inputs for a pixel; `describe` computes them."""
 NEIGHBOURS_PX: Final = 8.0
-"""Standard deviation of the neighbourhood whose colours of lint and of the rest a pixel's is compared with."""
+"""Standard deviation of a pixel's neighbourhood, whose colours of lint and of the rest it is compared with."""
 SURELY: Final = 0.7
 HARDLY: Final = 0.2
 """Rendered shares of lint above and below which a pixel shows what lint, and what the rest, looks like."""
@@ -39,7 +39,7 @@ EDGES_FILE: Final = Path(__file__).with_name("edges.onnx")
 
 
 def describe(image: NDArray[np.uint8], share: Float32, likely: Float32) -> Float32:
-    """What the network is told (CHANNELS, H, W).
+    """The network's inputs (CHANNELS, H, W).
 
     Where the pixel's colour lies from that of the rest around it (0) to that of the lint around it (1), how far beside
     that line, and how long the line is; share; likely; brightness over that of the lint around it; saturation.
@@ -80,7 +80,7 @@ class EdgeNetwork:
     def __init__(self, weights: bytes, name: str):
         """
         Raises:
-            BadInput: the weights are no network of edges.
+            BadInput: the weights are not a network of edges.
         """
         self._weights, self._own = weights, threading.local()
         try:
@@ -109,7 +109,7 @@ class EdgeNetwork:
         return shown & (cv2.resize(logits, image.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0)
 
     def _logits_where(self, asked: NDArray[np.bool_], told: Float32) -> Float32:
-        """Logits (H, W) of what `describe` says, in all tiles that hold pixels which are asked for; elsewhere -1."""
+        """Logits (H, W) of the inputs from `describe`, in all tiles that hold pixels of `asked`; elsewhere -1."""
         height, width = asked.shape
         rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
         below, right = rows * TILE_PX - height, columns * TILE_PX - width
@@ -137,6 +137,6 @@ def open_edges() -> EdgeNetwork:
     """The network that the program brings.
 
     Raises:
-        MissingInput, BadInput: it is gone, or not what it was.
+        MissingInput, BadInput: the file is gone, or has changed.
     """
     return EdgeNetwork(read_shipped(EDGES_FILE), EDGES_FILE.name)

@@ -1,9 +1,10 @@
-"""Where in space lint is, by what the network says of it in all views together.
+"""Where in space lint is, by the network's probabilities from all views together.
 
-One view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of
-different views show the same thing: each Gaussian takes the mean probability of the pixels that it is drawn on,
-weighted by its part in each, and a rendering of these means shows a view what the others say. (FlashSplat, Shen et al.
-2024, votes so with masks; here the votes are probabilities and nothing is cut before all views have been heard.)
+A view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of
+different views show the same thing. Each Gaussian takes the mean probability of the pixels that it is drawn on,
+weighted by its part in each, and a rendering of these means brings the evidence of the other views into a view.
+(FlashSplat, Shen et al. 2024, votes in this way with masks. Here the votes are probabilities, and no threshold applies
+before all views have voted.)
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from .bolls import Maps
 LEVELS: Final = 64
 """Steps in which probabilities are counted: the core sums weights by whole numbers."""
 EDGE: Final = 0.33
-"""Mean probability that parts lint from the rest: less than one half, as what is in the shade in most views is lint as
-well."""
+"""Mean probability that separates lint from the rest. It is less than one half because lint may be in the shade in most
+views."""
 STEEPNESS: Final = 15.0
 """How sharply a Gaussian is lint or not on either side of `EDGE`, 1 / probability."""
 
@@ -52,7 +53,7 @@ class LintInSpace:
 def gather_lint(
     maps: Sequence[Maps], cameras: Sequence[Camera], gaussians: Gaussians, allowed: NDArray[np.bool_]
 ) -> LintInSpace:
-    """Gather what all views say.
+    """Gather the probabilities of all views.
 
     Args:
         allowed: (N,) which Gaussians may be lint at all.

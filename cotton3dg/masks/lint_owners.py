@@ -1,7 +1,7 @@
-"""Which boll lint is of: the one whose middle is near, and which the votes around there are for.
+"""The boll that each piece of lint belongs to: its middle is near, and the votes around the lint are for it.
 
-Where bolls lie in each other, the plane half-way between their middles is not where one ends. The network sees that in
-each image, and the mean of all images' votes is sharper than one of them.
+Where bolls lie in each other, one does not end at the plane half-way between their middles. The network sees that in
+each image, and the mean of all images' votes is sharper than the votes of one image.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 SAID: Final = 1.0
-"""How much the distance of the votes from a middle counts beside that of the lint itself."""
+"""Weight of the votes' distance from a middle, relative to the distance of the lint itself."""
 AROUND: Final = 32
-"""Votes that are heard at a place."""
+"""Number of nearest votes that a place averages."""
 MOST_VOTES: Final = 150_000
-"""More would not make their means any sharper."""
+"""Number of votes that are used, about. More do not make the means any sharper."""
 VOTES_A_PLACE: Final = 8
-"""Votes are heard at every so manieth one's lint, and lint takes what is said at the nearest of these places."""
+"""One vote in this many gives a place at which votes are averaged. Lint takes the mean of the nearest place."""
 FARTHEST_VOTE: Final = 1.0
-"""Diameters; votes that go farther astray count as this far."""
+"""Largest distance of a vote from a middle, in diameters. Votes farther off count as this far."""
 
 
 @dataclass(frozen=True)
 class LintOwners:
-    """What the votes say of which boll lint is of."""
+    """The votes' evidence for the boll that lint belongs to."""
 
     middles: Middles
     heard_at: cKDTree
-    """Of (S, 3) places, su."""
+    """Tree of the (S, 3) places at which votes are averaged, su."""
     said: Float32
-    """(S, B) mean distance of the votes around each place from each boll's middle, in its diameters."""
+    """(S, B) mean distance of the votes around each place from each boll's middle, in diameters of that boll."""
 
     def at(self, places: Float32) -> NDArray[np.uint16]:
-        """(N,) boll that lint at (N, 3) places is of, from 1, 0 = none is near."""
+        """Boll (N,) that lint at (N, 3) places belongs to, from 1; 0 = no boll is near."""
         owners, least = np.zeros(len(places), np.uint16), np.full(len(places), np.inf, np.float32)
         if not len(places) or not self.heard_at.n:
             return owners
@@ -56,7 +56,7 @@ class LintOwners:
 
 
 def hear_votes(votes: Sequence[Votes], middles: Middles) -> LintOwners:
-    """Gather what the votes of all views say about the lint that they are of."""
+    """Average the votes of all views around the lint that they start from."""
     from scipy.spatial import cKDTree
 
     step = max(1, sum(len(view.places) for view in votes) // MOST_VOTES)

@@ -1,9 +1,9 @@
-"""Where the votes of all views meet in space: bolls told apart by what every image says of their middles.
+"""Where the votes of all views meet in space: every image predicts the middles of the bolls, and these separate them.
 
-In one image touching bolls may look like one, and one like two; the middles that the network sees from all sides agree
-only where there is a boll. The lint in space tells how far each pixel's is, so that its vote is a place: the middle of
-the boll lies deeper than what is seen of it. How much deeper is a guess, so a middle that was found is moved to where
-the rays of its votes pass each other nearest, which no depth has a say in.
+In one image touching bolls may look like one, and one boll like two. The middles that the network sees from all sides
+agree only where there is a boll. The lint in space gives the depth of each pixel's lint, so that its vote is a place:
+the middle of the boll lies deeper than the surface that is seen. How much deeper is a guess, so each middle moves to
+the point that the rays of its votes pass nearest, which does not depend on any depth.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .group_votes import find_nearest, weighted_median
 from .lint_in_space import LintInSpace
 
 SPREAD: Final = 0.12
-"""Standard deviation, in diameters of a boll, that votes are gathered over."""
+"""Standard deviation, in diameters of a boll, over which votes are gathered."""
 PITCH: Final = 0.06
-"""Side of the cells that votes are counted in, in diameters."""
+"""Side of the cells in which votes are counted, in diameters."""
 APART: Final = 0.4
 """Least distance, in mean diameters, of the middles of two parts: those of bolls that touch are 0.65 to 1 apart, of
-locks of one boll 0.4 to 0.8. Parts that are not told apart here are lost; parts of one boll are joined later."""
+locks of one boll 0.4 to 0.8. Parts that are not separated here are lost; parts of one boll are joined later."""
 LEAST_VIEWS: Final = 3
 """Views whose votes a middle needs ..."""
 LEAST_SUPPORT: Final = 0.02
@@ -35,28 +35,29 @@ LARGEST_GRID: Final = 30_000_000
 SEEN: Final = 0.4
 """Least share of lint, by all views, in a pixel that votes ..."""
 HEARD: Final = 0.2
-"""... and least probability of lint by its own: the network says nothing of the boll of what it takes for no lint."""
+"""... and least probability of lint by its own view: the network predicts no boll for pixels that it does not take
+for lint."""
 DEEPER: Final = 0.6
-"""How much deeper than what is seen of it the middle of a boll lies, in the depths of a ball: the middles of Gaussians
-lie below the surface that they show."""
+"""Depth of a boll's middle behind its visible lint, in the depths of a ball: the middles of Gaussians lie below the
+surface that they show."""
 OWN: Final = 0.45
 """Distance, in diameters, from a middle of the votes whose rays move it."""
 AGREES: Final = 0.15
-"""Distance, in diameters, from a middle at which a ray has half a say in where it is."""
+"""Distance, in diameters, from a middle at which a ray has half of its weight."""
 ROUNDS: Final = 4
 FAINT: Final = 0.08
-"""Sum of the votes for a boll, in bolls seen whole, a view, below which it is none ..."""
+"""Sum of the votes for a boll, in bolls seen whole, a view, below which it is not a boll ..."""
 UNSURE: Final = 0.62
 """... if the views' mean probability that it is lint is as low as this, too. Segments of a pineapple had 0.07 and 0.58
 at most; of true bolls those of the densest heap had 0.07 but 0.68, those of a leafy plant 0.63 but 0.13."""
 FARTHEST: Final = 1.2
-"""Distance, in diameters, from its middle of the farthest lint of a boll. No more than half of one if the network were
-right about sizes, but it takes bolls for smaller than they are, large ones most."""
+"""Distance, in diameters, from its middle of the farthest lint of a boll. It would be at most half a diameter if the
+network were right about sizes, but it takes bolls for smaller than they are, large ones most."""
 
 
 @dataclass(frozen=True)
 class Votes:
-    """What one view says, a row a pixel of lint."""
+    """The votes of one view, one row for each pixel of lint."""
 
     places: Float32
     """(N, 3) su, of the boll's middle."""
@@ -86,14 +87,14 @@ class Middles:
     centres: Float32
     """(B, 3) su."""
     diameters: Float32
-    """(B,) su, median of what the views say."""
+    """(B,) su, median of the views' votes."""
     support: Float32
     """(B,) bolls seen whole, summed over views."""
     views: NDArray[np.int64]
     """(B,) views with votes for it."""
 
     def nearest(self, places: Float32) -> NDArray[np.uint16]:
-        """Which boll lint at (N, 3) places is of, from 1, 0 = none is near."""
+        """The boll that lint at (N, 3) places belongs to, from 1; 0 = no boll is near."""
         return find_nearest(places, self.centres, self.diameters, FARTHEST)
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
@@ -243,7 +244,7 @@ def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, si
 
 
 def drop_unlikely(middles: Found, votes: Sequence[Votes]) -> Found:
-    """The middles without those that few votes are for, and these of pixels that hardly look like lint."""
+    """The middles without those that have few votes, from pixels that hardly look like lint."""
     total, pixels = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
     for view in votes:
         boll = middles.nearest(view.surfaces)

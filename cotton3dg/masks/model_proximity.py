@@ -1,7 +1,7 @@
-"""What each pixel shows of what is near the lint, and of which boll; a white wall behind looks like it, but is far.
+"""For each pixel, whether it shows something near the lint, and which boll; a white wall looks alike, but is far.
 
-A trained model knows how far things are. Its Gaussians are near or far; rendered with that and with their places as
-values, each pixel gets the share of its light that comes from what is near, and the mean place that this comes from.
+A trained model knows how far things are. Its Gaussians are near or far. Rendered with that and with their places as
+values, they give each pixel the share of its light that comes from near things, and the mean place of these.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .voxel_voting import LintVolume
 
 
 class ModelProximity:
-    """A model with what is near the bolls of a volume marked."""
+    """A model whose Gaussians near the bolls of a volume are marked."""
 
     def __init__(self, gaussians: Gaussians, volume: LintVolume, reach: float):
         """
@@ -37,7 +37,7 @@ class ModelProximity:
         self._values = np.column_stack([near, places]).astype(np.float32)
 
     def seen(self, camera: Camera) -> tuple[Float32, Float32]:
-        """Shares (H, W), 0..1, of what is near, and its mean places (H, W, 3), su; the middle where nothing is near."""
+        """Shares (H, W), 0..1, of near things, and their mean places (H, W, 3), su; the middle if nothing is near."""
         values = rasterizer.render_values(self._gaussians, camera, self._values).image
         shares = values[..., 0]
         return shares, values[..., 1:] / np.maximum(shares, 1e-6)[..., None] + self._middle

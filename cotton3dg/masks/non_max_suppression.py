@@ -1,4 +1,4 @@
-"""What a network proposes in one image, and how the proposals share its pixels."""
+"""A network's proposals for one image, and how they share its pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAME: Final = 0.5
 INSIDE: Final = 0.8
 """Share of a mask's pixels from which it counts as contained in another; the rest is the raggedness of its edge."""
 TILE_OVERLAP: Final = 0.25
-"""Share of a tile that its neighbour sees too: what is narrower than that is whole in one of them."""
+"""Share of a tile that its neighbour sees too. Anything narrower than that is whole in one of them."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From bolls in space to masks in one image: the lint in space says where, the image's colours where it ends."""
+"""From bolls in space to masks in one image: the lint in space gives the place, the image's colours give the edges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .lint_owners import LintOwners
 from .paint_bolls import without_specks
 
 SURROUNDINGS_PX: Final = 24
-"""Width of what is looked at around it."""
+"""Width of the surroundings that the network sees."""
 
 
 def outline_bolls(
@@ -28,7 +28,7 @@ def outline_bolls(
 ) -> NDArray[np.uint16]:
     """Masks (H, W) of the bolls in one image (H, W, 3), 1 ... B in the order of the middles, 0 = no lint.
 
-    What is lint, a network of edges decides; which boll it is, is decided in space.
+    A network of edges decides which pixels are lint; the middles in space decide to which boll a pixel belongs.
 
     Args:
         likely: (h, w) probability of lint by this image alone, of any size.

@@ -1,4 +1,4 @@
-"""From bolls in space to masks in one image: the volume says where a boll is, the image's colours where it ends."""
+"""From bolls in space to masks in one image: the volume gives a boll's place, the image's colours give its edges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .voxel_voting import LintVolume, pixels_of
 
 SURELY: Final = 0.5
 LIKELY: Final = 0.25
-"""Scores of a pixel that is lint where its place says so too, and of one to begin with as lint."""
+"""Scores of a pixel that is lint if its place agrees, and of a pixel that the cut starts with as lint."""
 CORE: Final = 1.0
 """Voxels inside the silhouettes where a sure score is trusted: the votes place an edge to about one voxel."""
 SHARP_PX: Final = 3.0
@@ -22,16 +22,16 @@ SHARP_PX: Final = 3.0
 REACH: Final = 8.0
 BLIND_REACH: Final = 5.0
 """How far masks may go beyond the silhouettes, in voxels: burs hide the lower half of a boll, some 2.3 cm, from most
-views. Where nothing tells a wall behind from lint, that half must do."""
+views. Where nothing separates a wall behind from lint, masks reach no farther than that half."""
 NEAR: Final = 0.5
-"""Least share of what is near in the light of a pixel of lint."""
+"""Least share of near things in the light of a pixel of lint."""
 TRUSTED: Final = 0.8
-"""Least share of the pixels that surely are lint which a model must call near to have a say: models of 480 and 960 px
-images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
+"""Least share of the sure pixels of lint that are near by a model; a model with less is not used. Models of 480 and
+960 px images reach 0.93 to 1, one of 240 px 0.85, one of 120 px, whose Gaussians are as wide as bolls, 0.2."""
 NO_LINT: Final = 0.05
-"""Score below which what is near is no lint but bur, branch or leaf."""
+"""Score below which a near thing is not lint but bur, branch or leaf."""
 MARGIN: Final = 4.0
-"""Width of the surroundings that show what is no lint, in voxels beyond `REACH`."""
+"""Width of the surroundings that show things other than lint, in voxels beyond `REACH`."""
 UNDECIDED: Final = 1.5
 """Voxels on either side of the border of two bolls within which the crease in the image decides."""
 SPECK: Final = 9
@@ -50,7 +50,7 @@ def paint_bolls(
     Args:
         image: (H, W, 3) RGB.
         score: (H, W) 0..1, how much each pixel looks like lint.
-        proximity: to the volume; None = unknown, and so it is where the model is too coarse to tell (`TRUSTED`).
+        proximity: to the volume; None = unknown. It also counts as unknown if the model is too coarse (`TRUSTED`).
     Returns:
         ids (H, W), the volume's boll numbers, 0 = no lint; and each painted boll's confidence.
     """
@@ -112,9 +112,9 @@ def lint_pixels(
     surrounds one must not be another.
 
     Args:
-        near: (H, W) which pixels show what is near the bolls. The others are no lint, and their colours tell nothing
-            about it: left to burs and branches, the model of what surrounds lint is so unlike it that shade, too, is
-            on the right side. None = unknown.
+        near: (H, W) which pixels show things near the bolls. The others are not lint, and the model of the surroundings
+            leaves out their colours: of burs and branches alone it is so unlike lint that shaded lint, too, falls on
+            the right side. None = unknown.
     """
     import cv2
 
@@ -125,7 +125,7 @@ def lint_pixels(
     sure = sure_pixels(score, expected, pitch_px)
     if near is not None:
         sure &= near
-    # Of a boll that shows so little of itself that nothing is deep inside, all that is likely must do.
+    # A boll may show so little of itself that no pixel lies deep inside; then all likely pixels count.
     small = np.bincount(expected[sure], minlength=int(expected.max()) + 1) < FEWEST
     trimap[sure | ((score > SURELY) & (expected > 0) & small[expected])] = cv2.GC_FGD
     within = outside <= reach
@@ -139,7 +139,7 @@ def lint_pixels(
 
 
 def find_surrounded(image: NDArray[np.uint8], score: Float32, near: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The image (H, W, 3) with all that is not near in the colour of what is near and no lint, if there is any."""
+    """The image (H, W, 3) with all far pixels in the colour of the near ones that are not lint, if there are any."""
     bare = near & (score < NO_LINT)
     if bare.sum() < FEWEST:
         return image
@@ -169,7 +169,7 @@ def divide(image: NDArray[np.uint8], owners: NDArray[np.uint16], pitch_px: float
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     largest = cv2.dilate(owners, disc)
     smallest = cv2.erode(np.where(lint, owners, np.iinfo(np.uint16).max).astype(np.uint16), disc)
-    # Marker 1 is all that is no lint, so that flooding stays within it.
+    # Marker 1 is everything that is not lint, so that flooding stays within the lint.
     markers = np.where(lint, 0, 1).astype(np.int32)
     clear = lint & (largest == smallest)
     markers[clear] = owners[clear].astype(np.int32) + 1

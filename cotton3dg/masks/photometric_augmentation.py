@@ -1,4 +1,4 @@
-"""Changes of light and colour that teach a network to look at shapes: what photographs may do and renderings do not.
+"""Changes of light and colour that occur in photographs, but not in renderings; they teach a network to use shapes.
 
 Simulated pictures share a renderer's light and palette. Sunlight that falls through leaves, other white balances, other
 tone curves and other sharpness keep the network from relying on them (Buslaev et al. 2020 list such transforms).

@@ -25,7 +25,7 @@ CLASSES: Final = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Mod
 """Class of transformers by `model_type`; SAM 2 is published with the type of its video model."""
 PROMPTS_AT_ONCE: Final = 32
 MARGIN: Final = 0.05
-"""By which boxes around masks are larger on each side: what drew the masks may have missed the fringe."""
+"""Share by which boxes around masks are larger on each side, as the masks may lack the fringe of a boll."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def detect_sam(
     Args:
         image: (H, W, 3) RGB.
         confidence: least IoU that SAM expects its mask to have.
-        tile_px: side of the squares that are looked at one by one; 0 = the whole image at once.
+        tile_px: side of the squares that SAM sees one by one; 0 = the whole image at once.
     """
     height, width = image.shape[:2]
     squares = tiles(height, width, tile_px)
@@ -162,7 +162,7 @@ def open_sam(folder: Path, *, trusted: bool) -> Segmenter:
                 asked["input_labels"] = torch.ones(asked["input_points"].shape[:3], dtype=torch.int32)
             if part.boxes is not None:
                 asked["input_boxes"] = torch.from_numpy((part.boxes * np.tile(factor, 2))[None]).float()
-            # A point alone is ambiguous: of three masks, whole to part, the surest; a box says which is meant.
+            # A point alone is ambiguous, so the surest of three masks, whole to part, is taken; a box is unambiguous.
             told = model(image_embeddings=code, multimask_output=part.boxes is None, **asked)
             surest = told.iou_scores[0].argmax(dim=1)
             rows = torch.arange(len(surest))

@@ -1,7 +1,7 @@
-"""The probability that two parts are one boll: a logistic score of what was measured of both.
+"""The probability that two parts are one boll: a logistic score of the measures of the pair.
 
-`same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes it. What is
-not here was tried and adds nothing (docs/notes/same_boll.md).
+`same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.
+Further measures were tried and add nothing (docs/notes/same_boll.md).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ class PairMeasures(NamedTuple):
     """Two parts near each other."""
 
     apart_cm: float
-    """Distance of the places that the votes of either meet in."""
+    """Distance between the places where the votes of each part meet."""
     joined_cm: float
     """Width of the lint of both together, mean over all directions."""
     two_middles: float
-    """Log likelihood of a vote, in the mean, by which two middles explain the votes of both better than one."""
+    """Gain of a vote's mean log likelihood when two middles explain the votes of both, instead of one."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,20 @@ class Term:
 
     name: str
     usual: float
-    """Where it speaks neither for nor against."""
+    """The value that speaks neither for one boll nor against it."""
     weight: float
     """Log odds of one boll for each unit beyond."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Log odds of what comes true, by those that were stated (Platt 1999)."""
+    """True log odds as a linear function of the stated ones (Platt 1999)."""
 
     constant: float = 0.0
     slope: float = 1.0
 
     def probability(self, stated: float) -> float:
-        """Of what has a stated probability."""
+        """The calibrated probability for a stated one."""
         return logistic(self.constant + self.slope * log_odds(stated))
 
 
@@ -58,10 +58,10 @@ class Score:
     constant: float
     terms: tuple[Term, ...]
     one_boll: Calibration = Calibration()
-    """Of the probability that what was joined is one boll: pairs are not independent of each other."""
+    """Calibration of the probability that joined parts are one boll, as pairs are not independent of each other."""
 
     def probability(self, measures: PairMeasures) -> float:
-        """That both are one boll, 0..1."""
+        """Probability that both parts are one boll, 0..1."""
         odds = self.constant
         for term in self.terms:
             odds += term.weight * (getattr(measures, term.name) - term.usual)
@@ -74,7 +74,7 @@ def logistic(odds: float) -> float:
 
 
 def log_odds(probability: float) -> float:
-    """Of a probability, which is taken to be neither nearer to 0 nor to 1 than `SUREST`."""
+    """Log odds of a probability, kept at least `SUREST` away from 0 and 1."""
     bounded = min(max(probability, SUREST), 1 - SUREST)
     return math.log(bounded / (1 - bounded))
 

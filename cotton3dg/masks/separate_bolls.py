@@ -1,8 +1,8 @@
 """Separates the bolls of a plant: finds parts where the votes of all views meet, and joins those of one boll.
 
-The votes for a boll that lies deep in another make a slope of its peak rather than one of their own, so the votes that
-no middle explains are looked at again by themselves. That finds the locks of large bolls, too; a fitted score says
-which parts are one boll (`same_boll`).
+The votes for a boll that lies deep in another make a slope of the other's peak rather than a peak of their own, so a
+second search takes only the votes that no middle explains. It also finds the locks of large bolls; a fitted score
+decides which parts are one boll (`same_boll`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from .same_boll import Score, read_score
 from .split_parts import split_parts
 
 EXPLAINED: Final = 0.15
-"""Distance, in diameters, from a middle up to which a ray needs no other: three times as far would explain most votes
-for a boll next to it."""
+"""Distance, in diameters, from a middle up to which this middle explains a ray. Three times this distance would explain
+most votes for a boll next to it."""
 USUAL_CM: Final = 4.0
-"""Median size that votes give bolls: what makes centimetres of a scene without a scale."""
+"""Median size of bolls by the votes; it gives a scene without a scale its centimetres."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
 
 
 def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:
-    """The bolls that a score makes of parts."""
+    """Join the parts that a score takes for one boll."""
     joined = join_parts(parts, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
@@ -71,7 +71,7 @@ def guess_scale(votes: Sequence[Votes]) -> float:
 
 
 def find_parts(votes: Sequence[Votes]) -> Middles:
-    """The middles that votes meet in; also those that the votes meet in that none of the others explains."""
+    """The middles where votes meet, and those where the votes meet that none of the others explains."""
     middles = find_middles(votes)
     others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
     away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
@@ -80,7 +80,7 @@ def find_parts(votes: Sequence[Votes]) -> Middles:
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:
-    """Which rays (N,) pass a middle whose boll their lint may be of."""
+    """Which rays (N,) pass near a middle whose boll their lint may belong to."""
     explained = np.zeros(len(view.rays), bool)
     for centre, diameter in zip(middles.centres, middles.diameters, strict=True):
         near = np.flatnonzero(np.linalg.norm(view.surfaces - centre, axis=1) < FARTHEST * diameter)

@@ -1,4 +1,4 @@
-"""Open bolls in one image alone, where no model of the plant lets the images tell each other what they show."""
+"""Open bolls in one image alone, where no model of the plant combines the evidence of several images."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ IN_LEAF: Final = 0.02
 """Share of an image's pixels that are leaf from which much may only look like lint: bracts, flowers, shine. All of 100
 images of living cotton without open bolls had more."""
 EVIDENCE: Final = 1.5
-"""What the bolls of such an image add up to at least (`weigh_evidence`), or it shows none. Of these 100 images one had
+"""Least evidence of all bolls of such an image (`weigh_evidence`); with less it shows none. Of these 100 images one had
 more, of 160 photographs of open cotton none with so much leaf had less."""
 MOST_OF_ONE: Final = 1.5
-"""What one boll may count for, in its own discs: one that is larger than the network takes it for."""
+"""Most evidence of one boll, in its own discs: a boll may be larger than the network takes it for."""
 
 
 def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
@@ -40,8 +40,8 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
 
 
 def weigh_evidence(ids: NDArray[np.uint16], maps: Maps) -> float:
-    """How much an image speaks for open bolls: the sum over its bolls of the square of what is surely seen of each,
-    which is 1 for one seen whole without a doubt. Squared, a few clear bolls outweigh many faint ones.
+    """Evidence of an image for open bolls: the sum over its bolls of the square of the part that is surely seen,
+    which is 1 for a boll seen whole without a doubt. Thanks to the square a few clear bolls outweigh many faint ones.
 
     Args:
         ids: (H, W) of the image.

@@ -19,12 +19,12 @@ from .group_votes import weighted_median
 from .meeting_votes import APART, LEAST_VIEWS, Middles, Votes
 
 SPLIT_GAIN: Final = 0.2
-"""Log likelihood of a vote, in the mean, by which two middles explain it better than one, for a part to be split: parts
-of one boll had 0.05 to 0.17 on plants of touching bolls, those of two 0.24 to 0.48."""
+"""Gain of a vote's mean log likelihood by two middles instead of one, from which a part is split. On plants of touching
+bolls, parts of one boll had 0.05 to 0.17, those of two 0.24 to 0.48."""
 MOST_VOTES: Final = 600
-"""Of a part that are looked at: more would change no decision."""
+"""Number of a part's votes that are used. More would not change a decision."""
 LEAST_VOTES: Final = 60
-"""Fewer say too little about two places."""
+"""Least number of a part's votes for a split; fewer do not determine two places."""
 DEPTH_SPREAD: Final = 2.5
 SHARPEST: Final = 0.01
 """Least standard deviation of votes, in diameters: votes that agree to the last digit would be infinitely likely."""
@@ -40,7 +40,7 @@ START: Final = 0.3
 
 @dataclass(frozen=True)
 class PlacedVotes:
-    """Votes of one part: each says about where the middle of its boll is."""
+    """Votes of one part: each is an estimate of the middle of its boll."""
 
     places: Float64
     """(N, 3) su."""
@@ -56,7 +56,7 @@ class PlacedVotes:
         return cls(places.astype(np.float64), rays.astype(np.float64), whole / whole.sum().clip(min=1e-12))
 
     def distances2(self, centre: Float64) -> Float64:
-        """(N,) su², of a centre from each vote, less where it lies along the ray."""
+        """(N,) squared distances of a centre from each vote, su²; a distance along the ray counts less."""
         away = self.places - centre
         return np.einsum("ni,ni->n", away, away) - _ALONG * np.einsum("ni,ni->n", away, self.rays) ** 2
 

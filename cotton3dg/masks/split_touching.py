@@ -15,7 +15,7 @@ outwards because the views that look past a boll into another one, or onto a whi
 HALF: Final = 0.6
 """Contrast half way down that edge, whose surface encloses about the volume of a boll."""
 LEVELS: Final = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-"""Contrasts whose surfaces tell how deep inside of lint a voxel is: the necks between bolls show in some of them only,
+"""Contrasts whose surfaces give the depth of a voxel inside of lint. The necks between bolls show in some of them only,
 the lower the deeper the bolls stand in a heap."""
 SMOOTHING: Final = 0.1
 """Standard deviation, in boll diameters, that levels the ripples of depths that voxels and locks make."""
@@ -26,7 +26,7 @@ LOCKS_DIP: Final = 0.5
 """... or than this one, when they are closer than so many boll diameters: the four or five locks of an open boll are
 half a diameter apart."""
 LARGEST_HEAP: Final = 1000
-"""Volume of connected lint, in typical bolls, beyond which it is a room and no plant, and not worth the time."""
+"""Largest volume of connected lint, in typical bolls. A larger one is a room, not a plant, and not worth the time."""
 SMALLEST: Final = 0.35
 LARGEST: Final = 2.0
 """Diameters of a ball of a boll's volume, relative to the plant's median boll."""
@@ -59,7 +59,7 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
     for heap, box in enumerate(ndimage.find_objects(heaps), start=1):
         own = np.where(heaps[box] == heap, lint[box], 0)
         if worth_it[heap] and own.max() > least:
-            # The margin spares every look at a neighbour the question whether there is one.
+            # With the margin every voxel has all its neighbours, so no look at one needs a check of the bounds.
             bolls = _divide(np.pad(own, 1), least, diameter)[1:-1, 1:-1, 1:-1]
             labels[box] += np.where(bolls > 0, bolls + count, 0)
             count += int(bolls.max())
@@ -67,7 +67,7 @@ def split_touching(contrasts: Float32, least: float) -> NDArray[np.int32]:
 
 
 def _divide(lint: Float32, least: float, diameter: float) -> NDArray[np.int32]:
-    """The same of one heap of connected lint, whose bolls may still be of any size and shape."""
+    """Divide one heap of connected lint in the same way; its bolls may still have any size and shape."""
     from scipy import ndimage
 
     depths = sum(ndimage.distance_transform_edt(lint > level) for level in LEVELS) / len(LEVELS)
@@ -94,7 +94,7 @@ def typical_diameter(lint: Float32) -> float:
 
 
 def _summits(hills: Float32, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The voxel (flat index) that steepest ascent from each of `voxels` ends at; of equals the later one is higher."""
+    """The voxel (flat index) at which steepest ascent from each of `voxels` ends; the later of two equals is higher."""
     flat = hills.ravel()
     upward = np.arange(hills.size)
     for step in _steps(hills.shape):
@@ -109,7 +109,7 @@ def _summits(hills: Float32, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _join(summits: NDArray[np.int64], hills: Float32, voxels: NDArray[np.int64], diameter: float) -> NDArray[np.int64]:
-    """`summits` with one for all hills of one boll, highest pass first."""
+    """`summits` with one summit for all hills of a boll; the hills with the highest pass join first."""
     flat = hills.ravel()
     owner = np.full(hills.size, -1)
     owner[voxels] = summits
@@ -158,7 +158,7 @@ def boll_shaped(labels: NDArray[np.int32], diameter: float) -> NDArray[np.int32]
     typical_extent = diameter / np.sqrt(20)  # of a ball, as standard deviation
     kept = (sizes >= SMALLEST) & (sizes <= LARGEST)
     kept[0] = False
-    # Each in its own box: a scene that is no plant may have thousands.
+    # Each boll has its own box: a scene that is not a plant may have thousands.
     boxes = ndimage.find_objects(labels)
     centres, caps = np.zeros((len(kept), 3)), []
     for label in np.flatnonzero(kept):

@@ -31,8 +31,8 @@ from .lint_edges import EDGES_FILE
 from .same_boll import SCORE_FILE
 
 SIZE_STEP: Final = 1.05
-"""Ratio of the steps in which a size in centimetres is known to the back ends. Bolls differ by far more, and a scale
-that is measured anew changes by less, so that the masks need not be made anew with it."""
+"""Ratio of the steps to which the length of a scene unit is rounded for the back ends. Bolls differ by far more, and a
+new measurement of the scale changes by less, so that it does not make the masks outdated."""
 MASK_BYTES: Final = 2**18
 """Of one image's masks on the disk, generous."""
 WEIGHTS: Final = ("weights", "detector")
@@ -53,7 +53,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """The networks and the score that come with the program; and the model, where a back end looks at it."""
+    """The networks and the score that come with the program, and the model, if a back end uses it."""
     networks = [EDGES_FILE, SCORE_FILE] if options.backend == "bolls" else []
     networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
     return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
@@ -64,7 +64,7 @@ def _looks_at_model(options: MasksOptions) -> bool:
 
 
 def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
-    """Of the scale, how long a scene unit is; only `bolls` asks for it."""
+    """The length of a scene unit, from the scale; only `bolls` depends on it."""
     if options.backend != "bolls":
         return {}
     try:
@@ -78,7 +78,7 @@ def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
 def read_unit_length(workspace: Workspace) -> float | None:
     """Length of a scene unit, cm, rounded to a step of `SIZE_STEP`; None where no scale is known.
 
-    As it was found: a person who moves corners speaks of the bolls that were found with it.
+    Corrections of corners do not change it, because they refer to the bolls that were found with it.
 
     Raises:
         BadInput: scale.json is damaged.
@@ -122,10 +122,10 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
 
 
 def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
-    """What there is of a plant for a back end."""
+    """The data of a plant that a back end uses."""
     sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
     cameras = read_cameras(sparse)
-    # One camera alone has no orbit; the back ends will say so.
+    # One camera alone does not have an orbit; the back ends report that.
     has_model = _looks_at_model(options) and workspace.gaussians_ply.is_file() and len(cameras) > 1
     model = read_gaussians(workspace.gaussians_ply) if has_model else None
     return Plant(
@@ -157,8 +157,8 @@ def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """Of `bolls` what the network sees, and edges at full size; of all others that of `lint`, where views vote whether
-    they get masks or not."""
+    """`bolls` costs by what the network sees, and by the edges at full size. All others cost as much as `lint`, where
+    all voting views count, with masks or without."""
     width, height = work.size
     image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
     if work.options["masks"].backend == "bolls":

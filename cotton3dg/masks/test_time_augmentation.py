@@ -1,5 +1,5 @@
-"""One image seen at several sizes, and once more sharpened and mirrored: the network knows bolls of some sizes better
-than others, and those in focus best; and the mean of two looks errs less the less they have in common."""
+"""The network sees one image at several sizes, and once more sharpened and mirrored. It knows bolls of some sizes
+better than others, and those in focus best; and the mean of two looks errs less, the less they have in common."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from ..core.scene import Float32
 from .bolls import BollNetwork, Maps, middles_of_pixels
 
 LOOKS: Final = (1.0, 0.5, 0.25)
-"""Sizes, in those of `seen_size`, at which an image is looked at: a boll that fills it is known only from afar."""
+"""Sizes, relative to `seen_size`, at which the network sees an image: it recognises a boll that fills the image only
+when it is small."""
 EDGES_PX: Final = 3.0
 EDGES_GAIN: Final = 1.5
 """What sharpening adds of an image's details that are finer than this."""
@@ -26,7 +27,7 @@ FAMILIAR_OCTAVES: Final = 1.0
 
 
 def see_at_all_looks(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
-    """What the network says of an (H, W, 3) sRGB image, and of it sharpened and mirrored, all `LOOKS` together."""
+    """The network's maps of an (H, W, 3) sRGB image, and of it sharpened and mirrored, all `LOOKS` together."""
     other = np.ascontiguousarray(sharpen(image)[:, ::-1])
     as_it_is = [network.maps(image, look) for look in LOOKS]
     return mix_looks(as_it_is + [mirror(network.maps(other, look)) for look in LOOKS])
@@ -51,8 +52,8 @@ def sharpen(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def mix_looks(looks: Sequence[Maps]) -> Maps:
-    """Maps of one image seen in several ways as one, of the size of the first: where bolls are large, those count most
-    in which they are small."""
+    """Mix the maps of several looks at one image, at the size of the first. Where bolls are large, the looks in which
+    they are small count most."""
     first = looks[0]
     height, width = first.lint.shape
     fitted = [_resize_maps(maps, height, width) for maps in looks]

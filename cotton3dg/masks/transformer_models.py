@@ -16,7 +16,7 @@ from ..errors import BadInput, EnvironmentUnusable, MissingInput
 from .pickle_guard import demand_trust
 
 MEAN, STD = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]], np.float32)
-"""Of ImageNet's red, green and blue: what SAM and Grounding DINO were trained with."""
+"""Mean and standard deviation of ImageNet's red, green and blue, with which SAM and Grounding DINO were trained."""
 
 
 def model_kind(folder: Path, option: str, kinds: Collection[str]) -> str:
@@ -44,7 +44,7 @@ def model_kind(folder: Path, option: str, kinds: Collection[str]) -> str:
 
 
 def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
-    """A model of one of transformers' classes, ready to be asked.
+    """A model of one of transformers' classes, ready to run.
 
     Args:
         trusted: whether pickled weights (.bin) will do; those in .safetensors always do.
@@ -61,7 +61,7 @@ def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
         model, told = model_class.from_pretrained(
             folder, local_files_only=True, use_safetensors=not pickled, output_loading_info=True
         )
-    # Damaged weights fail in as many ways as there are lines in the readers.
+    # Damaged weights make the readers raise almost any exception.
     except Exception as error:
         raise BadInput(f"the model in {folder.name} cannot be read ({error!r:.80}); copy its folder again") from error
     if lacking := len(told["missing_keys"]) + len(told["mismatched_keys"]):
@@ -86,7 +86,7 @@ def transformers_class(name: str) -> Any:
     transformers.utils.logging.disable_progress_bar()
     try:
         return getattr(transformers, name)
-    # Its classes are imported when they are asked for, with all that they import in turn.
+    # transformers imports a class at its first use, with everything that the class imports in turn.
     except (ImportError, AttributeError, RuntimeError) as error:
         raise EnvironmentUnusable(
             f"transformers {transformers.__version__} does not load {name} ({error!r:.80}); run pip install -U "

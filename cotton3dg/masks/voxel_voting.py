@@ -1,4 +1,4 @@
-"""Where around the plant is lint: single images vote in space, which no image can decide alone.
+"""Where lint is around the plant: no image can decide that alone, so the images vote in space.
 
 A white poster behind the plant looks like lint in one image and not in the next; a place in space where most views see
 lint is lint. This is shape from silhouette (Laurentini 1994) with soft silhouettes, and with votes in place of an
@@ -92,13 +92,13 @@ def find_bolls(
 
 
 def refine_bolls(volume: LintVolume, masks: Sequence[NDArray], cameras: Sequence[Camera]) -> LintVolume:
-    """The same bolls in the shape that their first masks agree on.
+    """The same bolls in the shape on which their first masks agree.
 
-    Masks know what is near a boll, which colours alone do not: they follow lint into its shade and leave out the white
-    wall behind it.
+    Unlike colours alone, masks know what is near a boll: they follow lint into its shade and leave out the white wall
+    behind it.
 
     Args:
-        masks: (H, W) ids of each view, of whichever boll.
+        masks: (H, W) ids of each view; it does not matter of which boll.
         cameras: of these views.
     """
     from scipy import ndimage
@@ -159,7 +159,7 @@ def vote(
     shares, in_view = _mean_scores(_map(fine.astype(np.float32), scene_from_voxel), scores, cameras, arcs)
     contrasts = np.zeros((coarse.max(axis=0) - corner + 1) * REFINED, np.float32)
     best = _contrast(shares, np.repeat(usual[:, hopeful[allowed]], REFINED**3, axis=1)).max(axis=0)
-    # A view that does not see a voxel is no witness for it.
+    # A view that does not see a voxel does not vote on it.
     contrasts[tuple(fine.T)] = in_view * best
     return contrasts, scene_from_voxel
 
@@ -211,7 +211,7 @@ def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray, NDArray, NDArra
 
 
 def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
-    """What empty space around each cell looks like: an opening that removes all that is narrower than 0.09 R.
+    """The share that empty space around each cell has: an opening removes everything narrower than 0.09 R.
 
     Args:
         shares: (N,) of the N cells that are allowed (X, Y, Z).
@@ -234,7 +234,7 @@ def _map(points: Float32, affine: Float64) -> Float32:
 def _contrast(shares: Float32, usual: Float32) -> Float32:
     """1 where all views see lint, 0 where as many see white as through the empty space around.
 
-    Where nearly all backgrounds are white there is little left to tell lint from them, and noise is not stretched.
+    Where nearly all backgrounds are white, lint hardly differs from them, and noise is not stretched.
     """
     return ((shares - usual) / np.maximum(1 - usual, LEAST_ROOM)).astype(np.float32)
 

@@ -1,7 +1,7 @@
-"""White things that are no open bolls: cloths, balls and mugs that hang or stand about, closed bolls.
+"""White things that are not open bolls: cloths, balls and mugs that hang or stand about, closed bolls.
 
-The network is less sure of them than of the plant's open bolls, and beside what grows on no plant it sees no bur, wood
-or leaf.
+The network is less sure of them than of the plant's open bolls, and it sees no bur, wood or leaf beside things that do
+not grow on a plant.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from .bolls import Maps
 from .group_votes import weighted_median
 
 BESIDE: Final = 0.3
-"""Width of what is beside a boll, by the root of its area in the image."""
+"""Width of the surroundings of a boll, relative to the root of its area in the image."""
 LITTLE: Final = 0.12
 ENOUGH: Final = 0.25
-"""Probability of a plant beside a boll: less says no more than that there is none, more no more than that there is one,
-as beside most bolls."""
+"""Limits of the probability of a plant beside a boll. Below the lower one there is no plant; above the upper one there
+is one, as beside most bolls."""
 LESS: Final = 0.06
-"""How much less sure than usual a thing is, the plant beside it added: bolls of which half lies in the shade fall short
-by up to 0.045."""
+"""How much less sure than usual a thing is, with the plant beside it added. A boll that lies half in the shade falls
+short by up to 0.045."""
 SILENT: Final = 0.05
-"""A network that usually sees less of a plant beside bolls does not know plants, as one of other pictures may."""
+"""A network that usually sees less of a plant beside bolls does not know plants, e.g. because it learnt from other
+pictures."""
 FEWEST: Final = 12
-"""Pixels of the maps that a boll must have in an image whose surroundings are looked at."""
+"""Least number of a boll's pixels in the maps of an image for its surroundings to be measured there."""
 
 
 def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Float64:
-    """What the network says on and beside each boll in one image.
+    """The network's probabilities on and beside each boll in one image.
 
     Args:
         ids: (H, W) of the image, 1 ... `bolls`, 0 = no lint.
@@ -62,8 +63,8 @@ def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Flo
 
 
 def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
-    """Which bolls (B,) are none: those whose probability of lint, that of a plant beside them added (within limits), is
-    clearly below what is usual for lint alone.
+    """Which of the bolls (B,) are not bolls. Their probability of lint, plus that of a plant beside them (within
+    limits), is clearly below the usual one of lint alone.
 
     Args:
         sums: (B, 4) of `measure_surroundings`, over all images.

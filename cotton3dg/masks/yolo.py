@@ -24,7 +24,7 @@ from .yolo_networks import Network
 PADDING: Final = 114 / 255
 """Grey around the image, as in training."""
 STRIDE: Final = 32
-"""Sides of what a network sees are multiples of its coarsest step, px."""
+"""Sides of a network's input are multiples of its coarsest step, px."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def detect_yolo(
         image: (H, W, 3) RGB.
         image_size: longer side of what the network sees, px.
         confidence: least score. nms_iou: IoU of boxes above which only the surest is kept.
-        tile_px: side of the squares that are looked at one by one; 0 = the whole image at once.
+        tile_px: side of the squares that the network sees one by one; 0 = the whole image at once.
         classes: numbers of the classes that count; none = all.
     Raises:
         BadInput: the network's answer is not that of a segmentation model.
@@ -135,7 +135,7 @@ def decode(
 
 
 def suppress(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
-    """Indices of boxes (n, 4), surest first, none of which overlaps a surer one by more than `iou`."""
+    """Indices of boxes (n, 4), the surest first, without those that overlap a surer one by more than `iou`."""
     import cv2
 
     sides = boxes[:, 2:] - boxes[:, :2]
@@ -145,7 +145,7 @@ def suppress(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
 def mask_in_box(
     coefficients: Float32, prototypes: Float32, box: Float64, fit: Fit, stride: float, shape: tuple[int, int]
 ) -> tuple[tuple[int, int], NDArray[np.bool_]]:
-    """Top and left, and the mask (h, w), of what lies in a box; px of the image.
+    """Top and left, and the mask (h, w), of the object in a box; px of the image.
 
     Args:
         coefficients: (M,). prototypes: (M, h, w). box: left, top, right, bottom, px of the image.

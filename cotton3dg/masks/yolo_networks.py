@@ -28,14 +28,14 @@ SWITCHES: Final = {"YOLO_OFFLINE": "1", "YOLO_AUTOINSTALL": "0", "YOLO_VERBOSE":
 
 @dataclass(frozen=True)
 class Network:
-    """A network that can be asked."""
+    """A network that is ready to run."""
 
     forward: Callable[[Float32], tuple[NDArray, NDArray]]
     """From a square of pixels (1, 3, s, s) to predictions (1, C, A) and prototypes (1, M, s / 4, s / 4)."""
     class_names: Mapping[int, str] = field(default_factory=dict)
-    """Where the file tells them."""
+    """Names of the classes, where the file holds them."""
     notice: str = ""
-    """What the user has to know of the software that runs it."""
+    """What the user has to know about the software that runs the network."""
 
 
 def open_network(weights: Path, *, trusted: bool) -> Network:
@@ -115,7 +115,7 @@ def ultralytics_model(weights: Path | str) -> Any:
     yolo_class, name = load_ultralytics(), Path(weights).name
     try:
         model = yolo_class(str(weights))
-    # A file that is no checkpoint fails in as many ways as there are lines in the reader.
+    # A file that is not a checkpoint makes the reader raise almost any exception.
     except Exception as error:
         raise BadInput(f"{name} cannot be read by ultralytics ({error!r:.80}); give a YOLO11-seg checkpoint") from error
     if model.task != "segment":
@@ -124,7 +124,7 @@ def ultralytics_model(weights: Path | str) -> Any:
 
 
 def load_ultralytics() -> Any:
-    """The class YOLO, from an ultralytics that stays offline, installs nothing and tells nobody.
+    """The class YOLO, from an ultralytics that stays offline, installs nothing and reports nothing.
 
     Raises:
         EnvironmentUnusable: it is not installed.

@@ -1,7 +1,7 @@
-"""Which bolls may sit on another branch than the map says, because branches pass near each other.
+"""Which bolls may sit on another branch than in the map, because branches pass near each other.
 
-Where two branches touch, the model's wood is one piece, and which of them goes on where is decided by bends alone. Of
-simulated plants' bolls beyond such a place one in three is on a wrong branch, of others one in fifteen
+Where two branches touch, the model's wood is one piece, and bends alone decide which branch goes on where. On simulated
+plants one in three bolls beyond such a place is on a wrong branch, and one in fifteen of the others
 (docs/notes/plant_map.md).
 """
 
@@ -16,19 +16,19 @@ from ..core.plant_map import Axis, PlantMap
 from ..geometry.polylines import nearest_on, path_lengths
 
 NEAR_CM: Final = 1.6
-"""Centre lines that pass each other no farther apart may be mixed up."""
+"""Largest distance of centre lines that may be mixed up where they pass each other."""
 BESIDE_STEM_CM: Final = 1.5
-"""Of a branch, from its foot: others that leave the stem there are no reason for doubt, ..."""
+"""Length of a branch from its foot within which other branches that leave the stem do not cause a doubt, ..."""
 FORK_CM: Final = 2.0
-"""... nor are its own branches, so far from their feet."""
+"""... and the same length for its own branches, from their feet."""
 BEYOND_CM: Final = 2.5
-"""So far beyond a boll's node a place still may be where its branch goes astray."""
+"""Distance beyond a boll's node within which its branch may still go astray."""
 STILL_RIGHT: Final = 0.67
-"""Share of the bolls beyond such a place that are on the right branch all the same."""
+"""Share of the bolls beyond such a place that are nevertheless on the right branch."""
 
 
 def doubted(plant_map: PlantMap) -> PlantMap:
-    """The map, with less confidence in a boll's branch where that passes near another one on the way to the boll."""
+    """The map with less confidence in a boll's branch if the branch passes near another one on the way to the boll."""
     by_rank = {axis.rank: axis for axis in plant_map.axes}
     first = {axis.rank: _first_pass_cm(axis, by_rank) for axis in plant_map.branches}
     bolls = []
@@ -66,7 +66,7 @@ def _first_pass_cm(axis: Axis, by_rank: dict[int, Axis]) -> float:
 
 
 def _bearers(axis: Axis, by_rank: dict[int, Axis]) -> set[int]:
-    """The axis itself and all that it grows on, the stem included."""
+    """The axis itself and all axes on which it grows, the stem included."""
     ranks = {axis.rank}
     while axis.parent >= 0:
         axis = by_rank[axis.parent]

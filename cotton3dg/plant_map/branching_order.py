@@ -1,4 +1,4 @@
-"""From the ways of a skeleton to the map that a breeder draws: stem, branches by rank, each boll on its branch."""
+"""From the paths of a skeleton to the map that a breeder draws: stem, branches by rank, each boll on its branch."""
 
 from __future__ import annotations
 
@@ -24,36 +24,37 @@ from .untangle import leaves_low, untangled
 from .wood import BollBody, WoodCloud
 
 STALK_CM: Final = 5.0
-"""A way to a boll that is no longer, from a branch, is the boll's stalk; a longer one is a branch of its own."""
+"""Longest stalk of a boll on a branch. A longer path to a boll is a branch of its own."""
 TERMINAL_STALK_CM: Final = 2.0
-"""Where a branch goes on into the stalk of its last boll, its last node is taken to be so far from the boll's foot."""
+"""Assumed distance of a branch's last node from its last boll's foot, if the branch goes on into the boll's stalk."""
 SHORT_BRANCH_CM: Final = 2.0
-"""On a vegetative branch, whose bolls all hang on branches of its own, so long a way to a boll is one."""
+"""Least length of a path to a boll that is a branch, on a vegetative branch, where all bolls hang on such branches."""
 SUB_BRANCH_CM: Final = 3.5
-"""Shorter ways that leave a branch are scars and dry tips."""
+"""Least length of a branch on a branch. Shorter paths are scars and dry tips."""
 NO_WAY_CM: Final = 1.0
-"""A boll whose way from the stem is shorter has no branch there: it hangs on another one beside, ..."""
+"""A boll whose path from the stem is shorter does not have a branch there: it hangs on a branch beside it, ..."""
 BRANCH_BESIDE_CM: Final = 3.0
-"""... if one is so near to its foot, else on the stem. So does one that seems to hang on a vegetative branch."""
+"""... if one is this near to its foot, else on the stem. The same holds for a boll that seems to hang on a vegetative
+branch."""
 TIP_CM: Final = 3.0
-"""A boll so near to the stem's tip sits on the stem."""
+"""Distance from the stem's tip within which a boll sits on the stem."""
 CARPEL_CM: Final = 4.5
-"""A way that goes on past a boll's foot, by no more, is a carpel of its bur."""
+"""Length by which a path may go on past a boll's foot to be a carpel of its bur."""
 CARPEL_REACH: Final = 1.3
-"""Such a way ends within so many diameters of the boll's middle."""
+"""Distance from the boll's middle, in diameters, within which such a path ends."""
 BASE_CM: Final = 2.0
 """The straight piece of a branch next to its parent, which is continued into the parent's centre line."""
 BESIDE_CM: Final = 0.4
-"""It begins so far outside of the parent's wood."""
+"""Distance from the parent's wood at which this piece begins."""
 BRANCH_RADIUS_CM: Final = 0.2
 SEEN_CM: Final = 0.5
 UPRIGHT_DEG: Final = 55.0
 RISING_DEG: Final = 35.0
-"""The outer half of a vegetative branch rises so steeply where it bears nothing, and where it has one branch."""
+"""Steepness of a vegetative branch's outer half if it bears nothing, and if it has one branch."""
 VEGETATIVE_CM: Final = 12.0
 NODE_BEND_DEG: Final = 20.0
-"""What seems to be a vegetative branch that ends in a boll bends so much where its last fruiting branch leaves: it is
-straight itself, and the fruiting branch bends once more at its boll."""
+"""Bend of a seemingly vegetative branch that ends in a boll, where its last fruiting branch leaves: the vegetative
+branch itself is straight, and the fruiting branch bends once more at its boll."""
 
 
 @dataclass
@@ -72,7 +73,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     """The map of a skeleton.
 
     Args:
-        raw: the stem, then the ways that leave it or each other. stem_radius: cm, in its lower half.
+        raw: the stem, then the paths that leave it or each other. stem_radius: cm, in its lower half.
     """
     if not raw:
         return PlantMap((), (), "no_stem")
@@ -123,7 +124,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
 
 
 def _without_carpels(ways: list[RawAxis], bolls: tuple[BollBody, ...]) -> list[RawAxis]:
-    """Ways that run past a boll's foot into a carpel end at the foot."""
+    """The paths, where those that run past a boll's foot into a carpel end at the foot."""
     for number, way in enumerate(ways):
         if number == 0 or way.boll:
             continue
@@ -142,7 +143,7 @@ def _without_carpels(ways: list[RawAxis], bolls: tuple[BollBody, ...]) -> list[R
 
 
 def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], list[tuple[int, float, Float64]]]:
-    """Branches and the bolls on the stem itself; stalks, carpels, scars and leaf stalks are told from branches."""
+    """Branches and the bolls on the stem itself, separated from stalks, carpels, scars and leaf stalks."""
     stem = ways[0].curve
     branches: list[_Branch] = []
     index_of = {0: -1}
@@ -154,7 +155,7 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
             continue
         length, parent = length_of(way.curve), index_of.get(way.parent)
         if parent is None:
-            # What leaves a stalk or scar belongs to what bears that.
+            # A path that leaves a stalk or scar belongs to the branch that bears the stalk or scar.
             parent = index_of[number] = _bearer(ways, number, index_of)
         mother = stem if parent < 0 else branches[parent].curve
         node = float(nearest_on(mother, way.curve[:1])[1][0])
@@ -181,8 +182,8 @@ def _sorted_out(ways: list[RawAxis], cloud: WoodCloud) -> tuple[list[_Branch], l
 
 
 def _borne_by_branches(branches: list[_Branch], kinds: list[str]) -> tuple[list[_Branch], list[str]]:
-    """Vegetative branches bear fruiting branches and no bolls: what seems to hang on one hangs on a fruiting branch
-    beside, or its stalk, or the outer end of what was taken for the vegetative one, is a branch of its own."""
+    """Vegetative branches bear fruiting branches and no bolls. A boll that seems to hang on one hangs on a fruiting
+    branch beside it, or its stalk, or the outer end of the supposed vegetative branch, is a branch of its own."""
     fruiting = [branch for branch, kind in zip(branches, kinds, strict=True) if kind == "fruiting"]
     found: list[_Branch] = []
     for index, (branch, kind) in enumerate(zip(branches, kinds, strict=True)):
@@ -224,7 +225,7 @@ def _hung_beside(boll: int, stalk: Float64, branches: list[_Branch]) -> bool:
 
 
 def _without_bare_twigs(branches: list[_Branch], kinds: list[str]) -> tuple[list[_Branch], list[str]]:
-    """Fruiting branches bear no branches: what leaves one and bears nothing is a stalk, a scar or another's wood."""
+    """Fruiting branches do not bear branches: a bare twig on one is a stalk, a scar or wood of another branch."""
     kept = list(range(len(branches)))
     for index in sorted(kept, key=lambda index: length_of(branches[index].curve)):
         branch = branches[index]
@@ -255,7 +256,7 @@ def _bearer(ways: list[RawAxis], number: int, index_of: dict[int, int]) -> int:
 def _is_no_branch(
     way: RawAxis, parent: int, length: float, below_tip: float, bears: bool, bolls: tuple[BollBody, ...]
 ) -> bool:
-    """Whether a way without a boll at its end is a scar, a leaf's stalk or a carpel."""
+    """Whether a path without a boll at its end is a scar, a leaf's stalk or a carpel."""
     if bears:
         return False
     near_boll = any(np.linalg.norm(way.curve[-1] - body.centre) < CARPEL_REACH * body.diameter for body in bolls)
@@ -265,7 +266,7 @@ def _is_no_branch(
 
 
 def with_straight_base(curve: Float64, parent: Float64, radius: float) -> Float64:
-    """The curve from its parent's centre line on: shortest paths keep to the parent for a while, branches do not.
+    """The curve from its parent's centre line on. Shortest paths keep to the parent for a while, branches do not.
 
     The straight piece next to the parent's wood is continued to where it comes nearest to the parent's centre line.
     """
@@ -282,7 +283,7 @@ def with_straight_base(curve: Float64, parent: Float64, radius: float) -> Float6
     way = np.linalg.svd(piece - middle)[2][0]
     way *= np.sign(way @ (piece[-1] - piece[0])) or 1.0
     first = middle + ((piece[0] - middle) @ way) * way
-    # Backwards along the line, as far as twice the way there.
+    # Backwards along the line, up to twice the distance to the parent.
     backwards = first - np.linspace(0, 2 * away[start] + 1.5, 60)[:, None] * way
     gaps, stations = nearest_on(parent, backwards)
     best = int(np.argmin(gaps))
@@ -298,11 +299,11 @@ def base_angle_deg(curve: Float64, parent: Float64) -> float:
 
 
 def _kind(branch: _Branch, branches: list[_Branch], index: int, stem: Float64) -> str:
-    """Vegetative: it rises, bears branches itself, and leaves the stem low.
+    """The kind of a branch. A vegetative one rises, bears branches itself, and leaves the stem low.
 
-    One boll on it may hang elsewhere; several may on one that rises steeply and bears as many branches.
+    One boll on it may hang elsewhere; several may if it rises steeply and bears as many branches.
 
-    On a branch that bears bolls itself, bare ones are what hangs about these.
+    On a branch that bears bolls itself, bare branches are parts that hang around these.
     """
     if branch.parent >= 0 or length_of(branch.curve) < VEGETATIVE_CM:
         return "fruiting"
@@ -328,7 +329,7 @@ def _boll_on_map(
 
 
 def _seen_share(curve: Float64, places: Float64) -> float:
-    """Share of a curve's points that wood was seen next to."""
+    """Share of a curve's points next to which wood was seen."""
     from scipy.spatial import cKDTree
 
     return float(np.mean(cKDTree(places).query(curve)[0] < SEEN_CM + 0.4))

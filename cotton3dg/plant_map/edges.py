@@ -1,9 +1,9 @@
-"""At which opacity of the model wood ends.
+"""The opacity of the model at which wood ends.
 
-A camera adds light, and so do the pixels that wood half covers; the model mixes sRGB values instead. Half of dark wood
-and half of a bright wall is nearer to the wall in sRGB than the mean of both, so where wood covers half of a pixel,
-training leaves less than half of its opacity. Taken to end at a half, stems before bright rooms are too thin by a third
-of a pixel (docs/notes/plant_map.md). Not in the papers.
+A camera adds light, also in pixels that wood half covers, while the model mixes sRGB values. Half of dark wood and half
+of a bright wall is nearer to the wall in sRGB than the mean of both, so where wood covers half of a pixel, training
+leaves less than half of its opacity. If wood ended at an opacity of one half, stems before bright rooms would be too
+thin by a third of a pixel (docs/notes/plant_map.md). This is not in the papers.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ HALF: Final = 0.5
 LIKELY: Final = (0.25, 0.75)
 """Black before white, and white before black, with some room."""
 LEAST_CONTRAST: Final = 0.002
-"""Mean squared difference of wood and what is behind it, below which edges tell nothing."""
+"""Mean squared difference of wood and its background below which edges do not determine the opacity."""
 
 
 def edge_opacity(wood: Gaussians, behind: Gaussians, cameras: Sequence[Camera]) -> float:
     """The opacity that training gives to wood that covers half of a pixel; a half without cameras.
 
     Args:
-        wood: Gaussians of the plant that are no bolls. behind: all that are not the plant.
+        wood: Gaussians of the plant that are not bolls. behind: all that are not the plant.
     """
     if not (len(wood) and len(behind) and len(cameras)):
         return HALF
@@ -52,7 +52,7 @@ def opacity_at_half(front: NDArray, behind: NDArray) -> float:
 
 
 def _colours(wood: Gaussians, behind: Gaussians, camera: Camera) -> tuple[NDArray, ...]:
-    """(N, 3) of wood and of what lies behind it, in the pixels that wood fills."""
+    """(N, 3) of wood and of its background, in the pixels that wood fills."""
     zoom = min(1.0, LONGER_PX / max(camera.width, camera.height))
     small = camera.resized(max(1, round(zoom * camera.width)), max(1, round(zoom * camera.height)))
     shown, room = render(wood, small), render(behind, small)

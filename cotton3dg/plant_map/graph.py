@@ -1,4 +1,4 @@
-"""Wood as a graph: near places are joined, gaps are bridged at a price, and shortest paths lead to the clamp."""
+"""Wood as a graph: near places are joined, gaps are bridged at a cost, and shortest paths lead to the clamp."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from ..core.scene import Float64
 
 NEIGHBOURS: Final = 12
 NEAR_CM: Final = 1.0
-"""Places no farther apart are joined at once."""
+"""Largest distance of places that are joined at once."""
 GAP_CM: Final = 0.5
-"""A step of this length costs twice its length, longer ones more and more: wood is seen closer together than that."""
+"""A step of this length costs twice its length, longer ones more and more, because seen places of wood lie closer."""
 COARSE_CM: Final = 0.8
 FAR_CM: Final = 4.0
 FAR_NEIGHBOURS: Final = 16
-"""Of the places so far apart, some are joined over so much: for gaps in wood that hangs together elsewhere."""
+"""Spacing of the places that are also joined over longer distances, this distance, and the number of neighbours: for
+gaps in wood that is connected elsewhere."""
 BRIDGE_CM: Final = 7.0
 """The widest gap behind a boll or leaf that is bridged."""
 SMALL_PART: Final = 64
-"""Places; larger parts are few."""
+"""Number of places up to which a part is small; larger parts are few."""
 DEAR: Final = 2.0
-"""A way through blades, burs and other bolls costs so many times its length."""
+"""Cost, in its lengths, of a path through blades, burs and other bolls."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class WoodTree:
     places: Float64
     """(N, 3) cm, the wood's and then one for each boll."""
     before: NDArray[np.int64]
-    """(N,) the next place towards the clamp; -1 of the root and of what is not connected."""
+    """(N,) the next place towards the clamp; -1 for the root and for places that are not connected."""
     cost: Float64
     """(N,) of the path to the root; infinite where there is none."""
     lengths: Float64
@@ -66,10 +67,10 @@ def joined(places: Float64) -> WoodGraph:
 def shortest_paths(
     graph: WoodGraph, dear: NDArray[np.bool_], root: int, feet: Float64, sideways: float = 1.0
 ) -> WoodTree:
-    """Dijkstra's shortest paths to a root; the bolls' feet are ends that nothing leads through.
+    """Dijkstra's shortest paths to a root; no path leads through the bolls' feet.
 
     Args:
-        dear: (N,) places that a way should avoid. feet: (B, 3) cm. sideways: what a level centimetre counts.
+        dear: (N,) places that a path should avoid. feet: (B, 3) cm. sideways: cost of a level centimetre.
     """
     wood, pairs, n = graph.places, graph.pairs, len(graph.places)
     lengths = np.linalg.norm((wood[pairs[:, 0]] - wood[pairs[:, 1]]) * (sideways, sideways, 1.0), axis=1)
@@ -111,16 +112,17 @@ def _neighbours(places: Float64, k: int, reach: float) -> NDArray[np.int64]:
 
 
 def _each_once(pairs: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """(P, 2) pairs of n rows without those that come again in either order, sorted."""
+    """(P, 2) pairs of n rows, sorted, without repeated ones in either order."""
     # Numbers are sorted in a tenth of the time that rows take.
     keys = np.sort(np.minimum(*pairs.T) * n + np.maximum(*pairs.T))
     return np.column_stack(np.divmod(keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]], n))
 
 
 def _bridges(places: Float64, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(B, 2) the nearest pairs between parts, until all within `BRIDGE_CM` hang together (Borůvka's spanning tree).
+    """(B, 2) the nearest pairs between parts, until all within `BRIDGE_CM` are connected (Borůvka's spanning tree).
 
-    Every part gets its nearest bridges to some others, not one alone: the shortest way decides which is crossed.
+    Every part gets its nearest bridges to several others, not one bridge only; the shortest path decides which it
+    crosses.
     """
     n, whole = len(places), cKDTree(places)
     found = [np.zeros((0, 2), np.int64)]
@@ -148,8 +150,8 @@ def _nearest_outside(
 ) -> tuple[Float64, NDArray[np.int64]]:
     """(K,) from each row of a part to the nearest row of any other within `BRIDGE_CM`, infinite where there is none.
 
-    A cloud of a room falls into thousands of small parts: they ask the tree of all places for more than they have, so
-    that only large parts need a tree of the rest.
+    A cloud of a room falls into thousands of small parts. A small part queries the tree of all places for more
+    neighbours than it has places, so only large parts need a tree of the rest.
     """
     if len(own) <= SMALL_PART:
         k = min(len(own) + 1, len(places))
@@ -172,7 +174,7 @@ def path_to(tree: WoodTree, row: int, stop: NDArray[np.bool_]) -> list[int]:
 
 
 class MergedNumbers:
-    """Numbers of which some turn out to be the same."""
+    """Numbers that can be merged: those of one group count as the same."""
 
     def __init__(self) -> None:
         self._above: list[int] = []

@@ -1,9 +1,9 @@
-"""Branches that touch close a loop of wood: where it is opened, each of them goes on straight.
+"""Opens the loops of wood that touching branches close, so that each branch goes on straight.
 
-Shortest paths open a loop where the two ways round it are equally long, which is seldom where branches touch: what
-lies between is traced the wrong way round, and what lies beyond the touch goes to the branch that reached it first.
-Here every loop is opened anew at that fork on it, and so that the branches which come out of it are the most likely:
-few bends, few dead ends, and no branches on fruiting branches.
+Shortest paths open a loop where the two ways round it are equally long, which is seldom where branches touch. The piece
+between is then traced the wrong way round, and the piece beyond the touch goes to the branch that reached it first.
+Here every loop is opened anew at one of its forks, so that the resulting branches are the most likely: few bends, few
+dead ends, and no branches on fruiting branches.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from .untangle import (
 )
 
 ONE_FORK_CM: Final = 2.0
-"""Forks on a way that are no farther apart are one."""
+"""Largest distance of forks on a path that count as one."""
 SAME_CM: Final = 0.01
-"""On the stem, only these are."""
+"""The same distance on the stem."""
 WINDOW_CM: Final = 2.5
-"""Directions are taken over such a piece, `AROUND_CM` from a fork."""
+"""Length of the piece over which a direction is taken, `AROUND_CM` from a fork."""
 MOST_DEG: Final = 80.0
-"""No bend is less likely than this."""
+"""Bend beyond which bends do not become less likely."""
 ROUNDS: Final = 3
 HANGING_DEG: Final = 3.0
-"""For each centimetre between the foot of what hangs at a fork and a branch, that is as unlikely as such a bend: where
-branches touch that bear bolls there, each has those that are nearer to it."""
+"""Bend that is as unlikely as each centimetre between a branch and the foot of a stalk or twig that hangs on it at a
+fork. Where branches with bolls touch, each gets the bolls that are nearer to it."""
 HANGING_CM: Final = 3.0
-"""That much of the branch at either side of the fork counts."""
+"""Length of the branch on either side of the fork that counts for this."""
 MOST_ARMS: Final = 5
-"""Of a fork besides the two of the loop; with more of them it stays as it is."""
+"""Largest number of a fork's arms besides the two of the loop; a fork with more stays as it is."""
 
 Arm = tuple[int, int]
 """A segment and one of its ends, 0 or 1."""
 Opening = frozenset[Arm]
-"""What opens a loop: the arms of a fork that part from the rest."""
+"""An opening of a loop: the arms of a fork that separate from the rest."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class _Segment:
     way: int
     start: float
     end: float
-    """Path lengths on the way."""
+    """Path lengths of start and end on the path."""
 
 
 @dataclass
@@ -74,7 +74,7 @@ class _Line:
 
 
 def opened(ways: list[RawAxis], meetings: list[Meeting]) -> list[RawAxis]:
-    """The ways, with every loop that the meetings close opened where the branches go on straight."""
+    """The paths, with every loop that the meetings close opened so that the branches go on straight."""
     if not meetings:
         return ways
     return _Forks(ways, meetings).best()
@@ -89,15 +89,15 @@ def _arms_of(forks: dict[Arm, int]) -> dict[int, list[Arm]]:
 
 
 class _Forks:
-    """Segments of ways, and which of them come together."""
+    """Segments of paths, and the forks where they come together."""
 
     def __init__(self, ways: list[RawAxis], meetings: list[Meeting]) -> None:
         stubs = [RawAxis(resampled(meeting.link, SPACING_CM), 0) for meeting in meetings if meeting.one == 0]
         self.ways, self.n_ways = [*ways, *stubs], len(ways)
-        """What is left of branches beside the stem comes after the ways."""
+        """The paths, followed by the remaining stubs of branches beside the stem."""
         self.segments: list[_Segment] = []
         self.first: dict[Arm, int] = {}
-        """The fork of each arm as the ways came."""
+        """The fork of each arm in the given paths."""
         self._angles: dict[tuple[Arm, Arm], float] = {}
         self._distances: dict[tuple[Arm, Arm, Arm], float] = {}
         forks = MergedNumbers()
@@ -110,7 +110,7 @@ class _Forks:
         self._cut(events, forks, tips)
         loose = {end for pair in ends for end in pair} & tips
         self.loose = {arm for arm, number in self.first.items() if number in loose}
-        """Arms at tips where a meeting says that the wood goes on."""
+        """Arms at tips where the wood goes on by a meeting."""
         self.first = {arm: forks.of(number) for arm, number in self.first.items()}
         self.ends_of = [(forks.of(one), forks.of(other)) for one, other in ends]
         """The forks that each meeting joins."""
@@ -127,7 +127,7 @@ class _Forks:
                 forks.merge(on_parent, foot)
 
     def _event(self, events: list[list[tuple[float, int]]], forks: MergedNumbers, way: int, place: Float64) -> int:
-        """Another fork on a way, nearest to a place and not quite at an end."""
+        """Add a fork on a path, nearest to a place and not quite at an end; its number."""
         station = float(nearest_on(self.ways[way].curve, place[None])[1][0])
         events[way].append((min(station, events[way][0][0] - 0.1), forks.new()))
         return events[way][-1][1]
@@ -154,7 +154,7 @@ class _Forks:
         return self._event(events, forks, way, place)
 
     def _cut(self, events: list[list[tuple[float, int]]], forks: MergedNumbers, tips: set[int]) -> None:
-        """Forks that are near each other on a way become one; the ways are cut at all."""
+        """Merge forks that are near each other on a path, and cut the paths at all forks."""
         for own in events[1:]:
             for (before, one), (after, other) in pairwise(sorted(own)):
                 at_root = forks.of(self.root) in (forks.of(one), forks.of(other))
@@ -168,7 +168,7 @@ class _Forks:
                     self.segments.append(_Segment(number, before, after))
 
     def best(self) -> list[RawAxis]:
-        """The ways of the likeliest openings: of each loop in turn, while the others are open as they were last."""
+        """The paths of the likeliest openings, chosen for each loop in turn while the others keep their last one."""
         state: list[Opening | None] = [None] * len(self.ends_of)
         cost, lines = self._judged(self._forks(state))
         for _ in range(ROUNDS):
@@ -187,7 +187,7 @@ class _Forks:
         return self._ways(lines) if any(state) else self.ways[: self.n_ways]
 
     def _forks(self, state: list[Opening | None]) -> dict[Arm, int]:
-        """The fork of each arm when the loops are opened so."""
+        """The fork of each arm with these openings of the loops."""
         forks, new = dict(self.first), 1 + max(self.first.values())
         for number, opening in enumerate(state):
             if opening is None:
@@ -225,7 +225,7 @@ class _Forks:
 
     @staticmethod
     def _parted(arms: list[Arm], one: Arm, other: Arm) -> Iterator[Opening]:
-        """All ways to part the arms of a fork, the two of the loop from each other."""
+        """All ways to divide the arms of a fork that separate the two of the loop."""
         rest = [arm for arm in arms if arm not in (one, other)]
         if len(rest) <= MOST_ARMS:
             for chosen in product((False, True), repeat=len(rest)):
@@ -265,7 +265,7 @@ class _Forks:
         return kept
 
     def _judged(self, forks: dict[Arm, int]) -> tuple[float, list[_Line]]:
-        """How unlikely the branches are that come out of forks, degrees, and these."""
+        """How unlikely the resulting branches are, degrees, and the branches."""
         at = _arms_of(forks)
         cost, lines = 0.0, list[_Line]()
         waiting = [(arm, -1, False) for arm in sorted(at.get(self.root, []))]
@@ -304,7 +304,7 @@ class _Forks:
         return (cost if seen == len(self.segments) else np.inf), lines
 
     def _onward(self, entered: Arm, outs: list[Arm], straight: bool) -> Arm:
-        """Which arm a branch goes on into: its own way, unless another is clearly straighter."""
+        """The arm into which a branch goes on: that of its own path, unless another is clearly straighter."""
         if straight:
             bends = {arm: self._bend(entered, arm) for arm in outs}
             least = min(bends, key=lambda arm: (bends[arm], arm))
@@ -319,7 +319,7 @@ class _Forks:
         return one.way == other.way and entered[1] != arm[1]
 
     def _is_twig(self, forks: dict[Arm, int], at: dict[int, list[Arm]], arm: Arm) -> bool:
-        """Whether a stalk, scar, dry tip or leaf is all that an arm leads to."""
+        """Whether an arm only leads to a stalk, scar, dry tip or leaf."""
         far = (arm[0], 1 - arm[1])
         if len(at[forks[far]]) > 1 or forks[far] == self.root:
             return False
@@ -341,7 +341,7 @@ class _Forks:
         return segment.end - segment.start
 
     def _away_cm(self, entered: Arm, onward: Arm, hanging: Arm) -> float:
-        """How far what hangs at a fork begins from the branch that goes on there."""
+        """Distance, cm, from the branch that goes on at a fork to the beginning of an arm that hangs there."""
         key = entered, onward, hanging
         if key not in self._distances:
             branch = np.vstack([self._beginning(entered)[::-1], self._beginning(onward)])
@@ -363,7 +363,7 @@ class _Forks:
         return self._angles[key]
 
     def _outwards(self, arm: Arm) -> Float64:
-        """(3,) unit vector from a fork into a segment; where that is short, its way goes on."""
+        """(3,) unit vector from a fork into a segment, or beyond a short one along its path."""
         segment = self.segments[arm[0]]
         curve = self.ways[segment.way].curve
         length = length_of(curve)
@@ -377,7 +377,7 @@ class _Forks:
         found, index_of = [self.ways[0]], {-1: 0}
         for number, line in enumerate(lines):
             if len(line.arms) == 1 and self.segments[line.arms[0][0]].way >= self.n_ways:
-                continue  # a stub that nothing goes on from
+                continue  # a stub from which no path goes on
             index_of[number] = len(found)
             pieces: list[tuple[int, float, float]] = []
             for segment, end in line.arms:

@@ -21,7 +21,7 @@ from .wood import classify, thinned, wood_places
 
 CLOUD_SPACING_CM: Final = 0.25
 LARGEST_CM: Final = 400.0
-"""No cotton plant is taller or wider: a cloud that is shows a room, and the graph of a room has no end."""
+"""Largest height or width of a cotton plant. A larger cloud shows a room, and the graph of a room would be huge."""
 
 BollPlace = tuple[int, Float64, float]
 """Id, centre (3,) and diameter of a boll, cm."""

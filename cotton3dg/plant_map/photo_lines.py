@@ -1,9 +1,9 @@
-"""What photos show along a thin line in space: how much of it something of a known colour covers.
+"""How much of a thin line in space is covered by something of a known colour, from photos.
 
 A twig that is thinner than a pixel covers a share a of the pixels that it crosses: they are a W + (1 - a) B, with W
-the wood's colour and B what is behind. B is what the pixels at either side show, so each place of a line has, in each
-photo, one equation for a; all photos together tell it although each one's noise and texture are larger than the twig's
-trace.
+the wood's colour and B the background's. The pixels at either side show B, so each place of a line gives, in each
+photo, one equation for a. All photos together determine a although the noise and texture of each are larger than the
+twig's trace.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ..core.scene import Camera, Float64
 from ..gaussians.rasterizer import view_of
 
 ASIDE_PX: Final = (2.5, 3.5)
-"""Where, at either side of a line, the photo shows what is behind."""
+"""Distances, at either side of a line, at which the photo shows the background."""
 NOISE: Final = 3.5
-"""Of a pixel, grey levels."""
+"""Noise of a pixel, grey levels."""
 COLOUR_SHARE: Final = 0.35
-"""By how much of its contrast to what is behind a twig's colour may differ from the wood's."""
+"""Difference between the colours of a twig and of the wood, as a share of the contrast to the background."""
 NEAREST_CM: Final = 1e-9
-"""Depth from which a photo shows a place: all that is before the camera."""
+"""Least depth at which a photo shows a place, so that it lies in front of the camera."""
 
 
 class PhotoLines:
-    """Photos, each with the camera that took it and what of it is not to be looked at."""
+    """Photos, each with the camera that took it and the part of it that does not count."""
 
     def __init__(
         self, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], hidden: Sequence[NDArray[np.bool_]]
     ):
         """
         Args:
-            cameras: of V photos, in the frame that lines will be given in.
-            photos: (H, W, 3) each. hidden: (H, W) each; lines that come near are not judged there.
+            cameras: of V photos, in the frame of the lines.
+            photos: (H, W, 3) each. hidden: (H, W) each; lines that come near are not measured there.
         """
         self.pictures = [_with_mask(photo, mask) for photo, mask in zip(photos, hidden, strict=True)]
         self.cameras = cameras
@@ -47,7 +47,7 @@ class PhotoLines:
         return len(self.pictures)
 
     def colours(self, places: NDArray) -> Float64:
-        """(V, 3) what each photo shows at places (N, 3), in the median over them; hidden ones are as good as others."""
+        """(V, 3) median colour of each photo over places (N, 3); hidden places count, too."""
         return np.array([self._colour(view, places) for view in range(len(self))])
 
     def evidence(self, places: NDArray, directions: NDArray, colours: NDArray) -> tuple[Float64, Float64]:

@@ -1,9 +1,9 @@
-"""Fruiting positions: at which site of its branch a boll sits, when the empty sites are scars of millimetres.
+"""Fruiting positions: the site of its branch at which a boll sits, where empty sites are scars of millimetres.
 
 A fruiting branch is a sympodium: at every node it bears a flower and turns to the other side, and its internodes
-shorten outwards. So a row of nodes is sought that has one at every boll, bends where it has nodes and not between, and
-internodes of likely lengths. All rows of nodes are weighed by dynamic programming; the share of each position among
-them is its probability.
+shorten outwards. So a good row of nodes has one node at every boll, bends at nodes and not between them, and internodes
+of likely lengths. Dynamic programming weighs all rows of nodes; the share of each position among them is its
+probability.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from ..geometry.polylines import length_of, resampled
 
 STEP_CM: Final = 0.5
 APART_CM: Final = 2.0
-"""Nodes are no nearer to each other."""
+"""Least distance of two nodes."""
 EMPTY: Final = 0.45
-"""How likely a site is to have lost its boll when one farther out has kept its own."""
+"""Probability that a site has lost its boll while one farther out has kept its own."""
 MOST_EVIDENCE: Final = 3.0
 LAST: Final = 3
-"""Positions from this on are one."""
+"""Last position; all farther ones count as this."""
 MOST_NODES: Final = 6
 STALK_CM: Final = (2.5, 1.0)
 """Mean and standard deviation of the straight distance from a node to the foot of its boll."""
 SEEN_CM: Final = 2.5
-"""Standard deviation, along the branch, of where a stalk seems to leave it: it may lie beside the branch for a while,
-or the boll touch another place of it."""
+"""Standard deviation, along the branch, of the place where a stalk seems to leave it. The stalk may lie beside the
+branch for a while, or the boll may touch another place of it."""
 BEYOND_CM: Final = 1.0
-"""No node is farther out than the foot of its boll by more."""
+"""Largest distance by which a node is farther out than the foot of its boll."""
 WINDOW_CM: Final = 1.8
-"""Chord on either side of a place that tells its bend."""
+"""Length of the chords on either side of a place between which its bend is measured."""
 BEND_DEG: Final = (24.0, 11.0)
 """Mean and standard deviation of the bend at a node, ..."""
 STRAIGHT_DEG: Final = 8.0
 """... and root mean square of that between nodes."""
 FIRST_CM: Final = (8.0, 0.55)
-"""First internode of the lowest fruiting branch, and the share by which that at the stem's tip is shorter. With the
-spreads below these are a broad guess at upland cotton, not a fit to any plants."""
+"""First internode of the lowest fruiting branch, and the share by which the one at the stem's tip is shorter. With the
+spreads below these are a broad guess at upland cotton, and not fitted to any plants."""
 FIRST_SPREAD: Final = 0.35
 SHRINKS: Final = 0.7
-"""An internode to the one before it."""
+"""Ratio of an internode to the one before it."""
 SHRINKS_SPREAD: Final = 0.3
 """Both spreads are of the logarithm."""
 
@@ -55,7 +55,7 @@ class Sited:
 
     path_cm: float
     position: int
-    """1, 2, ... `LAST`, which is that and beyond; 0 = not inferred."""
+    """1, 2, ... `LAST`, which includes those beyond; 0 = not inferred."""
     confidence: float
 
 
@@ -119,7 +119,7 @@ def bends_deg(curve: Float64) -> Float64:
 
 
 def sharpest(bends: Float64) -> NDArray[np.bool_]:
-    """(K,) which places bend no less than any within `APART_CM`."""
+    """(K,) which places bend at least as much as all others within `APART_CM`."""
     n = round(APART_CM / STEP_CM)
     return np.array([bends[i] >= bends[max(0, i - n) : i + n + 1].max() for i in range(len(bends))], bool)
 
@@ -133,9 +133,10 @@ def _bend_gain(bends: Float64) -> Float64:
 
 
 def _empty_evidence(bends: Float64, bolls: list[int]) -> Float64:
-    """(K,) logarithm of how much likelier a place is to be an empty node than none.
+    """(K,) logarithm of the odds that a place is an empty node.
 
-    Only the sharpest place within `APART_CM` speaks for a node; the bend at a boll's own node speaks for that alone.
+    Only the sharpest place within `APART_CM` is evidence for a node; the bend at a boll's own node only counts for
+    that node.
 
     Args:
         bolls: steps of the bolls' nodes.
@@ -165,7 +166,7 @@ def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> F
     # state[a, b]: the last two nodes; rows of nodes may not step over a known one.
     passed = np.concatenate([[0], np.cumsum(known)])
     state = np.full((last + 1, last + 1), -np.inf)
-    # Densities over lengths of what is normal in their logarithms.
+    # Densities over lengths whose logarithms are normally distributed.
     prior = -0.5 * ((logs - np.log(first_cm)) / FIRST_SPREAD) ** 2 - np.log(FIRST_SPREAD) - logs
     for b in range(1, last + 1):
         if passed[b] == 0:
@@ -199,7 +200,7 @@ def _log_of_sum(logs: Float64) -> Float64:
 
 
 def _shares(weights: Float64) -> Float64:
-    """(LAST,) probability of each position; equal ones where nothing tells."""
+    """(LAST,) probability of each position; equal ones without any evidence."""
     if not np.isfinite(weights).any():
         return np.full(LAST, 1 / LAST)
     shares = np.exp(weights - weights.max())
@@ -208,7 +209,7 @@ def _shares(weights: Float64) -> Float64:
 
 
 def _outwards(shares: list[Float64]) -> list[int]:
-    """The likeliest positions that grow outwards; only the last one, which is many, may come again."""
+    """The likeliest positions that grow outwards; only the last one, which stands for many, may repeat."""
     best: dict[int, tuple[float, list[int]]] = {0: (0.0, [])}
     for own in shares:
         following: dict[int, tuple[float, list[int]]] = {}

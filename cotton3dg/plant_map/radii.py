@@ -1,6 +1,6 @@
-"""How thick stem and branches are: the width of the silhouette that their Gaussians show from several sides.
+"""Thickness of stem and branches: the width of the silhouette that their Gaussians show from several sides.
 
-Wood ends where the model's opacity is that of a pixel which wood half covers (`edges`).
+Wood ends where the model's opacity is that of a pixel that wood half covers (`edges`).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ..geometry.polylines import nearest_on, path_lengths, place_at
 SIDES: Final = 8
 EVERY_CM: Final = 1.0
 WINDOW_CM: Final = 0.9
-"""What lies farther along the axis does not show at a place."""
+"""Distance along the axis beyond which Gaussians do not show at a place."""
 REACH_CM: Final = 1.8
 RAY_CM: Final = 0.02
 MIDDLE_CM: Final = 0.4
-"""No farther from the axis is what it runs through."""
+"""Largest distance between an axis and the wood through which it runs."""
 FAINT: Final = 1e-6
-"""Opacity anywhere across an axis below which a Gaussian makes no difference there."""
+"""Opacity anywhere across an axis below which a Gaussian does not matter there."""
 LIKELY_RADIUS_CM: Final = (0.04, 1.5)
 
 
@@ -76,7 +76,7 @@ def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Fl
     frame = np.stack([first, np.cross(tangent, first), tangent])
     flat = means @ frame.T
     spread = frame @ covariances @ frame.T
-    # Along a ray a Gaussian is nowhere nearer than its middle is to the ray.
+    # The least distance of a Gaussian along a ray is that of its middle from the ray.
     d, y = spread[:, 2, 2] + 1e-8, -flat[:, 2]
     shown = opacities * np.exp(-0.5 * y * y / d) > FAINT
     flat, spread, opacities, d, y = flat[shown], spread[shown], opacities[shown], d[shown], y[shown]

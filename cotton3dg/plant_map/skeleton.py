@@ -1,10 +1,10 @@
-"""From places of wood to a skeleton: the stem, then branch after branch, each the longest way that is left.
+"""From places of wood to a skeleton: the stem, then branch after branch, each the longest path that is left.
 
 TEASAR (Sato et al. 2000, "TEASAR: tree-structure extraction algorithm for accurate and robust skeletons"): shortest
-paths to a root, the path of the farthest place is an axis, what lies along it is done, and so on. Departures: the graph
-joins places of Gaussians instead of voxels; the first axis is the way that goes up with the least bend, not the
-longest; what is done has to hang on the axis besides lying near, so that a crossing branch is not swallowed; the
-bolls' feet are ends of their own.
+paths lead to a root, the path of the farthest place is an axis, the places along it are done, and so on. Departures:
+the graph joins places of Gaussians instead of voxels; the first axis is the path that goes up with the least bend, not
+the longest; a place is done only if it hangs on the axis besides lying near, so that an axis does not swallow a
+crossing branch; the bolls' feet are ends of their own.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from .graph import NEAR_CM, WoodGraph, WoodTree, joined, path_to, shortest_paths
 from .wood import WoodCloud
 
 ROOT_LAYER_CM: Final = 1.5
-"""Above the lowest wood the root is sought."""
+"""Height of the layer above the lowest wood in which the root is searched."""
 MIN_BRANCH_CM: Final = 2.5
-"""Shorter ways without a boll are scars and noise."""
+"""Least length of a path without a boll; shorter ones are scars and noise."""
 COVER_CM: Final = 0.7
-"""Beside an axis, besides its radius, what hangs on it is done."""
+"""Distance from an axis, beyond its radius, within which the places that hang on it are done."""
 SIDEWAYS: Final = 3.0
-"""What a level centimetre counts on the way up the stem."""
+"""Cost of a level centimetre on the way up the stem."""
 TOP_SHARE: Final = 0.75
-"""The stem's tip is higher than so much of the plant's wood."""
+"""Share of the plant's wood that lies below the stem's tip."""
 BEND_PRICE_CM: Final = 0.8
-"""A degree of all bends beyond `FREE_BEND_DEG` counts as so much height when the stem's tip is chosen."""
+"""Height that a degree of all bends beyond `FREE_BEND_DEG` costs when the stem's tip is chosen."""
 FREE_BEND_DEG: Final = 12.0
 BEND_WINDOW_CM: Final = 3.0
 SPACING_CM: Final = 0.3
@@ -42,69 +42,69 @@ CENTRE_REACH_CM: Final = 0.7
 CENTRINGS: Final = 4
 STEM_SMOOTHING: Final = 4.0
 STEM_REACH_CM: Final = 1.3
-"""The same two of the stem, which is thicker and bends less."""
+"""The same two values for the stem, which is thicker and bends less."""
 SURFACE_CM: Final = 1.5
-"""How far from the middle of a stem or branch its surface may be."""
+"""Largest distance between the middle of a stem or branch and its surface."""
 LOOP_CM: Final = 4.0
-"""Ways that meet sooner after they part close no loop."""
+"""Paths that meet sooner after they part do not close a loop."""
 LINK_CM: Final = 5.0
-"""Between two ways that meet so much wood is left at most that lies on neither."""
+"""Largest length of wood between two meeting paths that lies on neither."""
 STUB_CM: Final = 1.0
 APART_CM: Final = 2.0
-"""So much of a branch is left beside the stem, so far from the foot of the way that it meets."""
+"""Least length of a branch that is left beside the stem, and least distance from the foot of the path that it meets."""
 MIN_STEM_CM: Final = 12.0
 FEWEST_PLACES: Final = 20
-"""A cloud of fewer places has no stem."""
+"""Least number of places of a cloud with a stem."""
 BLADE_CM: Final = 3.0
 BESIDE_CM: Final = 0.45
 PETIOLE_CM: Final = 9.0
-"""A way whose bare piece before a blade is no longer is a leaf's stalk."""
+"""Longest bare piece before a blade of a path that is a leaf's stalk."""
 BLADE_PLACES: Final = 12
 BLADE_SHARE: Final = 0.35
 BLADE_ONWARDS: Final = 0.6
-"""A way is in a blade where, of the places so near, this share lies so far beside it, and so on for most of the rest;
-at its tip there are so many."""
+"""A path is in a blade where, of the places within `BLADE_CM`, the share `BLADE_SHARE` lies `BESIDE_CM` beside it, as
+holds for the share `BLADE_ONWARDS` of its further way; at its tip there are `BLADE_PLACES` places."""
 FEWEST_PLACES_PER_CM: Final = 4
-"""A centimetre of a way with fewer says neither."""
+"""A centimetre of a path with fewer places counts neither as blade nor as bare."""
 
 
 @dataclass
 class RawAxis:
-    """A way through the wood, before its place in the order is known."""
+    """A path through the wood, before its place in the order is known."""
 
     curve: Float64
     """(N, 3) cm, from its foot outwards."""
     parent: int
-    """Index of the axis that it leaves; -1 of the stem."""
+    """Index of the axis that it leaves; -1 for the stem."""
     boll: int = 0
     """Index of the boll, from 1, at whose foot it ends; 0 = none."""
     bare_cm: float = np.inf
-    """Length before it enters a blade; infinite where it enters none."""
+    """Length before it enters a blade; infinite if it does not enter one."""
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Where wood goes on from one way to another that grows elsewhere."""
+    """A place where wood goes on from one path to another that grows elsewhere."""
 
     one: int
     other: int
-    """Indices of the ways."""
+    """Indices of the paths."""
     link: Float64
     """(N, 3) cm, from a place on the one to a place on the other."""
 
 
 def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
-    """The stem and all ways that leave it or each other, longest first; empty where there is no stem.
+    """The stem and all paths that leave it or each other, longest first; empty without a stem.
 
     Returns:
-        The ways and where they meet.
+        The paths and the places where they meet.
     """
     if len(cloud.places) < FEWEST_PLACES or np.ptp(cloud.places[:, 2]) < MIN_STEM_CM:
         return [], []
     places, n = cloud.places, len(cloud.places)
     graph, root = joined(places), _root(places)
     wood = places[cloud.bur == 0]
-    # Bolls and leaves before the stem are no reason to leave it; and it goes up.
+    # The stem goes up, and does not turn aside for bolls and leaves in front of it.
     alike = shortest_paths(graph, np.zeros(n, bool), root, np.zeros((0, 3)), SIDEWAYS)
     stem = centred(places[_stem_rows(alike, cloud)], wood, STEM_REACH_CM, STEM_SMOOTHING)
     if length_of(stem) < MIN_STEM_CM:
@@ -123,7 +123,7 @@ def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
     while True:
         lengths = _lengths_left(tree, owner)
         lengths[~ends] = -1
-        # A boll is an end however short its way is.
+        # A boll is an end even if its path is short.
         lengths[n:][lengths[n:] > 0] += MIN_BRANCH_CM
         tip = int(np.argmax(lengths))
         if lengths[tip] < MIN_BRANCH_CM:
@@ -133,7 +133,7 @@ def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
         curve = centred(tree.places[rows], tree.places[:n][cloud.bur == 0], CENTRE_REACH_CM)
         free = (owner[:n] < 0) & (cloud.bur == 0)
         owner[rows[1:]] = len(axes)
-        # Wood of others that passes by, free as yet, is no blade: that hangs on the way.
+        # Wood of other branches may pass by, still free, but is not a blade, because a blade hangs on the path.
         hanging = _hung_on(tree, owner, owner < 0) == len(axes)
         bare_cm = bare_length(curve, places[free & hanging[:n]]) if tip < n else np.inf
         if (nearest_on(curve, feet[hanging[n:]])[1] > bare_cm).any():
@@ -152,11 +152,11 @@ def extract_axes(cloud: WoodCloud) -> tuple[list[RawAxis], list[Meeting]]:
 def _meetings(
     graph: WoodGraph, tree: WoodTree, owner: NDArray[np.int64], hung: NDArray[np.int64], axes: list[RawAxis]
 ) -> list[Meeting]:
-    """Where wood closes a loop: for each two ways the nearest places, if both are far from where the ways part.
+    """Where wood closes a loop: for each two paths the nearest places, if both are far from where the paths part.
 
     Args:
-        owner: (N,) axis of each place that is done. hung: (N,) the axis that each place is of or hangs on; -1 of what
-            is no wood.
+        owner: (N,) axis of each place that is done. hung: (N,) the axis to which each place belongs or on which it
+            hangs; -1 for places that are not wood.
     """
     pairs = graph.pairs[(hung[graph.pairs] >= 0).all(axis=1)]
     pairs = pairs[hung[pairs[:, 0]] != hung[pairs[:, 1]]]
@@ -175,7 +175,7 @@ def _meetings(
         if rests.sum() > LINK_CM:
             continue
         if ways[0] == 0:
-            # Of a branch that touches another one soon, too little is left beside the stem to be a way.
+            # A branch that soon touches another one leaves too little beside the stem to be a path.
             closes = rests[0] > STUB_CM and abs(starts[0] - _foot_on_stem(axes, feet, ways[1])) > APART_CM
             closes = closes and tree.lengths[ends[1]] - feet[ways[1]] > LOOP_CM
         else:
@@ -198,7 +198,7 @@ def _foot_on_stem(axes: list[RawAxis], feet: Float64, way: int) -> float:
 
 
 def _parted_cm(axes: list[RawAxis], feet: Float64, ways: tuple[int, int], lengths: Float64) -> float:
-    """Path length from the clamp to where the ways to places on two axes part."""
+    """Path length from the clamp to the point where the paths to places on two axes part."""
     chains = []
     for end, length in zip(ways, lengths, strict=True):
         way, chain = end, {end: float(length)}
@@ -217,13 +217,13 @@ def _root(places: Float64) -> int:
 
 
 def _stem_rows(tree: WoodTree, cloud: WoodCloud) -> list[int]:
-    """The way up with the least bend among those that end near the top."""
+    """The path up with the least bend among those that end near the top."""
     reached = np.flatnonzero(np.isfinite(tree.cost[: len(cloud.places)]) & (cloud.bur == 0))
     heights = tree.places[reached, 2]
     low = heights.min()
     high = reached[heights > low + TOP_SHARE * (heights.max() - low)]
     none = np.zeros(len(tree.places), bool)
-    # One end in each cell of 2 cm: neighbours end alike.
+    # One end in each cell of 2 cm, because neighbouring ends give similar paths.
     cells = np.unique(np.floor(tree.places[high] / 2.0).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
     ends = [int(high[cells == cell][np.argmax(tree.cost[high[cells == cell]])]) for cell in range(cells.max() + 1)]
     best, chosen = -np.inf, [int(reached[0])]
@@ -240,9 +240,9 @@ def _stem_rows(tree: WoodTree, cloud: WoodCloud) -> list[int]:
 
 
 def _bends_deg(line: Float64) -> float:
-    """What the bends of a line have beyond `FREE_BEND_DEG`, summed over pieces of `BEND_WINDOW_CM`.
+    """The excess of a line's bends over `FREE_BEND_DEG`, summed over pieces of `BEND_WINDOW_CM`.
 
-    The sharpest alone tells nothing where it lies on what the ways have in common.
+    The sharpest bend alone does not distinguish paths if it lies on their common piece.
     """
     n = max(1, round(BEND_WINDOW_CM / SPACING_CM))
     if len(line) <= 2 * n:
@@ -261,17 +261,17 @@ def stem_radius(stem: Float64, places: Float64) -> float:
 
 
 def _lengths_left(tree: WoodTree, owner: NDArray[np.int64]) -> Float64:
-    """(N,) path length from each place back to what is done; 0 there, -1 where nothing leads there."""
+    """(N,) path length from each place back to a done place; 0 for done places, -1 if no path leads to one."""
     done = owner >= 0
     ends = _followed(np.where(done | (tree.before < 0), np.arange(len(owner)), tree.before))
     return np.where(done[ends], tree.lengths - tree.lengths[ends], -1.0)
 
 
 def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, on: tuple[int, ...], reach: float) -> None:
-    """What lies beside the newest axis and hangs on it is its own; of the first n places only, the rest are feet.
+    """Give the newest axis the places that lie beside it and hang on it; only the first n, as the others are feet.
 
     Args:
-        on: the axis itself and, as some of what lies beside its foot hangs there instead, its parent.
+        on: the axis itself and its parent, as some places beside the foot of the axis hang on the parent.
     """
     passed = (owner < 0) & (nearest_on(curve, tree.places, reach)[0] < reach)
     own = passed & np.isin(_hung_on(tree, owner, passed), on)
@@ -280,23 +280,23 @@ def _cover(tree: WoodTree, owner: NDArray[np.int64], n: int, curve: Float64, on:
 
 
 def _hung_on(tree: WoodTree, owner: NDArray[np.int64], through: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(N,) the axis that each place's way to the clamp meets first, over places of `through` alone; -1 = none."""
+    """(N,) the first axis on each place's path to the clamp, over places of `through` alone; -1 = none."""
     return owner[_followed(np.where(through & (tree.before >= 0), tree.before, np.arange(len(owner))))]
 
 
 def _followed(following: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) where the way from each row ends, when each row leads to another one or to itself."""
+    """(N,) the row at which the path from each row ends, if each row leads to another one or to itself."""
     while (further := following[following] != following).any():
         following = np.where(further, following[following], following)
     return following
 
 
 def bare_length(curve: Float64, free: Float64) -> float:
-    """Length, cm, of an axis before it enters a blade, where much of what is near lies beside it, from there to its
-    tip; infinite where it enters none.
+    """Length, cm, of an axis before it enters a blade, in which many near places lie beside it as far as its tip;
+    infinite if it does not enter one.
 
     Args:
-        free: (N, 3) places that hang on the axis and on no other.
+        free: (N, 3) places that hang on this axis only.
     """
     away, station = nearest_on(curve, free, BLADE_CM)
     near, beside = away < BLADE_CM, away > BESIDE_CM
@@ -307,18 +307,18 @@ def bare_length(curve: Float64, free: Float64) -> float:
     counts = np.histogram(station[near], bins)[0]
     told = counts >= FEWEST_PLACES_PER_CM
     blade = told & (np.histogram(station[near & beside], bins)[0] > BLADE_SHARE * counts)
-    # The blade begins where it and most of what follows is blade.
+    # The blade begins at the first piece that is blade, as is most of the way behind it.
     onwards = np.cumsum(blade[::-1])[::-1] / np.maximum(np.cumsum(told[::-1])[::-1], 1)
     first = np.flatnonzero(blade & (onwards > BLADE_ONWARDS))
     return float(first[0]) if len(first) else length_of(curve)
 
 
 def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOOTHING) -> Float64:
-    """The centre line of a way: every point moves across to the middle of the wood beside it, then all are smoothed.
+    """The centre line of a path: every point moves across to the middle of the wood beside it, then all are smoothed.
 
     Args:
-        way: (K, 3) cm. places: (N, 3) cm of wood. reach: cm, how far beside the way wood belongs to it.
-        smoothing: standard deviation of the smoothing and of the window that wood is averaged in, points.
+        way: (K, 3) cm, the path. places: (N, 3) cm of wood. reach: cm, distance up to which wood belongs to the path.
+        smoothing: standard deviation, in points, of the smoothing and of the window in which wood is averaged.
     """
     line = smoothed(resampled(way, SPACING_CM), smoothing)
     half = round(smoothing)
@@ -336,7 +336,7 @@ def centred(way: Float64, places: Float64, reach: float, smoothing: float = SMOO
         offsets -= (offsets * tangents[bins]).sum(axis=1, keepdims=True) * tangents[bins]
         weights = np.convolve(np.bincount(bins, minlength=len(line)), kernel, "same")
         sums = [np.convolve(np.bincount(bins, axis, len(line)), kernel, "same") for axis in offsets.T]
-        # Where nothing is seen, nothing moves.
+        # A point without wood beside it does not move.
         line = line + np.column_stack(sums) / np.maximum(weights, 0.5)[:, None]
         line = smoothed(resampled(line, SPACING_CM), 0.5 * smoothing)
     return line

@@ -20,16 +20,16 @@ EDGE_PX: Final = 0.3
 TIP_CM: Final = 0.5
 """Standard error of where a branch ends."""
 BASE_CM: Final = 3.0
-"""Length that tells a branch's angle."""
+"""Length over which a branch's angle is measured."""
 BOLL_AT_TIP_CM: Final = 2.0
-"""Standard error of where a stem ends on which a boll sits: it hides the tip, and the stem goes on into a stalk."""
+"""Standard error of the end of a stem with a boll on it: the boll hides the tip, and the stem goes on into a stalk."""
 WRONG_SHARE: Final = 0.09
-"""Of the branches so many are missing or none (docs/notes/plant_map.md); ..."""
+"""Share of the branches that are missing or false (docs/notes/plant_map.md); ..."""
 LENGTH_SHARE: Final = 0.2
 ANGLE_DEG: Final = 9.0
 FOOT_CM: Final = 0.4
-"""... one branch's length errs by such a share, where it has another's outer part or lacks its own, its angle and the
-place of its foot by so much."""
+"""... a branch that has another's outer part, or lacks its own, errs by this share in its length, and by these values
+in its angle and in the place of its foot."""
 
 
 def branch_rows(plant_map: PlantMap) -> list[BranchTraits]:
@@ -55,7 +55,7 @@ def _branch_row(plant_map: PlantMap, axis: Axis) -> BranchTraits:
 
 
 def boll_rows(plant_map: PlantMap) -> dict[int, BollMapTraits]:
-    """Boll -> where it sits; bolls that nothing connects with the stem are not among them."""
+    """Boll -> its place on the map, without bolls that are not connected with the stem."""
     return {
         boll.boll_id: BollMapTraits(
             branch=boll.branch,
@@ -78,7 +78,7 @@ def summarise_map(plant_map: PlantMap, clamp_cm: float, relative_error: float, p
     if not plant_map.axes:
         return MapTraits()
     stem, branches = plant_map.stem, plant_map.branches
-    # The clamp hides the foot, which the origin tells.
+    # The clamp hides the foot; the origin gives its place.
     hidden_cm = float(np.linalg.norm(stem.curve[0]))
     length_cm = hidden_cm + length_of(stem.curve)
     diameter_mm = _diameter_mm(stem, clamp_cm + DIAMETER_ABOVE_CLAMP_CM)
@@ -131,7 +131,7 @@ def summarise_map(plant_map: PlantMap, clamp_cm: float, relative_error: float, p
 
 
 def _diameter_mm(stem: Axis, height_cm: float) -> float:
-    """Where the stem passes a height; NaN where no silhouette tells it."""
+    """Diameter, mm, where the stem passes a height; NaN where no silhouette shows it."""
     if not stem.curve[0, 2] <= height_cm <= stem.curve[-1, 2]:
         return math.nan
     row = int(np.argmin(np.abs(stem.curve[:, 2] - height_cm)))

@@ -1,9 +1,9 @@
 """Twigs that the model lacks, followed in the photos.
 
-A twig about as thin as a pixel may be missing from a trained model where it hardly differs from what is behind it, yet
-every photo shows a trace of it. So where an axis of the map ends, the photos are asked whether it goes on: walks of
-short steps that turn little are tried, those that the photos bear out go on, and the best of them is the trail. It ends
-where the twig does, or leads over a gap to what the model has again. Not in the papers.
+A twig about as thin as a pixel may be missing from a trained model where it hardly differs from its background, yet
+every photo shows a trace of it. So at each end of an axis of the map, walks of short steps that turn little are tried.
+Those that the photos confirm go on, and the best of them is the trail. It ends where the twig does, or leads over a gap
+to wood in the model. This is not in the papers.
 """
 
 from __future__ import annotations
@@ -25,58 +25,60 @@ from .photo_lines import PhotoLines
 
 VIEWS: Final = 60
 LONGER_PX: Final = 960
-"""Size of the photos that are looked at."""
+"""Longer side of the photos that are used, px."""
 VEILED: Final = 0.1
-"""Opacity of the model of the plant from which on a pixel tells nothing about what the model lacks."""
+"""Opacity of the plant's model from which on a pixel is no evidence about twigs that the model lacks."""
 STEP_CM: Final = 1.0
 SPACING_CM: Final = 0.25
-"""Of the places of a trail."""
+"""Spacing of the places of a trail."""
 PLACES: Final = 4
-"""Looked at on each step."""
+"""Number of places that are measured on each step."""
 TURNS_DEG: Final = {10: 5, 22: 8}
-"""How far a step may turn from the one before, and to how many sides."""
+"""Angle by which a step may turn from the one before -> number of sides to which it may turn."""
 MOST_TURNED_DEG: Final = 60.0
-"""From an axis's own direction; what turns more follows something else."""
+"""Largest turn from an axis's own direction; a walk that turns more follows something else."""
 HEADING_CM: Final = 2.5
-"""End of an axis that tells its direction."""
+"""Length of an axis's end that gives its direction."""
 BEAM: Final = 8
-"""Walks that go on at once, ..."""
+"""Number of walks that go on at once, ..."""
 APART_CM: Final = 0.35
-"""... with ends so far apart."""
+"""... and least distance of their ends."""
 LONGEST_CM: Final = 25.0
 RETREATS_CM: Final = (0.0, 1.5)
-"""Before an axis's end, whence walks begin where none does from farther on: a speck beside a twig may bend the axis."""
+"""Distances before an axis's end at which walks begin; the next one is tried if no walk succeeds from the one before,
+because a speck beside a twig may bend the axis."""
 HIDDEN_STEPS: Final = 3
-"""That a walk may begin with where no photo tells anything, just beside the model's own end."""
+"""Number of steps with which a walk may begin without evidence from any photo, just beside the model's own end."""
 SHOWN_SHARE: Final = 0.12
-"""Share of the views below which this is so."""
+"""Share of the views with evidence below which a step is hidden."""
 LIKELY_COVERAGE: Final = 0.35
-"""What a twig that was lost covers. A step's gain is the logarithm of how much likelier the photos are with it."""
+"""Coverage by a lost twig. A step's gain is the log likelihood ratio of the photos with and without such a twig."""
 LEAST_COVERAGE: Final = 0.22
-"""Of a step, and in the median over views. Where nothing is, texture makes up to 0.2."""
+"""Least coverage of a step, and of its median over views. Where there is no twig, texture gives up to 0.2."""
 BLOCKS: Final = 12
-"""Neighbouring views, whose backgrounds are alike, count as one: as many groups of them differ by chance."""
+"""Number of groups of neighbouring views. The views of a group have similar backgrounds and count as one; the groups
+differ by chance."""
 WINDOW: Final = 3
-"""Steps that together have to be ..."""
+"""Number of steps whose coverage together has to be ..."""
 LEAST_EVIDENCE: Final = 4.5
-"""... so many standard errors away from none."""
+"""... at least this many standard errors above zero."""
 LEAST_GAIN: Final = 250.0
-"""Of a whole walk. Of those that this was settled with, true ones gained 500 and more, most that followed nothing up to
-125 (docs/notes/stated_errors.md)."""
+"""Least gain of a whole walk. Of the walks used to choose it, true ones gained 500 and more, most false ones up to 125
+(docs/notes/stated_errors.md)."""
 BEND_COST: Final = 20.0
-"""Off the gain, for 1 - cos of each turn."""
+"""Reduction of the gain for 1 - cos of each turn."""
 FADED: Final = 0.6
-"""Of the coverage that is usual on a walk: what is fainter at its end is no part of it."""
+"""Share of the usual coverage on a walk; fainter steps at its end do not belong to it."""
 
 
 @dataclass(frozen=True)
 class _Walk:
-    """Steps from an axis's end, as far as they have come."""
+    """The steps so far from an axis's end."""
 
     places: tuple[Float64, ...]
-    """Of the end and of each step, (3,) cm."""
+    """Places of the end and of each step, (3,) cm."""
     heading: Float64
-    """(3,) of the last step."""
+    """(3,) direction of the last step."""
     steps: tuple[NDArray, ...] = ()
     """(2, V) evidence of each; zeros where hidden."""
     gain: float = 0.0
@@ -87,18 +89,18 @@ class _Walk:
 
     @property
     def shown(self) -> list[NDArray]:
-        """The steps that photos tell something of."""
+        """The steps for which photos give evidence."""
         return [step for step in self.steps if step[1].any()]
 
 
 @dataclass(frozen=True)
 class Trail:
-    """How an axis goes on where the model ends."""
+    """The continuation of an axis where the model ends."""
 
     places: Float64
-    """(K, 3) cm, from its last place in the model, about `SPACING_CM` apart, to where the photos lose it."""
+    """(K, 3) cm, from its last place in the model to its last place in the photos, about `SPACING_CM` apart."""
     meets_model: bool
-    """Whether it leads to what the model has: over a gap in a branch, not to a twig's end."""
+    """Whether it leads to wood in the model: over a gap in a branch, not to a twig's end."""
 
 
 def follow_thin_twigs(
@@ -109,10 +111,10 @@ def follow_thin_twigs(
     cameras: Sequence[Camera],
     photo: Callable[[str], NDArray[np.uint8]],
 ) -> list[Trail]:
-    """Where axes go on that the model lets end.
+    """The trails of axes that end in the model but go on in the photos.
 
     Args:
-        opaque: Gaussians of the plant, bolls and all, without what is too faint to be measured.
+        opaque: Gaussians of the plant with its bolls, without those too faint to be measured.
         foot: (3,) su, origin of the plant frame. photo: the image (H, W, 3) of a camera's name.
     """
     if not plant_map.axes or not len(cameras):
@@ -150,15 +152,15 @@ def _look_at(
 
 
 def _zoomed(camera: Camera) -> Camera:
-    """The same camera with a picture no longer than `LONGER_PX`."""
+    """The same camera with a picture of at most `LONGER_PX` px on its longer side."""
     zoom = min(1.0, LONGER_PX / max(camera.width, camera.height))
     return camera.resized(max(1, round(zoom * camera.width)), max(1, round(zoom * camera.height)))
 
 
 def _follow(curve: Float64, lines: PhotoLines, colours: Float64) -> Trail | None:
-    """How an axis goes on; None where it does not."""
+    """The trail of an axis; None if it does not go on."""
     _, below = lines.evidence(curve, np.gradient(curve, axis=0), colours)
-    # What is too faint to be hidden by the model is not measured by it, either.
+    # A part that is too faint to count as hidden by the model is not measured in it, either.
     modelled = np.flatnonzero((below > 0).mean(axis=0) <= SHOWN_SHARE)
     curve = curve[: max(int(modelled[-1]) if len(modelled) else 0, 1) + 1]
     length_cm = path_lengths(curve)[-1]
@@ -205,7 +207,7 @@ def _is_borne_out(walk: _Walk, heading: Float64) -> bool:
     if walk.heading @ heading < np.cos(np.radians(MOST_TURNED_DEG)):
         return False
     if not walk.steps[-1][1].any():
-        # Just beside the model's own end only; what is hidden farther on has met the model again.
+        # Only steps just beside the model's own end may be hidden; a walk that is hidden later has met the model again.
         return not walk.shown and len(walk.steps) <= HIDDEN_STEPS
     shown = np.array(walk.shown[-WINDOW:])
     groups = np.array([group.sum(axis=1) for group in np.array_split(shown.sum(axis=0), BLOCKS, axis=1)])
@@ -217,9 +219,9 @@ def _is_borne_out(walk: _Walk, heading: Float64) -> bool:
 
 
 def _meets_model(walk: _Walk, lines: PhotoLines, colours: Float64) -> bool:
-    """Whether a walk leads to what the model has: over a gap in a branch, not to a twig's end.
+    """Whether a walk leads to wood in the model: over a gap in a branch, not to a twig's end.
 
-    Its last step may have turned aside from there, so the place before counts, too.
+    Its last step may have turned aside from the wood, so the place before counts, too.
     """
     ends = [walk, walk.without_last()] if len(walk.shown) > 2 else [walk]
     return not all(longer.steps[-1][1].any() for longer in _extended(ends, lines, colours))
@@ -236,13 +238,13 @@ def _best_apart(walks: Sequence[_Walk]) -> list[_Walk]:
 
 
 def _unfaded(walk: _Walk) -> int:
-    """How many of a walk's steps are left without those at its end that are far fainter than usual on it."""
+    """Number of a walk's steps without those at its end that are far fainter than usual on it."""
     coverages = np.array([_coverage(step) for step in walk.steps])
     return int(np.flatnonzero(coverages >= FADED * np.nanmedian(coverages))[-1]) + 1
 
 
 def _coverage(step: NDArray) -> float:
-    """NaN where it was hidden."""
+    """Coverage of a step; NaN if it was hidden."""
     above, below = step.sum(axis=1)
     return float(above / below) if below > 0 else np.nan
 

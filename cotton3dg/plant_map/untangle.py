@@ -1,8 +1,8 @@
-"""Ways that go astray where branches touch or fork get back what goes on straight.
+"""Pairs the parts of paths anew where branches touch or fork, so that each branch goes on straight.
 
-Shortest paths go from one branch into another wherever these touch, and at a fork the longest way takes the parent's
-inner part, whichever of the two it continues. Wood goes on straight: at every touch and fork the parts are paired anew
-if that saves bends. Touches that close a loop of wood have been seen to before, by `loops`.
+Shortest paths go from one branch into another wherever these touch, and at a fork the longest path takes the parent's
+inner part, whichever of the two it continues. Wood goes on straight, so at every touch and fork the parts are paired
+anew if that saves bends. `loops` has already handled the touches that close a loop of wood.
 """
 
 from __future__ import annotations
@@ -18,51 +18,51 @@ from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, pa
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 
 TOUCH_CM: Final = 2.0
-"""Centre lines that come as near may belong to branches that touch."""
+"""Largest distance of the centre lines of branches that may touch."""
 ENDS_CM: Final = 2.0
-"""A way that took nothing over ends so near to the touch, ..."""
+"""Largest distance from the touch of the end of a path that took nothing over, ..."""
 STALK_CM: Final = 5.0
-"""... or, if it found a boll there, its stalk is no longer."""
+"""... or longest stalk of a boll that it found there."""
 BESIDE_CM: Final = 4.0
-"""A fork so near belongs to the touch."""
+"""Largest distance of a fork that belongs to the touch."""
 INNER_CM: Final = 1.5
-"""Nearer to its foot a way touches nothing but its parent."""
+"""Distance from its foot within which a path only touches its parent."""
 TWIG_CM: Final = 3.5
-"""Outer parts no longer than this, or to a boll than `STALK_CM`, are stalks, scars and tips, and bend as they like."""
+"""Longest outer part that is a stalk, scar or tip, and may bend freely; `STALK_CM` if it leads to a boll."""
 TIP_CM: Final = 2.0
 TIP_GAIN_DEG: Final = 15.0
-"""But a tip as long as this that goes on where the parent pointed is the parent's own if that saves such a bend: the
-top of a vegetative branch is shorter than the last branch that leaves it."""
+"""Least length of a tip that is the parent's own if it goes on where the parent pointed, and the bend that this has to
+save: the top of a vegetative branch is shorter than the last branch that leaves it."""
 LEAST_BLADE_CM: Final = 1.0
-"""What is broad over less at the end of a tip is no blade."""
+"""Least length of a blade at the end of a tip."""
 AROUND_CM: Final = 0.8
 WINDOW_CM: Final = 3.0
-"""Directions are taken so far from where ways meet, over such a piece."""
+"""Distance from the place where paths meet at which directions are taken, and length of the piece for them."""
 DEAD_END_DEG: Final = 40.0
-"""A branch that ends at a touch is as unlikely as such a bend, ..."""
+"""Bend that is as unlikely as a branch that ends at a touch, ..."""
 BOLL_END_DEG: Final = 15.0
-"""... and one that ends there with a boll as this."""
+"""... and bend that is as unlikely as one that ends there with a boll."""
 VEGETATIVE_FOOT: Final = 0.5
-"""Vegetative branches leave the stem in its lower half. Others bear no branches, ..."""
+"""Vegetative branches leave the stem in its lower half. Others do not bear branches, ..."""
 BEARING_DEG: Final = 40.0
-"""... and one that does is as unlikely as such a bend."""
+"""... and one that does is as unlikely as this bend."""
 GAIN_DEG: Final = 8.0
 """Bends that a new pairing must save at least."""
 MOST: Final = 100
 _GONE: Final = -2
-"""Parent of a way that is part of another one now."""
+"""Parent of a path that is now a part of another one."""
 
 
 @dataclass(frozen=True)
 class _Pairing:
-    """Another pairing of what meets somewhere."""
+    """Another pairing of the parts that meet at a place."""
 
     gain_deg: float
     apply: Callable[[], None]
 
 
 def untangled(raw: list[RawAxis]) -> list[RawAxis]:
-    """The ways, paired so that they go on straight; the stem comes first, as it came."""
+    """The paths, paired so that they go on straight; the stem stays first."""
     ways = [replace(way) for way in raw]
     touches = _Touches()
     for _ in range(MOST):
@@ -76,7 +76,7 @@ def untangled(raw: list[RawAxis]) -> list[RawAxis]:
 
 
 def _apart(ways: list[RawAxis], one: int, other: int) -> bool:
-    """Whether neither of two ways grows on the other."""
+    """Whether neither of two paths grows on the other."""
     return (
         one != other
         and ways[other].parent != _GONE
@@ -114,13 +114,13 @@ def leaves_low(curve: Float64, stem: Float64) -> bool:
 
 
 def _is_long(way: RawAxis, station: float = 0.0) -> bool:
-    """Whether what lies beyond a path length is no mere stalk, of a boll or a leaf, scar or tip."""
+    """Whether the part beyond a path length is more than a stalk of a boll or a leaf, a scar or a tip."""
     is_leaf = way.bare_cm - station < PETIOLE_CM
     return not is_leaf and length_of(way.curve) - station > (STALK_CM if way.boll else TWIG_CM)
 
 
 def _is_tip(way: RawAxis) -> bool:
-    """Whether a way may be the end of its parent, neither a boll's stalk nor a leaf's."""
+    """Whether a path may be the end of its parent: it is neither a boll's stalk nor a leaf's."""
     length = length_of(way.curve)
     return not way.boll and length > TIP_CM and way.bare_cm > length - LEAST_BLADE_CM
 
@@ -137,7 +137,7 @@ def _at_fork(ways: list[RawAxis], number: int, child: int, station: float) -> _P
 
 
 class _Touches:
-    """Where ways touch, looked for once for each pair of curves: most stay as they are."""
+    """Places where paths touch. They are searched once for each pair of curves, because most curves do not change."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[int, int, bool], tuple[Float64, Float64, tuple[float, float] | None]] = {}
@@ -145,13 +145,13 @@ class _Touches:
     def between(self, way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
         key = id(way.curve), id(other.curve), bool(other.boll)
         if key not in self._known:
-            # The curves are kept, or another one might get the number of one that is gone.
+            # The curves are kept; otherwise a new curve might get the id of a deleted one.
             self._known[key] = way.curve, other.curve, _touch(way, other)
         return self._known[key][2]
 
 
 def _touch(way: RawAxis, other: RawAxis) -> tuple[float, float] | None:
-    """Path lengths, along a way and along another that ends beside it, of where they touch; None where they do not."""
+    """Path lengths of the touch along a path and along another that ends beside it; None if they do not touch."""
     lengths = path_lengths(other.curve)
     tail = lengths > max(lengths[-1] - (STALK_CM if other.boll else ENDS_CM), INNER_CM)
     if not tail.any():
@@ -175,7 +175,7 @@ def _at_touch(
     forks: list[tuple[int, float]],
     odd_deg: float,
 ) -> Iterator[_Pairing]:
-    """The other way goes on into this one's outer part, or into a child that leaves at the touch.
+    """Pairings in which the other path goes on into this one's outer part, or into a child that leaves at the touch.
 
     Args:
         odd_deg: the bend that is as unlikely as a child of this way.
@@ -210,7 +210,7 @@ def _at_touch(
 
 
 def _exchange(ways: list[RawAxis], number: int, station: float, child: int) -> None:
-    """A way's outer part and its child change places."""
+    """Exchange a path's outer part and its child."""
     way, its = ways[number], ways[child]
     inner, outer = _cut(way.curve, station)
     later = [index for index, where in _children(ways, number) if where > station and index != child]
@@ -224,7 +224,7 @@ def _exchange(ways: list[RawAxis], number: int, station: float, child: int) -> N
 
 
 def _hand_over(ways: list[RawAxis], number: int, station: float, other: int, end: float) -> None:
-    """The outer part of a way, and what hangs on it, becomes the other way's; this one ends there."""
+    """Give the outer part of a path, with all that hangs on it, to the other path; this path ends there."""
     way = ways[number]
     inner, outer = _cut(way.curve, station)
     later = [index for index, where in _children(ways, number) if where > station]
@@ -238,14 +238,14 @@ def _hand_over(ways: list[RawAxis], number: int, station: float, other: int, end
 
 
 def _take(ways: list[RawAxis], number: int, end: float, child: int) -> None:
-    """A way goes on into another one's child, and bears what that bears."""
+    """Let a path go on into another one's child, and take over the child's own children."""
     _append(ways, number, end, ways[child].curve, child)
     _adopt(ways, child, number)
     ways[child].parent = _GONE
 
 
 def _append(ways: list[RawAxis], number: int, end: float, curve: Float64, taken: int) -> None:
-    """A way goes on into a curve, with the end of the way that this was; its own last stalk stays as a child."""
+    """Let a path go on into a curve, with the end of the curve's former path; its own last stalk stays as a child."""
     way = ways[number]
     inner, stalk = _cut(way.curve, end)
     if way.boll:
@@ -267,7 +267,7 @@ def _without_rests(ways: list[RawAxis]) -> list[RawAxis]:
 
 
 def _children(ways: list[RawAxis], number: int) -> list[tuple[int, float]]:
-    """Index and path length of the foot of each way that leaves a way."""
+    """Index and path length of the foot of each path that leaves a path."""
     own = [index for index, way in enumerate(ways) if way.parent == number]
     if not own:
         return []
@@ -297,7 +297,7 @@ def _cut(curve: Float64, station: float) -> tuple[Float64, Float64]:
 
 
 def joined_straight(first: Float64, second: Float64) -> Float64:
-    """Straight across the last and first of both, which the touch has bent."""
+    """Join both curves, straight across the end of one and the start of the other, which the touch has bent."""
     return resampled(
         np.vstack([first[:-2], second[2:]] if min(len(first), len(second)) > 4 else [first, second]), SPACING_CM
     )

@@ -1,4 +1,4 @@
-"""What may be wood: places along the plant's Gaussians that are neither lint nor leaf.
+"""Places that may be wood: those along the plant's Gaussians that are neither lint nor leaf.
 
 Colour and shape decide: lint is known from the bolls, burs lie around them, and a leaf is broad where wood is a line.
 """
@@ -16,25 +16,25 @@ from ..core.scene import Float64, Gaussians, rotations
 
 MIN_OPACITY: Final = 0.1
 SPACING_CM: Final = 0.25
-"""Between places along the longest axis of a Gaussian, and side of the voxels that thin them."""
+"""Spacing of places along the longest axis of a Gaussian, and side of the voxels that thin them."""
 REACH: Final = 1.5
-"""Standard deviations that a Gaussian is followed along its longest axis."""
+"""Length, in standard deviations, over which a Gaussian is followed along its longest axis."""
 SHELL: Final = 1.25
-"""The bur hides within so many radii of the boll's middle, ..."""
+"""Distance from the boll's middle, in its radii, within which the bur is hidden, ..."""
 CARPELS: Final = 1.75
-"""... and its carpels spread as far as this: what ends there is no branch."""
+"""... and distance up to which its carpels spread: a path that ends there is not a branch."""
 LEAF_CM: Final = 1.3
-"""Radius of the neighbourhood that tells a line from a blade."""
+"""Radius of the neighbourhood that distinguishes a line from a blade."""
 LEAF_BREADTH_CM: Final = 0.42
 """Standard deviation of places across the line from which they may be a blade, ..."""
 LEAF_FLATNESS: Final = 0.72
-"""... the share of it that a blade has at most in the third direction (a thick stem is as broad, but round), ..."""
+"""... the largest share of it in the third direction of a blade (a thick stem is as broad, but round), ..."""
 LEAF_PLACES: Final = 35
-"""... and how many voxels of it are there at least; lines that fork have fewer."""
+"""... and the least number of voxels of a blade there; lines that fork have fewer."""
 RIM_CM: Final = 1.0
-"""How far the rim of a blade is from places that are broad on both sides."""
+"""Distance of the rim of a blade from places that are broad on both sides."""
 FOOT_CM: Final = 1.2
-"""Around the foot of a boll wood goes on into the bur."""
+"""Distance from the foot of a boll within which wood goes on into the bur."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class BollBody:
     centre: Float64
     diameter: float
     foot: Float64
-    """(3,) where its stalk ends, below the lint; NaN where no bur tells it."""
+    """(3,) end of its stalk, below the lint; NaN where no bur shows it."""
 
 
 @dataclass(frozen=True)
 class WoodCloud:
-    """Places of a plant that a skeleton may run through, cm."""
+    """Places of a plant through which a skeleton may run, cm."""
 
     places: Float64
     """(N, 3)"""
     leaf: NDArray[np.bool_]
     """(N,) part of a blade."""
     bur: NDArray[np.int64]
-    """(N,) id of the boll whose bur it is part of, 0 = none; the wood at its foot is none."""
+    """(N,) id of the boll whose bur the place belongs to, 0 = none; wood at the foot of a boll belongs to none."""
     end: NDArray[np.bool_]
-    """(N,) whether a branch may end there: not in a blade, nor at a bur."""
+    """(N,) whether a branch may end there, which is neither in a blade nor at a bur."""
     bolls: tuple[BollBody, ...]
 
 
@@ -93,7 +93,7 @@ def thinned(places: Float64, side: float) -> Float64:
 
 
 def classify(places: Float64, bolls: list[tuple[int, Float64, float]]) -> WoodCloud:
-    """Tell burs and blades from wood.
+    """Separate burs and blades from wood.
 
     Args:
         places: (N, 3) cm. bolls: id, centre (3,) and diameter of each, cm.

@@ -26,10 +26,11 @@ ALONG_X: Final = (1, 0, 3, 2)
 ALONG_Y: Final = (3, 2, 1, 0)
 """Corner -> the one at the other end of its long edge, which has the same y, and of its short edge, of the same x."""
 OFF_TABLE: Final = 0.05
-"""Farther from the table top or from a rectangle, in widths of the table, what was picked is no corner of it."""
+"""Largest distance of a picked corner from the table top or from a rectangle, in widths of the table. A pick farther
+off is not a corner of the table."""
 
 Moves = Sequence[Mapping[str, NDArray[np.float64]]]
-"""Of each moved corner, image -> (2,) px."""
+"""For each moved corner, image -> (2,) px."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,17 @@ class MovedTable:
     """None when no move applies."""
     rectangle: Rectangle | None
     refused: tuple[str, ...]
-    """Why a move does not apply."""
+    """Reasons why moves do not apply."""
 
 
 def move_corners(
     found: FoundScale, plant: Plant, moves: Moves, options: ScaleOptions, refused: Sequence[str] = ()
 ) -> FoundScale:
-    """The scale once more, from the table through the moved corners and from the references besides the table.
+    """Compute the scale again, from the table through the moved corners and from the references besides the table.
 
     Args:
-        found: without the moves; kept as `ScaleInfo.found`.
-        refused: why further moves do not apply.
+        found: the scale without the moves; kept as `ScaleInfo.found`.
+        refused: reasons why further moves do not apply.
     """
     scale, cameras = found.info.scale, {camera.name: camera for camera in plant.cameras}
     references = [
@@ -90,7 +91,7 @@ def move_corners(
 
 
 def refuse_moves(found: FoundScale, reasons: Sequence[str]) -> FoundScale:
-    """The same with the word that moves of corners do not apply, a reason each."""
+    """The same scale with a warning that moves of corners do not apply, for each of `reasons`."""
     if not reasons:
         return found
     outcome = replace(
@@ -106,9 +107,9 @@ def lay_through(
 ) -> MovedTable:
     """The table of known size that fits the moved corners best, in the plane of the table as it was found.
 
-    A move is of the corner that is nearest to where its picks meet; the last one of a corner counts. A moved corner
-    takes its two edges with it, unless the corner at their other end was moved too. The table is laid through the four
-    corners by least squares over position, turn and size.
+    A move belongs to the corner nearest to the point where its picks meet; the last move of a corner counts. A moved
+    corner takes its two edges with it, unless the corner at their other end was moved, too. The table is laid through
+    the four corners by least squares over position, turn and size.
     """
     axes, origin = scale.table_frame, scale.corners.mean(axis=0)
     width_su = width_cm / scale.cm_per_su
@@ -165,5 +166,5 @@ def lay_through(
 
 
 def _complex(places: Float64) -> NDArray[np.complex128]:
-    """Places on the table, whose turn and growth then are a factor."""
+    """Places on the table as complex numbers, so that a turn and a growth are one factor."""
     return np.asarray(places[:, 0] + 1j * places[:, 1])

@@ -1,4 +1,4 @@
-"""The scale by the chosen reference, or by every one there is, with pictures that show it."""
+"""The scale by the chosen reference, or by all available ones, with pictures that show it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Pictures = dict[str, NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Plant:
-    """What the references are sought in."""
+    """The scene and photos in which references are searched."""
 
     cameras: list[Camera]
     photo: Callable[[str], NDArray[np.uint8]]
@@ -45,21 +45,21 @@ class Plant:
     tracks: NDArray[np.float64]
     """(T, 3) su, triangulated points."""
     solid: NDArray[np.float32]
-    """(S, 3) su, means of the Gaussians that hide what is behind them."""
+    """(S, 3) su, means of the opaque Gaussians."""
     picks: Mapping[str, Mapping[str, NDArray[np.float64]]] | None = None
-    """Point that the user picked -> image -> (2,) px; None without any."""
+    """Point that the user picked -> image -> (2,) px; None without any points."""
 
 
 @dataclass(frozen=True)
 class FoundScale:
-    """The scale, or why there is none, and what shows it."""
+    """The scale, or the reason why there is none, with its evidence."""
 
     info: ScaleInfo
     outcome: StageOutcome
     pictures: Pictures = field(default_factory=dict)
     """File name -> photo with the reference drawn on it."""
     patches: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Photo -> (6, 3) grey levels of the card's patches, where the card was sought."""
+    """Photo -> (6, 3) grey levels of the card's patches, if the card was searched."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class _Scene:
     """(N, 3) su, of the surfaces."""
     chosen: list[Camera]
     photos: list[NDArray[np.uint8]]
-    """Of the chosen cameras."""
+    """Photos of the chosen cameras."""
     table: TableFit | NoTable
     ground: Rectangle | None
     """The table top, or else the highest large level plane."""
@@ -92,7 +92,7 @@ class _Scene:
 
 
 def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent, views: int = VIEWS) -> FoundScale:
-    """Seek the references that the method names, and reconcile what they say.
+    """Search the references that the method names, and reconcile their scales.
 
     Args:
         views: photos in which the rim of the table is measured, at most.
@@ -139,7 +139,7 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent,
 
 
 def no_scale(reason: str, *warnings: str) -> FoundScale:
-    """Why there is no scale; the metric cells will stay blank."""
+    """The result without a scale, with the reason; the metric cells stay blank."""
     return FoundScale(ScaleInfo(NO_SOURCE, reason), StageOutcome({"source": NO_SOURCE}, ("no_scale",), warnings))
 
 
@@ -245,7 +245,7 @@ def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...]
     """Flags and warnings of a scale."""
     flags, warnings = [], []
     if together.assumed:
-        flags.append(TABLE_SIZE_ASSUMED)  # where it matters its size is said, so this is no warning
+        flags.append(TABLE_SIZE_ASSUMED)  # the size is stated where it matters, so a warning is not needed
     if unclear_edge:
         flags.append("table_edge_unclear")
         warnings.append(
@@ -268,7 +268,7 @@ def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...]
 
 
 def table_of(together: Reconciled, options: ScaleOptions) -> dict[str, Any]:
-    """What scale.json says of the table's size where the scale rests on it."""
+    """The table's size for scale.json, if the scale depends on it."""
     if TABLE_SOURCES.isdisjoint(together.agreeing):
         return {}
     return {"table_cm": options.table_cm, "table_assumed": together.assumed}
@@ -281,7 +281,7 @@ def summary_of(info: ScaleInfo, evidence: dict[str, Any]) -> dict[str, Any]:
 
 
 def facts_of(references: list[Reference]) -> tuple[dict[str, Any], ...]:
-    """Each reference for itself."""
+    """The facts of each reference."""
     return tuple(
         {"source": item.source, "cm_per_su": item.cm_per_su, "relative_error": item.relative_error, **item.evidence}
         for item in references

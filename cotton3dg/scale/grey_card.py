@@ -1,4 +1,4 @@
-"""The grey patches of a plant's card as a photo shows them: what white balance and exposure are told by."""
+"""The grey patches of a plant's card as a photo shows them. They give the white balance and the exposure."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from .markers import Corner
 
 LEAST_MARKERS: Final = 2
 INNER: Final = 0.55
-"""Share of a patch's sides that is looked at: the rest is blurred into its rim."""
+"""Share of a patch's sides that is measured; the rest is blurred into its rim."""
 LEAST_PX: Final = 4.0
-"""Height of a patch in the photo."""
+"""Least height of a patch in the photo."""
 PLACES: Final = 9
 """Places along a side of a patch."""
 CLIPPED: Final = 250
-"""Grey level from which a channel tells no more."""
+"""Grey level from which a channel is saturated."""
 DARKER: Final = 2.0
-"""Grey levels by which each patch is darker than the one before, or something lies on the card."""
+"""Least difference in grey levels between a patch and the brighter one before it. With less, something lies on the
+card."""
 
 
 def read_patches(photo: NDArray[np.uint8], corners: Mapping[Corner, Float64]) -> Float64 | None:
@@ -33,9 +34,10 @@ def read_patches(photo: NDArray[np.uint8], corners: Mapping[Corner, Float64]) ->
 
     Args:
         photo: (H, W, 3).
-        corners: what `find_markers` found of the card's markers in it.
+        corners: the card's markers in the photo, as `find_markers` finds them.
     Returns:
-        None where the card is not seen well enough: fewer than two markers, too aslant or too far, or half covered.
+        None where the photo does not show the card well enough: fewer than two markers, too aslant or too far, or half
+        covered.
     """
     import cv2
 
@@ -64,7 +66,7 @@ def read_patches(photo: NDArray[np.uint8], corners: Mapping[Corner, Float64]) ->
     values = np.array([[np.median(patch, axis=0) for patch in levels] for levels in columns], np.float64)
     brightest = np.array([[np.percentile(patch, 90) for patch in levels] for levels in columns])
     burnt = brightest.max(axis=0) >= CLIPPED
-    # Light adds up, grey levels do not; the curve need not be known well to take the mean of two that are near.
+    # Light adds up, grey levels do not. For the mean of two near levels an approximate tone curve suffices.
     mean = (values**2.2).mean(axis=0) ** (1 / 2.2)
     if not (np.diff(mean, axis=0) <= -DARKER).all(where=~burnt[:-1, None]):
         return None
@@ -72,7 +74,7 @@ def read_patches(photo: NDArray[np.uint8], corners: Mapping[Corner, Float64]) ->
 
 
 def _height_px(grid: Float64) -> float:
-    """Of a whole patch, from its inner places."""
+    """Height of a whole patch, px, from its inner places."""
     return float(np.linalg.norm(grid[-1] - grid[0], axis=1).min() / INNER)
 
 

@@ -1,10 +1,10 @@
-"""Corners of a printed marker by the edges between its cells: what makes dark larger makes light smaller.
+"""Corners of a printed marker by the edges between its cells: when dark cells grow, light cells shrink.
 
 Ink that spreads, and a phone's tone curve and sharpening, move the edges of dark cells outwards or inwards, all by the
-same way. Of the outer square alone that cannot be told from a larger or smaller marker (1.5 % on a real sheet of 33 mm
-markers, seen 100 px wide). The edges inside, of which one half leads from dark to light and the other half back, tell
-both apart; the outer ones are left out, for beside the white margin they are off by more than the others (0.7 % there,
-with them; 0.1 % without).
+same distance. In the outer square alone this looks like a larger or smaller marker (1.5 % on a real sheet of 33 mm
+markers, seen 100 px wide). The inner edges distinguish the two, because one half of them leads from dark to light and
+the other half back. The outer edges are left out, because beside the white margin they are off by more than the others
+(0.7 % there with them; 0.1 % without).
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from ..core.scene import Float64
 
 LEAST_CELL_PX: Final = 4.0
-"""Smaller cells run into each other."""
+"""Smallest cell, px. Smaller cells run into each other."""
 REACH: Final = 0.45
-"""Cells on either side of an edge in which it is sought."""
+"""Distance, in cells, on either side of an edge within which the edge is searched."""
 STEPS: Final = 37
 """Places along that way."""
 ACROSS: Final = (0.25, 0.5, 0.75)
-"""Where in a cell's breadth edges are sought."""
+"""Positions across a cell at which edges are searched."""
 LEAST_EDGES: Final = 12
 LARGEST_SPREAD: Final = 0.3
-"""Cells; what seems to have spread farther is no print."""
+"""Largest spread of the dark cells, in cells. A square that seems to have spread farther is not a print."""
 OUTLIER: Final = 3.0
 
 
 def fit_to_cells(light: NDArray[np.float32], quad: Float64, dark: NDArray[np.bool_]) -> Float64:
-    """(4, 2) px, corners of the marker without what its dark cells have spread; the given ones where cells are too
-    small or their edges are not clear.
+    """(4, 2) px, corners of the marker, corrected for the spread of its dark cells; the given corners where cells are
+    too small or their edges are not clear.
 
     Args:
         light: (H, W) linear light.
@@ -62,8 +62,8 @@ def _find_edges(
     """Edges between cells of one row, inside the marker.
 
     Returns:
-        (E, 2) where they should be, cells; (E,) how far off along the axis they are; (E,) 1 where dark comes first, -1
-        where light does.
+        (E, 2) their nominal places, cells; (E,) their offsets along the axis; (E,) 1 where dark comes first, -1 where
+        light does.
     """
     import cv2
 
@@ -89,8 +89,8 @@ def _find_edges(
 
 
 def _fit(should: Float64, off: Float64, signs: Float64) -> Float64 | None:
-    """(3,) how far off the cells are, a plane over their places, once what dark has spread is taken out; None if it is
-    no print's."""
+    """(3,) offsets of the cells, as a plane over their places, without the spread of the dark cells; None if the spread
+    is not that of a print."""
     design = np.column_stack([np.ones(len(off)), should, signs])
     kept = np.ones(len(off), bool)
     for _ in range(3):

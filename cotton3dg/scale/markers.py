@@ -1,8 +1,8 @@
 """Printed markers of known size: ArUco and AprilTag squares, and ChArUco boards, found in photos and in space.
 
 A square's corners are refined by lines fitted to its sides, in linear light, and then by the edges between its cells
-(`marker_cells`), for ink, lens and tone curve make dark squares larger or smaller. A board's corners lie between two
-dark and two bright squares, so this cannot happen to them.
+(`marker_cells`), because ink, lens and tone curve make dark squares larger or smaller. A board's corners lie between
+two dark and two bright squares, so this does not move them.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ INNER: Final = 0.75
 """Side of a ChArUco board's markers in squares of the board."""
 LEAST_VIEWS: Final = 6
 MAX_ERROR: Final = 0.02
-"""Relative; what scatters more is no reference."""
+"""Largest relative error; markers that scatter more are not a reference."""
 PLACES: Final = 24
-"""Places along a side of a square at which its edge is sought."""
+"""Places along a side of a square at which its edge is searched."""
 
 Corner = tuple[str, int, int]
-"""Kind (`marker` or `board`), id of the marker, number of the corner: of a board, 0 and the number of its corner."""
+"""Kind (`marker` or `board`), id of the marker, number of the corner; for a board, 0 and the number of its corner."""
 
 
 @dataclass(frozen=True)
 class MarkerKind:
-    """What was printed."""
+    """A kind of printed markers."""
 
     dictionary: str
     """As OpenCV names it without `DICT_`, e.g. `4x4_50` or `apriltag_36h11`."""
     side_cm: float
-    """Black square of a marker; of a board, one of its squares."""
+    """Side of a marker's black square, or of one of a board's squares."""
     board: tuple[int, int] | None = None
     """Columns and rows of squares of a ChArUco board; None = loose markers."""
 
@@ -54,17 +54,17 @@ class MarkerKind:
 
 @dataclass(frozen=True)
 class MarkerFit:
-    """The corners that several views agree on, and the scale they give."""
+    """The corners on which several views agree, and the scale that they give."""
 
     reference: Reference
     sightings: dict[Corner, Sighting]
 
 
 def board_squares(text: str) -> tuple[int, int] | None:
-    """Columns and rows of a ChArUco board, e.g. of `4x5`; None of ''.
+    """Columns and rows of a ChArUco board, e.g. from `4x5`; None from ''.
 
     Raises:
-        BadUsage: the text is no board.
+        BadUsage: the text does not describe a board.
     """
     if not text:
         return None
@@ -191,9 +191,9 @@ def fit_bodies(
 ) -> MarkerFit | NoReference:
     """The scale at which rigid bodies with corners of known places have their known size.
 
-    Each corner is triangulated on its own; within a body the distances between its corners, sides and diagonals, give
-    a ratio each. The scale is the median of all ratios and its error their robust spread (MAD), for corners err alike
-    in all views.
+    Each corner is triangulated on its own. Within a body each distance between its corners, sides and diagonals, gives
+    a ratio. The scale is the median of all ratios and its error their robust spread (MAD), because corners err alike in
+    all views.
 
     Args:
         found: corners in the photo of each camera.
@@ -264,7 +264,7 @@ def draw_sheet(kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm:
 
 
 def _draw_footer(sheet: NDArray[np.uint8], kind: MarkerKind, dots_per_cm: int) -> None:
-    """A ruler of 10 cm and what the sheet is, at the lower rim."""
+    """Draw a ruler of 10 cm and a description of the sheet at the lower rim."""
     import cv2
 
     height, width = sheet.shape

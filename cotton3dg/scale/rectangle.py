@@ -1,7 +1,7 @@
 """The rim of a flat rectangular table, measured in the photos.
 
 Only silhouette views count for an edge: those whose camera stands on the inner side of it. From there the edge of the
-top hides the side face, so what is seen against the background is the top edge and never the bottom one.
+top hides the side face, so the top edge, and never the bottom one, stands against the background.
 """
 
 from __future__ import annotations
@@ -17,27 +17,28 @@ from ..core.scene import Camera, Float64
 
 EDGES: Final = (0, 1, 2, 3)
 PLACES: Final = 64
-"""Places along an edge at which it is looked for."""
+"""Places along an edge at which it is searched."""
 SEARCH: Final = 0.12
 """How far an edge may lie from its first estimate, in widths of the table."""
 TURN: Final = np.radians(3.0)
 """How far the first rectangle may be turned against the table."""
 PLANE_PRIOR: Final = 0.004
-"""Standard error of the plane, in widths of the table, where nothing better is known; the edges may move it so much."""
+"""Standard error of the plane, in widths of the table, where nothing better is known; the edges may move it by this."""
 CAUCHY: Final = 2.385
-"""Distance from an edge, in robust standard deviations, at which a maximum's pull begins to weaken: least squares lose
-5 % of their efficiency by it when errors are normal (Holland and Welsch 1977)."""
+"""Distance from an edge, in robust standard deviations, at which a maximum's pull begins to weaken. With normal errors
+least squares lose 5 % of their efficiency by it (Holland and Welsch 1977)."""
 SHARPEST_PX: Final = 0.2
 """Standard deviation of the sharpest edges."""
 ROUNDS: Final = ((6.0, 1e-3), (3.0, 1e-4))
-"""How far around an edge its maxima are sought, px, until the corners move less than so many widths of the table."""
+"""Distance from an edge within which its maxima are searched, px, and the motion of the corners, in widths of the
+table, below which a round ends."""
 MOST_ROUNDS: Final = 8
 ALONG: Final = 0.3
 """Quantile along an edge by which its contrast is judged: a sheet of paper beside it is brighter, but shorter."""
 STRONG: Final = 0.75
 """Contrast of an edge relative to the strongest line beside it ..."""
 WEAK: Final = 0.3
-"""... and where a line beside it is known to be stronger."""
+"""... and the contrast where a line beside it is known to be stronger."""
 MIN_VIEWS: Final = 3
 
 
@@ -50,7 +51,8 @@ class Rectangle:
     origin: Float64
     """(3,) a point of the plane, su."""
     sides: Float64
-    """(4,) where the edges lie as seen from the origin: x of two, then y of two: x_min, x_max, y_min, y_max; su."""
+    """(4,) places of the edges relative to the origin, first the x of two, then the y of two: x_min, x_max, y_min,
+    y_max; su."""
 
     @property
     def length(self) -> float:
@@ -108,8 +110,9 @@ class RimFit:
     residual_px: tuple[float, ...]
     """Median distance of each edge from what the photos show, in the order of `Rectangle.sides`."""
     support: tuple[float, ...]
-    """Share of the places looked at, over all views of each edge, at which the photos show it within 2 px. Of a narrow
-    fit within 1 px, and weaker evidence: the nearest maximum was taken, and of a mere texture most would lie there."""
+    """Share of the searched places, over all views of each edge, at which the photos show it within 2 px. In a narrow
+    fit it is within 1 px, and weaker evidence: the nearest maximum was taken, and those of a mere texture would mostly
+    lie there."""
     views: tuple[int, ...]
     """Photos that show each edge as a silhouette."""
 
@@ -131,15 +134,16 @@ def fit_rim(
 ) -> RimFit | None:
     """Measure the edges of a table in photos.
 
-    Each edge is first sought within `SEARCH` of its place, where the contrast across it, added up over all views, is
-    strong: only what lies on the plane stays in place from view to view. Then edges and plane are fitted together to
-    the maxima of contrast in each view (least squares with Cauchy loss), the plane within its error.
+    Each edge is first searched within `SEARCH` of its place, where the contrast across it, added up over all views, is
+    strong: only lines on the plane stay in place from view to view. Then edges and plane are fitted together to the
+    maxima of contrast in each view (least squares with Cauchy loss), the plane within its error.
 
     Args:
         first: the rectangle as points give it.
         images: (H, W, 3) of the cameras, as `smoothed` makes them.
         plane_error: standard error of the plane of `first`, in widths of the table.
-        narrow: a line beside an edge misleads: seek edges only a quarter as far from `first`, and take weaker ones.
+        narrow: a line beside an edge misleads, so search edges only a quarter as far from `first`, and take weaker
+            ones.
     Returns:
         None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
@@ -162,7 +166,7 @@ def fit_rim(
         if np.abs(rectangle.corners - anchor.corners).max() > search * first.width:
             return None
     offsets = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, seen, strict=True)]
-    # Sought far around: among the maxima of a mere texture a third would lie that close.
+    # The search is wide: among the maxima of a mere texture a third would lie that close.
     far_px = rounds[0][0]
     wide = [_find_maxima(rectangle, edge, views, far_px, narrow) for edge in EDGES]
     away = [np.abs(_distances(rectangle, edge, cameras, found)) for edge, found in zip(EDGES, wide, strict=True)]
@@ -176,7 +180,7 @@ def fit_rim(
 
 @dataclass(frozen=True)
 class _Maxima:
-    """Where the photos show an edge."""
+    """The places where the photos show an edge."""
 
     view: NDArray[np.int64]
     """(n,) number of the camera."""
@@ -187,14 +191,14 @@ class _Maxima:
     normals: Float64
     """(n, 2) unit normals of the edge in the photo."""
     looked: int
-    """Places looked at, with a maximum or without."""
+    """Number of searched places, with a maximum or without."""
 
 
 _View = tuple[Camera, NDArray[np.uint8]]
 
 
 def _fit_roughly(first: Rectangle, views: list[_View], reach: float, most: float, least: float) -> Rectangle | None:
-    """`first` turned as a whole and each edge moved to where the contrast, summed over views, tells.
+    """`first` turned as a whole, with each edge moved to the line of strong contrast, summed over views.
 
     Args:
         least: contrast of an edge relative to the strongest line beside it.
@@ -219,7 +223,7 @@ def _fit_roughly(first: Rectangle, views: list[_View], reach: float, most: float
 
 
 def _shifted(rows: Float64, ways: Float64, step: float) -> Float64:
-    """(T, P, S) of rows (P, S) of samples `step` apart: what they are `ways` (T, P) further on, or at their end."""
+    """(T, P, S) rows (P, S) of samples `step` apart, shifted by `ways` (T, P); beyond a row's end its last sample."""
     last = rows.shape[1] - 1
     places = np.clip(np.arange(last + 1) + ways[..., None] / step, 0, last)
     before = np.minimum(places.astype(np.int64), last - 1)
@@ -242,14 +246,14 @@ def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Fl
             continue
         n_views += 1
         contrast = _difference(image, pixels, normals)
-        # A photo's strong background edges would outvote the rest.
+        # Strong background edges of one photo would dominate the rest.
         total += np.where(inside, np.minimum(contrast, np.percentile(contrast[inside], 95)), 0)
         count += inside
     return total / np.maximum(count, 1) if n_views >= MIN_VIEWS else None
 
 
 def _find_outermost(profile: Float64, least: float) -> int:
-    """Index of the outermost of the strong maxima: lines inside the table (seams, tape) are no rim."""
+    """Index of the outermost of the strong maxima, because lines inside the table (seams, tape) are not its rim."""
     base = np.median(profile)
     strong = profile - base >= least * (profile.max() - base)
     peaks = strong & (profile >= np.roll(profile, 1)) & (profile >= np.roll(profile, -1))
@@ -259,8 +263,8 @@ def _find_outermost(profile: Float64, least: float) -> int:
 def _find_maxima(
     rectangle: Rectangle, edge: int, views: list[_View], reach_px: float, nearest: bool = False
 ) -> _Maxima:
-    """The strongest contrast within `reach_px` of the edge at each place of each view that shows it as a silhouette;
-    or the nearest that is not much weaker.
+    """The strongest contrast within `reach_px` of the edge, or the nearest one that is not much weaker, at each place
+    of each view that shows the edge as a silhouette.
     """
     points = rectangle.points(rectangle.edge_places(edge, _along()))
     ahead = rectangle.axes[1 if edge < 2 else 0] * 1e-3 * rectangle.width
@@ -298,16 +302,16 @@ def _find_maxima(
 def _adjust(
     anchor: Rectangle, start: Rectangle, cameras: Sequence[Camera], seen: list[_Maxima], plane_error: float
 ) -> Rectangle:
-    """`start` moved so that its edges meet what the photos show; tilt and height are held near those of `anchor`.
+    """`start` moved so that its edges meet the maxima in the photos; tilt and height stay near those of `anchor`.
 
-    Gauss-Newton with the weights of the Cauchy loss; two steps, for the maxima are sought anew afterwards.
+    Gauss-Newton with the weights of the Cauchy loss; two steps, because the maxima are searched anew afterwards.
     """
     unit = np.array([1, 1, 1, *[start.width] * 5])
     rectangle = start
     for _ in range(2):
         here = _residuals(rectangle, anchor, cameras, seen)
         sigma_px = max(1.4826 * float(np.median(np.abs(here[:-3]))), SHARPEST_PX)
-        # Neighbouring places of a photo err alike: they count eight times too often, and so must the prior.
+        # Neighbouring places of a photo err alike. They count eight times too often, so the prior has to, too.
         prior_weight = 8 * (sigma_px / plane_error) ** 2
         nudges = 1e-6 * np.eye(8)
         slopes = [(_residuals(rectangle.moved(n * unit), anchor, cameras, seen) - here) / 1e-6 for n in nudges]
@@ -315,7 +319,7 @@ def _adjust(
         weights[-3:] = prior_weight
         jacobian = np.stack(slopes, axis=1)
         normal = jacobian.T @ (weights[:, None] * jacobian)
-        # Without a view of an edge nothing holds it; the ridge keeps it where it is.
+        # An edge without a view is not determined; the ridge keeps it where it is.
         normal += 1e-9 * np.trace(normal) * np.eye(8)
         rectangle = rectangle.moved(-np.linalg.solve(normal, jacobian.T @ (weights * here)) * unit)
     return rectangle

@@ -1,4 +1,4 @@
-"""References of known size: what scale each gives, how sure it is, and what several say together."""
+"""References of known size: the scale of each, its error, and the scale of several together."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .rectangle import Rectangle
 from .table import find_first_rectangle, turn_along_long_side
 
 LEAST_ERROR: Final = 1e-3
-"""Relative; what paper, printers and rulers are true to."""
+"""Least relative error: that of paper, printers and rulers."""
 TOLERANCE: Final = 0.01
-"""Two references that differ by less never disagree: 1 % is 1.2 cm of a table's length."""
+"""Relative difference below which two references never disagree: 1 % is 1.2 cm of a table's length."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Reference:
     relative_error: float
     evidence: dict[str, Any] = field(default_factory=dict)
     assumed: bool = False
-    """Whether its size is what such things usually have, and nobody measured it."""
+    """Whether its size is the usual one of such things, and not measured."""
 
 
 @dataclass(frozen=True)
@@ -43,24 +43,24 @@ class NoReference:
 
 @dataclass(frozen=True)
 class Reconciled:
-    """What several references say together."""
+    """The scale from several references."""
 
     cm_per_su: float
     relative_error: float
     agreeing: tuple[str, ...]
-    """Sources that the scale is made of, the surest first."""
+    """Sources of the scale, the surest first."""
     differing: dict[str, float]
-    """Source -> how far it is off, relative, of those that are left out."""
+    """Source -> relative difference, for the sources that are left out."""
     assumed: bool = False
-    """Whether nothing of measured size is among those that agree."""
+    """Whether all agreeing references have an assumed size."""
 
 
 def reconcile(references: Sequence[Reference]) -> Reconciled:
-    """The mean of the references that agree with the surest one, weighed by their certainty.
+    """The mean of the references that agree with the surest one, weighted by their certainty.
 
     References agree when they differ by less than three standard errors, or by less than `TOLERANCE`. The error is
-    that of the weighted mean, but no less than half of the spread among those that agree. One of measured size is surer
-    than one of assumed size, whatever their errors.
+    that of the weighted mean, but no less than half of the spread among those that agree. A reference of measured size
+    is surer than one of assumed size, whatever their errors.
     """
     ranked = sorted(references, key=lambda reference: (reference.assumed, reference.relative_error))
     surest = ranked[0]
@@ -80,14 +80,14 @@ def reconcile(references: Sequence[Reference]) -> Reconciled:
 
 
 def scale_on(ground: Rectangle, cm_per_su: float, relative_error: float, source: str) -> Scale:
-    """A scale whose table top, or what takes its place, is `ground`."""
+    """A scale whose table top, or the plane in its place, is `ground`."""
     up = ground.axes[2]
     plane = np.append(up, -up @ ground.origin)
     return Scale(cm_per_su, relative_error, source, up, plane, ground.corners)
 
 
 def find_ground(points: NDArray, cameras: Sequence[Camera], seed: int = 0) -> Rectangle | None:
-    """The highest large level plane below the cameras: the table top of whatever shape, or else the floor.
+    """The highest large level plane below the cameras: the table top of any shape, or else the floor.
 
     Args:
         points: (N, 3) su, of the surfaces in the scene.

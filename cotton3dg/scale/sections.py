@@ -3,10 +3,10 @@
 `scale_from_central_section` is that of Cotton3DGaussians, 2.5: an oriented box around the table's cloud, 11 sections
 along it, a second oriented box around the central section. Its length L is the table's width, so that
 β = L / 60 cm; the 120 cm of the other side are not used. The paper does not say how the cloud of the table was cut out
-of the scene (here: what lies on its plane, inside its rectangle and a rim), which of the boxes along no axis it takes
-(here: the tightest) nor how far β errs (here: the scatter of all sections' lengths, and no less than 1 %).
+of the scene (here: the points on its plane, inside its rectangle and a rim), which oriented box it takes (here: the
+tightest), nor what the error of β is (here: the scatter of all sections' lengths, and no less than 1 %).
 
-`scale_from_all_sections` takes what the paper leaves: medians over sections along both sides, and both known lengths.
+`scale_from_all_sections` also uses the rest: medians over sections along both sides, and both known lengths.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from .references import LEAST_ERROR, NoReference, Reference
 
 SECTIONS: Final = 11
 LEAST_POINTS: Final = 20
-"""In a section; fewer do not reach from edge to edge."""
+"""Least number of points in a section; fewer do not reach from edge to edge."""
 RIM: Final = 0.1
-"""How far beyond its rectangle the table's points are taken, in its widths."""
+"""Width of the rim around the rectangle in which points still belong to the table, in widths of the table."""
 TRIM: Final = 0.002
-"""Share of a section's points at either end that are taken for floaters."""
+"""Share of a section's points at either end that count as floaters."""
 MAX_ERROR: Final = 0.05
 POINT_PX: Final = 3
 LEAST_ERROR_OF_ONE: Final = 0.01
-"""Relative, of the central section: no other length checks it, and points end short of an edge or lie beyond it."""
+"""Least relative error of the central section: no other length checks it, and points end short of an edge or lie beyond
+it."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class TableSections:
     number: NDArray[np.int64]
     """(N,) section of each point, 0 to 10."""
     boxes: tuple[Box | None, ...]
-    """Around each section; None of one with too few points."""
+    """The box around each section; None for a section with too few points."""
 
     @property
     def central(self) -> Box | None:
@@ -89,8 +90,8 @@ def scale_from_all_sections(
 ) -> Reference | NoReference:
     """The mean of the ratios of the table's known to its measured length and width.
 
-    Sections are cut along both sides: those that run along the table give its length, those that run across its width,
-    each as the median over its sections.
+    Sections are cut along both sides. Those that run along the table give its length, those that run across it give its
+    width, each as the median over the sections.
 
     Args:
         points: (N, 3) su. table: roughly where it is. radius: of the cameras' orbit, su.

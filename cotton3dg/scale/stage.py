@@ -32,23 +32,23 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def parts(workspace: Workspace, _: ScaleOptions) -> dict[str, str]:
-    """What a person says of the table: other corrections change no scale."""
+    """A person's corrections of the table; other corrections do not change the scale."""
     if not workspace.corrections_json.exists():
         return {}
     name = f"{workspace.corrections_json.name}#{CORNER}"
     try:
         said = Corrections.load(workspace.corrections_json).of(CORNER)
-    except BadInput:  # told when the stage runs
+    except BadInput:  # the stage reports it when it runs
         return {name: file_sha256(workspace.corrections_json)}
     return {name: hashlib.sha256(repr(said).encode()).hexdigest()} if said else {}
 
 
 def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent) -> StageOutcome:
     """Writes scale.json and photos that show the reference: table_<n>.jpg, sections.jpg, markers_<n>.jpg,
-    points_<n>.jpg, corners_<n>.jpg; where a card was sought and seen, patches.json.
+    points_<n>.jpg, corners_<n>.jpg; where a card was searched and found, patches.json.
 
     Raises:
-        BadUsage: reflectances that are none.
+        BadUsage: the reflectances are not valid.
         NoScale: no reference was found although `require_scale` is set.
     """
     workspace.require(workspace.undistorted / "sparse", "sfm")
@@ -79,7 +79,7 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
 
 
 def _reflectances(text: str) -> tuple[float, ...]:
-    """Of the card's patches from white to black, 0..1: as measured, in per cent, or those of a usual print.
+    """Reflectances of the card's patches from white to black, 0..1: as measured, in per cent, or of a usual print.
 
     Raises:
         BadUsage: not as many falling numbers as there are patches.
@@ -98,7 +98,7 @@ def _reflectances(text: str) -> tuple[float, ...]:
 def _moved(
     workspace: Workspace, found: FoundScale, plant: Plant, options: ScaleOptions, said: tuple[Correction, ...]
 ) -> FoundScale:
-    """The scale with the corners that a person moved, as far as the photos are still those that were pointed at."""
+    """The scale with the corners that a person moved, as far as the photos are still those with the picks."""
     placed = {camera.name for camera in plant.cameras}
     moves, refused = [], []
     for correction in said:
@@ -113,12 +113,12 @@ def _moved(
 def load_plant(
     workspace: Workspace, options: ScaleOptions, undistorted: Path, tracks: NDArray[np.float64], solid: NDArray
 ) -> Plant:
-    """What the references are sought in.
+    """The scene and photos in which references are searched.
 
     Args:
         undistorted: folder with `images/` and the COLMAP model `sparse/`.
         tracks: (T, 3) su, triangulated points.
-        solid: (S, 3) su, of what hides what is behind it; none without a model.
+        solid: (S, 3) su, means of the opaque Gaussians; none without a model.
     """
     has_points = workspace.scale_points.exists()
     if options.method == "distance" or (options.method == "all" and has_points):

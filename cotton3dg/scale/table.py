@@ -22,17 +22,19 @@ from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fi
 
 ASPECT_TOLERANCE: Final = 0.05
 USUAL_ASPECT_ERROR: Final = 0.01
-"""Beyond it another fit, with edges closer to where the points end, is taken if it is nearer to the known shape."""
+"""Error of the aspect above which another fit, with edges closer to where the points end, is tried and is taken if it
+is nearer to the known shape."""
 MIN_FILL: Final = 0.8
 LEAST_TRACKS: Final = 30
 LEAST_PLANE_ERROR: Final = 2e-4
-"""In widths of the table; 0.1 mm, about how flat a table is."""
+"""Least standard error of the plane, in widths of the table: 0.1 mm, about how flat a table is."""
 MIN_SUPPORT: Final = 0.4
-"""Share of the places along an edge that show it; a third would by chance."""
+"""Least share of the places along an edge that show it; a third would show it by chance."""
 CLEAR_SUPPORT: Final = 0.5
-"""The same for the two edges that alone give the scale, because a third one is unclear."""
+"""The same share for the two edges that alone give the scale when a third one is unclear."""
 LEAST_ERROR: Final = 2e-3
-"""Relative; sides that are too short alike, because the plane lies a millimetre too high, do not disagree."""
+"""Least relative error of the scale. A plane that lies a millimetre too high makes both sides too short alike, so they
+do not disagree."""
 LEAST_ERROR_OF_POINTS: Final = 1e-2
 """The same without photos: points end short of an edge, floaters lie beyond it."""
 LEAST_ERROR_OF_ONE_SIDE: Final = 1e-2
@@ -57,7 +59,7 @@ class TableFit:
 
     @property
     def unclear_edges(self) -> tuple[int, ...]:
-        """Edges of which the photos show too little, in the order of `Rectangle.sides`."""
+        """Edges that the photos show at too few places, in the order of `Rectangle.sides`."""
         return tuple(edge for edge in EDGES if self.rim and self.rim.support[edge] < MIN_SUPPORT)
 
     @property
@@ -110,8 +112,9 @@ def find_table(
         if first is None:
             continue
         first, plane_error = _level(first, tracks, orbit.radius) if tracks is not None else (first, PLANE_PRIOR)
-        # What shows best may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly right,
-        # and the edges are sought again close to where the points end; of any other plane texture would do.
+        # The strongest line may be a seam or a shadow along an edge of wood before wood. Then the shape is nearly
+        # right, and the edges are searched again close to where the points end. On any other plane a mere texture would
+        # pass that search.
         guesses = [first, first, *_complete(first, aspect)] if photos else [first]
         fits: list[TableFit] = []
         off = np.inf  # the last fit's shape from the known one
@@ -126,8 +129,8 @@ def find_table(
             fill, inliers = _measure_coverage(rectangle, points, orbit.radius)
             fit = TableFit(rectangle, fill, inliers, rim)
             off = abs(fit.aspect / aspect - 1)
-            # A guess made from the known shape cannot vouch for it, nor can the choice of the lines that have that
-            # shape: there every edge must be seen.
+            # A guess made from the known shape does not confirm it, nor does a choice of lines with that shape: there
+            # every edge must be seen.
             doubt = _doubt(fit, aspect, most_unclear=0 if number else 1)
             if not doubt:
                 fits.append(fit)
@@ -140,11 +143,11 @@ def find_table(
 def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     """The scale at which a table has its known size, by least squares over both sides.
 
-    Edges are found equally well on all sides, so the longer one tells more: a plain mean of the two ratios would be led
-    by the short side. (Cotton3DGaussians uses the short side alone, see `sections`.) The error is half their
-    disagreement, as for a mean of two, and at least `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos): the two may
-    agree by chance. A side that ends in an unclear edge, such as that of a wooden table before a wooden floor, is left
-    out.
+    Edges are found equally well on all sides, so the longer side is more precise, and the short side would dominate a
+    plain mean of the two ratios. (Cotton3DGaussians uses the short side alone, see `sections`.) The error is half their
+    disagreement, as for a mean of two, and at least `LEAST_ERROR` (`LEAST_ERROR_OF_POINTS` without photos), because the
+    two may agree by chance. A side that ends in an unclear edge, such as that of a wooden table before a wooden floor,
+    is left out.
     """
     measured, known = np.array([fit.rectangle.length, fit.rectangle.width]), np.array([length_cm, width_cm])
     least = LEAST_ERROR if fit.rim else LEAST_ERROR_OF_POINTS
@@ -233,10 +236,10 @@ def _level(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectangle,
 
 
 def _complete(first: Rectangle, aspect: float) -> list[Rectangle]:
-    """What a table of known shape may be when points cover only a part of it: the short way prolonged to either end."""
+    """Possible tables of known shape when points cover only a part: the short side is prolonged to either end."""
     length, width = first.length, first.width
     if length > aspect * width * (1 - ASPECT_TOLERANCE):
-        # Covered along its whole length: the width is what lacks.
+        # The points cover the whole length, so a part of the width is missing.
         side, lacking = 2, length / aspect - width
     else:
         side, lacking = 0, aspect * width - length
@@ -271,7 +274,7 @@ def _measure_coverage(rectangle: Rectangle, points: Float64, radius: float) -> t
 
 
 def _doubt(fit: TableFit, aspect: float, most_unclear: int) -> str:
-    """Why a fit is no table of that shape; '' when it is. So many edges may be unclear."""
+    """Why a fit is not a table of that shape; '' if it is one. At most `most_unclear` edges may be unclear."""
     if abs(fit.aspect / aspect - 1) > ASPECT_TOLERANCE:
         return f"the plane's sides are as {fit.aspect:.2f} to 1 where the table's are as {aspect:.2f} to 1"
     if fit.fill < MIN_FILL:

@@ -18,7 +18,7 @@ MAX_ERROR: Final = 0.03
 def scale_from_distance(
     cameras: Sequence[Camera], picks: Mapping[str, Mapping[str, NDArray]], distance_cm: float
 ) -> tuple[Reference, NDArray] | NoReference:
-    """The scale at which two points lie as far apart as they are known to, and (2, 3) the points, su.
+    """The scale at which two points have their known distance, and (2, 3) the points, su.
 
     Args:
         picks: point -> image -> (2,) px in the undistorted image; two points, each in at least two images.

@@ -1,4 +1,4 @@
-"""Files of a batch: what became of a plant, and which job of a cluster works on which."""
+"""Files of a batch: the outcome of each plant, and the cluster job that works on it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ REMEDY: Final = "submit the batch again"
 
 @dataclass(frozen=True)
 class PlantOutcome(Document):
-    """records/batch.json of a plant, which its job leaves."""
+    """records/batch.json of a plant, which its job writes."""
 
     REMEDY = REMEDY
 
     folder: str
-    """Of the plant, relative to the batch's."""
+    """Folder of the plant, relative to that of the batch."""
     state: str
-    """As `core.state.State` has it."""
+    """One of `core.state.State`."""
     exit_code: int | None = None
     reason: str = ""
 
@@ -31,4 +31,4 @@ class Jobs(WholeDocument):
     REMEDY = REMEDY
 
     of_plants: dict[str, str]
-    """The plant's folder -> the id of the job that was submitted for it last."""
+    """The plant's folder -> the id of the last job that was submitted for it."""

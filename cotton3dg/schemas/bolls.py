@@ -25,7 +25,7 @@ class BollMask:
 
 @dataclass(frozen=True)
 class BollFacts:
-    """One boll without its Gaussians, which are those that labels.npy gives its id."""
+    """One boll without its Gaussians; labels.npy marks these with its id."""
 
     id: int
     centre_su: tuple[float, ...]
@@ -49,7 +49,7 @@ class BollsInfo(Document):
 
 
 def describe_bolls(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInfo:
-    """What bolls.json says of bolls."""
+    """The document of some bolls."""
     facts = (
         BollFacts(
             boll.boll_id,
@@ -86,10 +86,10 @@ def write_lifted(path: Path, lifted: LiftedMasks) -> None:
 
 
 def read_lifted(path: Path) -> LiftedMasks:
-    """Read what `write_lifted` saved.
+    """Read the lifted masks that `write_lifted` saved.
 
     Raises:
-        BadInput: not such a file, or its arrays do not belong together.
+        BadInput: it is not such a file, or its arrays do not belong together.
     """
     try:
         arrays = read_arrays(path)

@@ -1,4 +1,4 @@
-"""check/check.json: what a first look at a film found, and whether to film again."""
+"""check/check.json: the findings of a first look at a film, and whether to film again."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from .record import Record
 GREEN: Final = "green"
 YELLOW: Final = "yellow"
 RED: Final = "red"
-"""Good as it is; usable, but something will be missing or doubtful; no result can come of it."""
+"""The film is good; it is usable, but something will be missing or doubtful; it cannot give a result."""
 VERDICTS: Final = (GREEN, YELLOW, RED)
 """From good to bad."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at."""
+    """The finding on one aspect of a film."""
 
     verdict: str
     topic: str
     text: str
-    """With figures."""
+    """The finding in words, with figures."""
     remedy: str = ""
     """What to do when filming again."""
 
@@ -34,7 +34,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class CheckInfo(Document):
-    """What the command check says of a film."""
+    """The result of the command check for a film."""
 
     REMEDY = "run `cotton3dg check`"
 
@@ -45,12 +45,12 @@ class CheckInfo(Document):
     findings: tuple[Finding, ...]
     """The worst first."""
     figures: dict[str, Any]
-    """By name with its unit; what was not measured is missing."""
+    """Figures by name with their unit; those that were not measured are missing."""
     seconds: float
     film: str = ""
-    """`film_of` the record of its frames."""
+    """`film_of` applied to the record of its frames."""
 
 
 def film_of(frames: Record | None) -> str:
-    """SHA-256 that tells one film from another: of what the stage frames read."""
+    """SHA-256 that identifies a film, from the files that the stage frames read."""
     return hashlib.sha256(repr(sorted(frames.inputs.items())).encode()).hexdigest() if frames else ""

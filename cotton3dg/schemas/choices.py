@@ -1,4 +1,4 @@
-"""records/options.json: what was chosen of a plant's options."""
+"""records/options.json: the options that were chosen for a plant."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .document import Document
 
 @dataclass(frozen=True)
 class Choices(Document):
-    """How the last run of a plant was asked for. One that cannot be read is none: the records of the stages tell it."""
+    """The options of a plant's last run. An unreadable file counts as missing; the stages' records have the options."""
 
     REMEDY = "run `cotton3dg run` with the options that are to hold"
 
     preset: str = ""
-    """Empty where none was named, or where a file names it."""
+    """Empty if no preset was named, or if a file names it."""
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Stage -> option, as TOML would write it behind the stage -> value: what neither preset nor file gives."""
+    """Stage -> option, as TOML would write it behind the stage -> value, for options from neither preset nor file."""

@@ -1,6 +1,6 @@
-"""corrections.json of a plant: what a person says of its bolls and its table, and lengths that a person measured.
+"""corrections.json of a plant: a person's corrections of its bolls and its table, and lengths that a person measured.
 
-Made by the report's page or `cotton3dg correct`.
+The report's page or `cotton3dg correct` writes it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ..errors import unknown
 from .document import Document
 
 BOLLS_NEEDED: Final = {"merge": 2, "split": 1, "delete": 1, "branch": 1, "add": 0, "corner": 0, "ruler": 0}
-"""Kind of correction -> bolls that it is about; of a merge or more."""
+"""Kind of correction -> number of bolls that it needs; a merge may have more."""
 OF_BOLLS: Final = ("merge", "split", "delete", "branch", "add")
 CORNER: Final = "corner"
 RULER: Final = "ruler"
@@ -26,11 +26,11 @@ class Place:
     """Where a boll or a ruler's end is; a boll's number may change, so it is found again by its centre."""
 
     boll_id: int = 0
-    """Number when it was said; 0 = of none."""
+    """Number of the boll at the time of the correction; 0 = no boll."""
     centre_cm: tuple[float, ...] | None = None
     """(3,) in the plant's frame, by the scale as it was found."""
     centre_su: tuple[float, ...] | None = None
-    """(3,) in the scene of `model`, which alone it is good for."""
+    """(3,) in the scene of `model`; it is valid there only."""
 
 
 @dataclass(frozen=True)
@@ -41,26 +41,26 @@ class Pick:
     x_px: float
     y_px: float
     end: str = ""
-    """Of a ruler, which end: a or b."""
+    """End of a ruler: a or b."""
     sha256: str = ""
-    """Of the image's file, as another run may give the name to another image."""
+    """SHA-256 of the image's file, because another run may give the name to another image."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One thing that is to be changed, or that was measured."""
+    """One change, or one measured length."""
 
     kind: str
-    """merge: two or more bolls are one; split: one is two; delete: one is none; branch: the same, as it is a branch;
-    add: there is one at a place, which two picks or more tell; corner: the table's corner next to where the picks meet
-    is there; ruler: a length between two places, which changes nothing."""
+    """merge: two or more bolls are one; split: one boll is two; delete: it is not a boll; branch: the same, because it
+    is a branch; add: there is a boll at a place, which two or more picks give; corner: the table's nearest corner is
+    where the picks meet; ruler: a length between two places, which does not change anything."""
     bolls: tuple[Place, ...] = ()
     picks: tuple[Pick, ...] = ()
     model: str = ""
-    """`Gaussians.sha256()` of the model that it was said of."""
+    """`Gaussians.sha256()` of the corrected model."""
 
     def problem(self) -> str:
-        """Why it makes no sense, in a few words; empty when it does."""
+        """The reason why the correction is not valid, in a few words; empty if it is valid."""
         if self.kind not in BOLLS_NEEDED:
             return str(unknown(repr(self.kind), self.kind, BOLLS_NEEDED))
         needed = BOLLS_NEEDED[self.kind]
@@ -86,7 +86,7 @@ class Correction:
 
     @property
     def told(self) -> str:
-        """In a few words."""
+        """The correction in a few words."""
         return f"{self.kind} {' + '.join(str(place.boll_id) for place in self.bolls if place.boll_id)}".strip()
 
 
@@ -99,5 +99,5 @@ class Corrections(Document):
     corrections: tuple[Correction, ...] = ()
 
     def of(self, *kinds: str) -> tuple[Correction, ...]:
-        """Those of some kinds."""
+        """The corrections of some kinds."""
         return tuple(correction for correction in self.corrections if correction.kind in kinds)

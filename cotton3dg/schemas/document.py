@@ -15,7 +15,7 @@ from ..text import read_text
 
 
 class Document:
-    """A JSON file. Subclasses are frozen dataclasses; nobody else parses or writes the file.
+    """A JSON file. Subclasses are frozen dataclasses; only they parse and write the file.
 
     A field that is None is not in the file. NaN is null there, and null is NaN again.
     """
@@ -29,10 +29,10 @@ class Document:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read the file. What it holds besides the fields is left alone, for a later version may say more.
+        """Read the file. Further keys are ignored, because a later version may write more.
 
         Raises:
-            BadInput: no such file, damaged, or of a version that said less.
+            BadInput: the file does not exist, is damaged, or lacks fields because an older version wrote it.
         """
         try:
             return cls.parsed(json.loads(read_text(path)))
@@ -46,7 +46,7 @@ class Document:
         """As `load`; None without a file.
 
         Raises:
-            BadInput: there is one that cannot be read.
+            BadInput: the file cannot be read.
         """
         return cls.load(path) if path.is_file() else None
 
@@ -61,7 +61,8 @@ class Document:
 
 
 class WholeDocument(Document):
-    """A JSON file that is one list, or one table of things alike: the only field of the dataclass is all of it."""
+    """A JSON file that is one list, or one table of similar things: the only field of the dataclass is the whole
+    file."""
 
     def save(self, path: Path) -> None:
         (content,) = to_plain(self).values()
@@ -108,7 +109,7 @@ def _convert(kind: Any, value: Any, where: str) -> Any:
 
 
 def _is_a(kind: type, value: Any) -> bool:
-    """Whether a value is of a type; true and false are no numbers."""
+    """Whether a value is of a type; true and false are not numbers."""
     return isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
 
 

@@ -9,7 +9,7 @@ from .document import WholeDocument
 
 @dataclass(frozen=True)
 class DroppedFiles(WholeDocument):
-    """What was dropped since the plant's stages last wrote. One that cannot be read is none: the stages run again."""
+    """Files dropped since the plant's stages last wrote. An unreadable file counts as missing; the stages run again."""
 
     REMEDY = "run `cotton3dg run`, which makes the files again"
 

@@ -1,4 +1,4 @@
-"""frames/frames.json: which images were taken from a capture, and what each is like."""
+"""frames/frames.json: the images that were taken from a capture, with the facts about each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class FrameInfo:
 
     name: str
     source_index: int
-    """Of the video's frame, or of the photo in order of name."""
+    """Index of the video's frame, or of the photo in order of name."""
     sharpness: float
     blur: float
     mean_luminance: float
@@ -23,14 +23,14 @@ class FrameInfo:
     black_share: float
     white_share: float
     timestamp_s: float | None = None
-    """Of a video."""
+    """Time of the frame in a video."""
     file: str | None = None
-    """Of the photo that it is."""
+    """Name of the photo's file."""
 
 
 @dataclass(frozen=True)
 class VideoInfo(VideoFacts):
-    """A video's header and what decoding it showed."""
+    """A video's header and the result of decoding it."""
 
     n_decoded: int
     n_intact: int
@@ -42,7 +42,7 @@ class VideoInfo(VideoFacts):
 
 @dataclass(frozen=True)
 class FramesInfo(Document):
-    """What the stage frames took."""
+    """The images that the stage frames took."""
 
     REMEDY = "run `cotton3dg frames --force`"
 
@@ -51,13 +51,13 @@ class FramesInfo(Document):
     ordered: bool
     """Whether the images follow each other along the walk."""
     orientation: str
-    """What became of rotation tags."""
+    """How rotation tags were handled."""
     images: tuple[FrameInfo, ...]
     """In order of time, or of name."""
     file: str | None = None
     """The video."""
     colour: str | None = None
-    """What was done to the video's colours."""
+    """How the video's colours were converted."""
     video: VideoInfo | None = None
     focal_length_px: float | None = None
-    """Of photos, by their EXIF; NaN where that says nothing."""
+    """Focal length of photos, from their EXIF; NaN where EXIF does not have it."""

@@ -1,4 +1,4 @@
-"""What a field's folder remembers of the videos that were read for it."""
+"""The videos that were read for a field, as its folder keeps them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class ReadVideo:
     """The codes in one video."""
 
     codes: dict[str, int] = field(default_factory=dict)
-    """Text of a code -> frames that read it."""
+    """Text of a code -> number of frames in which it was read."""
     frames: int = 0
-    """That were looked at."""
+    """Number of frames in which codes were searched."""
     problem: str = ""
-    """Why it could not be read."""
+    """The reason if the video could not be read."""
 
 
 @dataclass(frozen=True)
@@ -26,4 +26,4 @@ class ReadVideos(Document):
     REMEDY = "delete it; the videos are then read again"
 
     videos: dict[str, ReadVideo] = field(default_factory=dict)
-    """By fingerprint of the file."""
+    """Videos by the fingerprint of the file."""

@@ -1,4 +1,4 @@
-"""`.cotton3dg.made` of a folder that a person named: which files in it this tool made, and of what."""
+"""`.cotton3dg.made` of a folder that a person named: the files that this tool made in it, and their inputs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class MadeFile:
     made_of: str
     """Command and inputs."""
     sha256: str
-    """As it was made; empty while it is being put there."""
+    """SHA-256 of the file as it was made; empty while the file is being written."""
 
 
 @dataclass(frozen=True)
 class MadeFiles(WholeDocument):
-    """By path from the folder."""
+    """The made files, by path from the folder."""
 
     REMEDY = "remove it; the files in its folder then count as somebody else's"
 

@@ -1,4 +1,4 @@
-"""masks/masks.json: who made the masks, and how many each image has."""
+"""masks/masks.json: how the masks were made, and how many each image has."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class MaskedImage:
 
 @dataclass(frozen=True)
 class MasksInfo(Document):
-    """What the stage masks made."""
+    """The masks that the stage masks made."""
 
     REMEDY = "run `cotton3dg masks --force`"
 
@@ -32,7 +32,7 @@ class MasksInfo(Document):
     together: bool = False
     """Whether all images decided together, so that a score is the probability of one boll."""
     halves: tuple[int, int] | None = None
-    """Bolls that every second image alone finds, and those that the others do."""
+    """Counts of bolls by every second image alone, and by the others."""
 
     def scores(self) -> dict[tuple[str, int], float]:
         """By image and mask id."""

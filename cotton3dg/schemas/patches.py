@@ -9,7 +9,7 @@ from .document import Document
 
 @dataclass(frozen=True)
 class PatchesInfo(Document):
-    """From white to black."""
+    """The levels of the patches, from white to black."""
 
     REMEDY = "run `cotton3dg scale --force`"
 

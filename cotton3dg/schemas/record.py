@@ -1,4 +1,4 @@
-"""records/<stage>.json: what a stage was run with, what it read and wrote, and what came of it."""
+"""records/<stage>.json: the options of a stage's run, the files that it read and wrote, and its outcome."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FAILED: Final = "failed"
 
 @dataclass(frozen=True)
 class Record(Document):
-    """The last run of a stage. One that cannot be read is none, and its stage is stale."""
+    """The last run of a stage. An unreadable record counts as missing, and its stage as stale."""
 
     REMEDY = "run `cotton3dg run`, which makes it again"
 
@@ -25,23 +25,23 @@ class Record(Document):
     cotton3dg_version: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     reason: str = ""
-    """Why it ran."""
+    """The reason for the run."""
     inputs: dict[str, str] = field(default_factory=dict)
-    """SHA-256 of what it read, by path as `Workspace.hashes` names it."""
+    """SHA-256 of the files that it read, by path as `Workspace.hashes` names it."""
     outputs: dict[str, str] = field(default_factory=dict)
-    """SHA-256 of what it wrote."""
+    """SHA-256 of the files that it wrote."""
     summary: dict[str, Any] = field(default_factory=dict)
     flags: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     parts_s: dict[str, float] = field(default_factory=dict)
-    """Seconds of its parts, where it tells them."""
+    """Seconds of its parts, if the stage reports them."""
     cpu_seconds: float = 0.0
     peak_memory_mib: float = 0.0
     error: str | None = None
-    """Why it failed."""
+    """The reason of a failure."""
     exit_code: int | None = None
-    """Of a command that fails so."""
+    """Exit code of a command with this failure."""
 
     @property
     def is_ok(self) -> bool:

@@ -26,33 +26,33 @@ class ScaleInfo(Document):
     source: str
     """The references that gave the scale, joined by +; `none` without one."""
     reason: str | None = None
-    """Why there is no scale."""
+    """The reason for a missing scale."""
     cm_per_su: float | None = None
     relative_error: float | None = None
     up: tuple[float, ...] | None = None
     plane: tuple[float, ...] | None = None
     corners: tuple[tuple[float, ...], ...] | None = None
     evidence: dict[str, Any] | None = None
-    """Of the surest reference, as its method tells it."""
+    """Evidence of the surest reference, from its method."""
     references: tuple[dict[str, Any], ...] | None = None
-    """Each reference for itself: source, cm_per_su, relative_error and its evidence."""
+    """The facts of each reference: source, cm_per_su, relative_error and its evidence."""
     refused: dict[str, str] | None = None
     """Reference -> why it gave no scale."""
     table_cm: tuple[float, ...] | None = None
-    """Long and short side of the table, where the scale rests on it."""
+    """Long and short side of the table, if the scale depends on it."""
     table_assumed: bool = False
-    """Whether it is taken for one of the usual size, as nobody said how large it is."""
+    """Whether the table is assumed to have the usual size, because no size was given."""
     found: ScaleInfo | None = None
-    """Without the corners that a person moved; None where none were."""
+    """The scale without the corners that a person moved; None if no corner was moved."""
 
     @property
     def moved_corners(self) -> int:
-        """How many corners a person moved."""
+        """Number of corners that a person moved."""
         return len((self.evidence or {}).get("moved_corners", ())) if self.found else 0
 
     @property
     def table_words(self) -> str:
-        """The size of the table that the scale rests on, in words; empty where it rests on none."""
+        """The size of the table on which the scale depends, in words; empty if it does not depend on a table."""
         if not self.table_cm:
             return ""
         length_cm, width_cm = self.table_cm
@@ -60,7 +60,7 @@ class ScaleInfo(Document):
 
     @classmethod
     def of_scale(cls, scale: Scale, **evidence: Any) -> Self:
-        """What scale.json says of a scale.
+        """The document of a scale.
 
         Args:
             evidence: the fields evidence, references, refused, table_cm and table_assumed.

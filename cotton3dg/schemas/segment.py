@@ -1,4 +1,4 @@
-"""segment/segment.json: what the segmentation took, and how its maps agree with the masks."""
+"""segment/segment.json: the settings of the segmentation, and how its maps agree with the masks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class MeanIous:
 
 @dataclass(frozen=True)
 class ReachedIous(MeanIous):
-    """The same after some steps of an optimisation."""
+    """Mean IoUs after some steps of an optimisation."""
 
     steps: int = 0
     seconds: float = 0.0
@@ -25,25 +25,25 @@ class ReachedIous(MeanIous):
 
 @dataclass(frozen=True)
 class SegmentInfo(Document):
-    """How the selections were made; a method leaves out what it does not have."""
+    """How the selections were made; a method leaves out the fields that it does not have."""
 
     REMEDY = "run `cotton3dg segment --force`"
 
     method: str
     target: int
     rim_px: int | None = None
-    """lift, probability: by which masks end before their edges."""
+    """lift, probability: distance from their edges at which masks end."""
     weights_seconds: float | None = None
     threshold: float | None = None
-    """probability: from which a Gaussian is lint."""
+    """probability: value from which a Gaussian is lint."""
     vote: MeanIous | None = None
     """probability: of the share of weights, which `lift` takes."""
     by_steps: tuple[ReachedIous, ...] | None = None
     rays_seconds: float | None = None
     training_seconds: float | None = None
-    """affinity, as the following."""
+    """affinity, as are the following fields."""
     loss: tuple[float, ...] | None = None
     seconds: float | None = None
     sets: int | None = None
     dropped_masks: dict[str, int] | None = None
-    """By reason."""
+    """Number of dropped masks by reason."""

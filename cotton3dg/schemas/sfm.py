@@ -1,4 +1,4 @@
-"""sfm/sfm.json: how good the model of the cameras is and what it misses."""
+"""sfm/sfm.json: the quality of the model of the cameras, and what it lacks."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ class LensDecision:
     option: str
     on: bool
     rise_pct: float | None = None
-    """By how much the reprojection error rises without."""
+    """By how much the reprojection error rises without distortion."""
     needed_from_pct: float | None = None
     corner_px: float | None = None
-    """By how much it moves the corners of the image."""
+    """By how much the distortion moves the corners of the image."""
 
 
 @dataclass(frozen=True)
 class RescueStep:
-    """What was tried because too few images were placed."""
+    """A step that was tried because too few images were placed."""
 
     name: str
     placed_before: int
     placed: int
-    """Images; the step counts when they are more."""
+    """Number of placed images; the step counts if it places more."""
 
 
 @dataclass(frozen=True)
 class SfmInfo(Document):
-    """What the stage sfm found."""
+    """The result of the stage sfm."""
 
     REMEDY = "run `cotton3dg sfm --force`"
 
@@ -55,11 +55,11 @@ class SfmInfo(Document):
     orbit_radius_su: float
     orbit_axis: tuple[float, ...]
     orbit_target: tuple[float, ...]
-    """(3,) su, what the cameras look at."""
+    """(3,) su, the point at which the cameras look."""
     distortion: LensDecision
     plant_out_of_view: tuple[str, ...]
-    """Images that miss what the cameras look at."""
+    """Images that do not show the point at which the cameras look."""
     contradicted_pct: float | None = None
     """Pairs of images whose matches their cameras contradict; None where there are no pairs."""
     rescue: tuple[RescueStep, ...] = ()
-    """In order; empty where enough images were placed at once."""
+    """The steps in order; empty if enough images were placed at once."""

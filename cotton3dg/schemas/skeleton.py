@@ -25,7 +25,7 @@ class AxisFacts:
     parent: int
     points_cm: tuple[tuple[float, ...], ...]
     radius_cm: tuple[float, ...]
-    """At each point; null where no silhouette tells it."""
+    """Radius at each point; null where no silhouette shows it."""
     confidence: float
     bolls: tuple[int, ...]
 
@@ -47,18 +47,18 @@ class BollSite:
 
 @dataclass(frozen=True)
 class SkeletonInfo(Document):
-    """All of it."""
+    """The whole map of a plant."""
 
     REMEDY = "run `cotton3dg traits --force`"
 
     axes: tuple[AxisFacts, ...]
     bolls: tuple[BollSite, ...]
     reason: str = ""
-    """Why there is no map."""
+    """The reason for a missing map."""
 
 
 def describe_map(plant_map: PlantMap) -> SkeletonInfo:
-    """What skeleton.json says of a map."""
+    """The document of a map."""
     return SkeletonInfo(
         tuple(
             AxisFacts(

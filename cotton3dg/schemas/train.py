@@ -1,4 +1,4 @@
-"""train/metrics.json and train/effects.json: how good the model is, and which effects of the camera it allows for."""
+"""train/metrics.json and train/effects.json: the quality of the model, and the effects of the camera it allows for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REMEDY: Final = "run `cotton3dg train --force`"
 
 @dataclass(frozen=True)
 class HeldOut:
-    """One image that was not trained on, beside its render; NaN where the plant does not show."""
+    """One held-out image compared with its render; NaN where the plant does not show."""
 
     image: str
     psnr_db: float
@@ -21,7 +21,7 @@ class HeldOut:
     plant_psnr_db: float
     plant_ssim: float
     plant_share: float
-    """Of the pixels that are judged as plant."""
+    """Share of the pixels that are judged as plant."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RejectedStep:
 
 @dataclass(frozen=True)
 class TrainedSteps:
-    """As `train.trainer.Fit` keeps it; a training that only passed through the model says no width and loss."""
+    """An entry of the history of `train.trainer.Fit`; a training that only passes on a model has no width and loss."""
 
     step: int
     seconds: float
@@ -46,7 +46,7 @@ class TrainedSteps:
 
 @dataclass(frozen=True)
 class TrainMetrics(Document):
-    """How good the model is; likeness is that of the held-out images, NaN without."""
+    """The quality of the model; likeness is that of the held-out images, NaN without any."""
 
     REMEDY = REMEDY
 
@@ -55,7 +55,7 @@ class TrainMetrics(Document):
     plant_psnr_db: float
     plant_ssim: float
     plant_region: str
-    """Which pixels are judged as plant."""
+    """The pixels that are judged as plant."""
     n_gaussians: int
     steps: int
     seconds: float
@@ -67,13 +67,13 @@ class TrainMetrics(Document):
     rejected_steps: tuple[RejectedStep, ...]
     held_out: tuple[HeldOut, ...]
     history: tuple[TrainedSteps, ...]
-    """How far the training was at a few of its steps."""
+    """The state of the training at a few of its steps."""
     pixel_su: float
-    """Size of a training image's pixel at what the cameras look at."""
+    """Size of a training image's pixel at the point at which the cameras look."""
     skipped_updates: int = 0
-    """Of single Gaussians, over all steps, for a gradient that was not finite."""
+    """Skipped updates of single Gaussians, over all steps, because of a gradient that was not finite."""
     budget: int | None = None
-    """How many Gaussians the model may have; None for one that was not trained to its end here."""
+    """Largest number of Gaussians of the model; None for a model that was not trained to its end here."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class ExposureDecision:
     gains: dict[str, tuple[float, ...]] | None = None
     """Image -> (3,) by which its render is multiplied."""
     likeness: float | None = None
-    """Correlation of what dark and bright points tell."""
+    """Correlation of the gains from dark and from bright points."""
 
 
 @dataclass(frozen=True)
@@ -102,16 +102,16 @@ class MotionBlurFound:
     median_px: float
     error_px: float
     strong_px: float
-    """What nine of ten images stay below."""
+    """Length below which nine of ten images stay."""
     visible_from_px: float
     flow_px: float
     lengths_px: dict[str, float]
-    """By image."""
+    """Length by image."""
 
 
 @dataclass(frozen=True)
 class RollingShutterFound:
-    """What reading out the rows one after another did to the images; NaN where that could not be judged."""
+    """The effect of reading out the rows one after another; NaN where it could not be judged."""
 
     on: bool
     """Whether the model allows for it: never."""
@@ -120,7 +120,7 @@ class RollingShutterFound:
     error_frames: float
     shift_px: float
     left_px: float
-    """What the poses of the cameras do not take up."""
+    """The part that the poses of the cameras do not absorb."""
     visible_from_px: float
 
 
@@ -137,6 +137,6 @@ class Effects(Document):
 
     @property
     def on(self) -> list[str]:
-        """Names of those that the model allows for."""
+        """Names of the effects that the model allows for."""
         found = {item.name: getattr(self, item.name) for item in fields(self)}
         return sorted(name for name, decision in found.items() if decision and decision.on)

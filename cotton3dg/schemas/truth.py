@@ -1,4 +1,4 @@
-"""truth.json and instances/frames.json: what is known of a plant; no stage reads it."""
+"""truth.json and instances/frames.json: the known truth about a plant; no stage reads it."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class TrueAxis:
     radius_mm: tuple[float, ...]
     parent: int | None = None
     boll_id: int | None = None
-    """Of a peduncle: number of its boll, counted from 1."""
+    """Number of a peduncle's boll, counted from 1."""
 
 
 @dataclass(frozen=True)
 class Truth(Document):
-    """What results are compared with. `cotton3dg simulate` writes more, which nothing else reads."""
+    """The truth for comparison with results. `cotton3dg simulate` writes further keys, which nothing else reads."""
 
     REMEDY = "`cotton3dg simulate` writes a complete one"
 
@@ -54,12 +54,12 @@ class Truth(Document):
 
 @dataclass(frozen=True)
 class TruthOrigin(Document):
-    """Who wrote a truth.json."""
+    """The origin of a truth.json."""
 
     REMEDY = Truth.REMEDY
 
     preset: str = ""
-    """`simulate` of a simulated plant."""
+    """`simulate` for a simulated plant."""
 
 
 @dataclass(frozen=True)

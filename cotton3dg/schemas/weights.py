@@ -1,4 +1,4 @@
-"""A fit of seed-cotton weight by what is measured, for plants that are not weighed."""
+"""A fit of seed-cotton weight to measured traits, for plants that are not weighed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Line(Document):
     r2: float
     n: int
     mean: float
-    """Of the predictor over the plants of the fit."""
+    """Mean of the predictor over the plants of the fit."""
     spread: float
     """Sum of its squared deviations from the mean."""
     residual_sd_g: float
@@ -39,4 +39,4 @@ class WeightModel(Document):
 
     lines: tuple[Line, ...]
     lint_pct: float | None = None
-    """Lint in the seed cotton of the weighed plants; None where no table says it."""
+    """Share of lint in the seed cotton of the weighed plants; None where no table has it."""

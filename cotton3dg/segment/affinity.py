@@ -12,7 +12,7 @@ The paper leaves much open. Our readings, all departures:
 - Eq. 7: means over the pixels inside and outside of each mask count alike; a sum would tie β to the resolution.
 - Eq. 8-10: of two rays K = 1 in one mask, -1 in two masks or in a mask and the background, none in the background;
   cosines below 0 cost a pair of K = -1 nothing (as in SAGA), and both kinds count alike. β = 1.
-- (1 - |F|)² is added, so that what a ray passes agrees with itself.
+- (1 - |F|)² is added, so that the features along a ray agree with each other.
 - A step takes 1,024 rays of one view: half from masks, evenly over these, a quarter from a ring of 10 px around them.
 """
 
@@ -67,7 +67,7 @@ def sample_rays(
 
     rng = np.random.default_rng(seed)
     inside = mask_ids > 0
-    # Each mask has the same share of the rays, however large it is.
+    # Each mask has the same share of the rays, whatever its size.
     names, sizes = np.unique(mask_ids[inside], return_counts=True)
     share = np.zeros(mask_ids.shape)
     share[inside] = 1 / sizes[np.searchsorted(names, mask_ids[inside])]
@@ -189,8 +189,8 @@ def affinity_loss(rendered: torch.Tensor, ids: torch.Tensor) -> torch.Tensor:
     by_mask = _mean(softplus(-logits), member, 1) + _mean(softplus(logits), 1 - member, 1)
     masked = unit[ids > 0]
     with torch.no_grad():
-        # The loss is linear in the cosines as long as none changes sign: with its slopes there is no matrix to go back
-        # through.
+        # The loss is linear in the cosines as long as none changes sign. With its slopes the backward pass does not
+        # need the matrix of cosines.
         same = ids[ids > 0][:, None] == ids
         alike = ~same & (masked @ unit.T > 0)
         slopes = alike / (~same).sum().clamp(min=1) - same / same.sum()

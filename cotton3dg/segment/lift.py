@@ -1,9 +1,9 @@
 """Lifting 2D boll masks onto Gaussians: how much of each Gaussian's weight falls into which mask.
 
-Rendering is linear in the Gaussians' values, so one forward pass a view tells for each Gaussian how many pixels' worth
-of weight it has in every mask; a vote over the views then needs no optimisation. Idea: FlashSplat (Shen et al. 2024),
-Eq. 5-7. Departures: a rim around mask edges counts neither for nor against a mask, because that is where detectors and
-depth discontinuities disagree; identities are not taken from the masks, the stage cluster finds them.
+Rendering is linear in the Gaussians' values, so one forward pass a view gives each Gaussian's weight, in pixels, inside
+every mask. A vote over the views then does not need an optimisation. Idea: FlashSplat (Shen et al. 2024), Eq. 5-7.
+Departures: a rim around mask edges counts neither for nor against a mask, because detectors and depth discontinuities
+disagree there; identities are not taken from the masks, the stage cluster finds them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ FOREGROUND_SHARE: Final = 0.25
 """Least share of a candidate's weight inside masks: a boll that every third view finds is still a candidate, while the
 stem, which masks cover here and there, is not. Each boll's Gaussians are voted on again later, at one half."""
 LEAST_WEIGHT_PX: Final = 0.05
-"""Gaussians that nowhere reach this much weight are never seen: hidden inside, or far below one grey level."""
+"""Weight that a Gaussian has to reach in some view. Those below it are never seen: they are hidden inside, or far below
+one grey level."""
 
 
 class ViewWeights(NamedTuple):
@@ -104,10 +105,10 @@ def lift(
         allowed: (N,) Gaussians that may belong to a boll at all.
         gaussians_sha256: of the model that was rendered.
         foreground: (N,) 0..1, how likely each Gaussian is lint; None = `vote_foreground`.
-        least_foreground: what a candidate needs of it.
+        least_foreground: least value of it for a candidate.
     Returns:
-        candidates, what each view sees of them and a selection for every mask that holds one; without any mask all
-        are empty.
+        candidates, their weights in each view, and a selection for every mask that holds one; without any mask all are
+        empty.
     """
     ordered = sorted(views, key=lambda view: view.view)
     seen = sum_seen_weights(ordered, len(allowed))

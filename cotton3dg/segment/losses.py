@@ -1,4 +1,4 @@
-"""What losses on rendered feature maps need to stay finite where their formulas do not."""
+"""Keeps losses on rendered feature maps finite where their formulas are not."""
 
 from __future__ import annotations
 

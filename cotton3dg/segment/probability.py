@@ -7,9 +7,8 @@ Wᵀ dL/dP: the blending weights W of a view's rays are computed once and two sp
 backward pass. With a ray for every pixel that is the same training, up to rounding.
 
 Departures: by default one ray stands for each 4 x 4 px, drawn anew in every view (unbiased; four such rays cross the
-smallest boll that can be told); p starts at 0.5, which the paper leaves open; views come in random order without
-repetition; P is
-held off 0 and 1 in the loss.
+smallest boll that can be recognised); p starts at 0.5, which the paper leaves open; views come in random order without
+repetition; P is kept away from 0 and 1 in the loss.
 """
 
 from __future__ import annotations
@@ -28,18 +27,19 @@ Float32 = NDArray[np.float32]
 
 LEARNING_RATE: Final = 0.0005
 MAP_MARGIN: Final = 0.01
-"""P is held this far off 0 and 1 in the loss. Adam's steps stay short for thousands of steps after a large gradient, so
-rays that no p can explain, or a wrong beginning, would stop all Gaussians that they touch."""
+"""Least distance of P from 0 and 1 in the loss. Adam's steps stay short for thousands of steps after a large gradient,
+so rays that no p can explain, or a wrong start, would stop all Gaussians that they touch."""
 ADAM_EPSILON: Final = np.float32(1e-15)
-"""A Gaussian's share of the gradient may be 1e-9 or less, see Kerbl et al.; torch's 1e-8 would slow it down."""
+"""Adam's ε. A Gaussian's share of the gradient may be 1e-9 or less, see Kerbl et al.; torch's 1e-8 would slow it
+down."""
 THRESHOLDS: Final = (0.7, 0.75, 0.8, 0.9)
-"""Of the paper's Table I."""
+"""Thresholds of the paper's Table I."""
 REPORTED_STEPS: Final = (3000, 7000, 10_000, 12_000)
-"""Of the same table."""
+"""Numbers of steps in the same table."""
 
 
 class TrainingView(NamedTuple):
-    """One view's map of probabilities as a linear function, and what it should be."""
+    """One view's map of probabilities as a linear function, and its target."""
 
     render: Callable[[Float32], Float32]
     """(N,) probabilities -> (R,) map at the view's rays."""
@@ -79,9 +79,9 @@ def train_probabilities(
 
     Args:
         views: at least one.
-        start: (N,) initial probabilities; what no view shows stays as it is.
+        start: (N,) initial probabilities; those of Gaussians that no view shows stay.
     Yields:
-        the array that is being optimised: copy what is to be kept.
+        the array that is being optimised: copy it to keep its values.
     """
     rng = np.random.default_rng(seed)
     probabilities = start.astype(np.float32)
@@ -102,7 +102,7 @@ def train_probabilities(
 
 
 def cross_entropy_gradient(probability_map: Float32, targets: Float32) -> Float32:
-    """Gradient of the mean binary cross-entropy by a map of probabilities; that at the margin where they lie beyond."""
+    """Gradient of the mean binary cross-entropy by a map of probabilities; those beyond the margin count as at it."""
     held = np.clip(probability_map, MAP_MARGIN, 1 - MAP_MARGIN)
     return (held - targets) / (held * (1 - held) * np.float32(max(len(targets), 1)))
 

@@ -19,7 +19,7 @@ PICTURED_STEPS: Final = (0, 250, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 12_0
 ACROSS: Final = 4
 """Maps side by side."""
 WIDTH_PX: Final = 480
-"""Of one map."""
+"""Width of one map."""
 
 
 def draw_training(gaussians: Gaussians, camera: Camera, reached: Mapping[int, Float32]) -> NDArray[np.uint8]:

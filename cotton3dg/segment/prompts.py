@@ -1,12 +1,12 @@
 """From affinity features and the masks of a few views to one set of Gaussians a mask (Cotton3DGaussians, Eq. 11).
 
 A mask is a prompt: its query is the mean of the rendered features in it, and Gaussians similar to the query are its
-boll. Departures: similarity alone cannot tell two bolls that no view shows together, for nothing ever pushed their
-features apart; so a set starts from the Gaussians that have most of their weight in the mask and grows over close
-neighbours within a ball. The least similarity is 0.75 or, where it is more, what 90 % of the mask's own Gaussians
-reach (pixels' features agree far better than those of the Gaussians behind them, and cannot set it). Sets of fewer
-than 10 Gaussians, and those whose convex hull is far larger than the others', are dropped (the paper's cap of 25,000
-has no unit).
+boll. Departures: similarity alone cannot separate two bolls that no view shows together, because nothing pushes their
+features apart. So a set starts from the Gaussians that have most of their weight in the mask and grows over close
+neighbours within a ball. The least similarity is 0.75 or, where it is more, the value that 90 % of the mask's own
+Gaussians reach (the features of pixels agree far better than those of the Gaussians behind them, and cannot set it).
+Sets of fewer than 10 Gaussians, and those whose convex hull is far larger than the others', are dropped (the paper's
+cap of 25,000 has no unit).
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ FAINT: Final = 0.1
 EDGE_SPACINGS: Final = 3.0
 """Longest step of growing, in median spacings of the seeds."""
 BALL: Final = 1.5
-"""Diameter of the ball that a set stays in, in those of its seeds, which are the side of the boll that is seen."""
+"""Diameter of the ball in which a set stays, relative to the diameter of its seeds, which are the visible side of the
+boll."""
 VOLUME_CAP: Final = 3.0
-"""Largest hull in medians of all."""
+"""Largest hull, relative to the median of all."""
 
 
 class PromptView(NamedTuple):
@@ -60,8 +61,8 @@ def lift_prompts(
         allowed: (N,) Gaussians that may belong to a boll at all.
         sha256: of the Gaussians.
     Returns:
-        the sets as selections of their views, and how many masks gave none, by reason. A Gaussian that a set takes in
-        though its view hides it counts with LEAST_WEIGHT_PX there.
+        the sets as selections of their views, and how many masks gave none, by reason. A Gaussian in a set whose view
+        hides it has the weight LEAST_WEIGHT_PX there.
     """
     lengths = np.linalg.norm(smooth_features, axis=1, keepdims=True)
     unit = np.divide(smooth_features, lengths, out=np.zeros_like(smooth_features), where=lengths > 1e-6)

@@ -1,4 +1,4 @@
-"""From masks to sets of Gaussians by any of the methods, and what is to be told of it."""
+"""From masks to sets of Gaussians by any of the methods, with figures and pictures of the result."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from .probability_pictures import PICTURED_STEPS, draw_lint, draw_training
 from .prompts import PromptView, lift_prompts
 
 SHOWN_VIEWS: Final = 4
-"""Maps of probabilities that are kept."""
+"""Number of maps of probabilities that are kept."""
 
 
 @dataclass(frozen=True)
 class Segmented:
-    """Which Gaussians the masks hold, and how that was found."""
+    """Which Gaussians the masks hold, with the evidence for it."""
 
     lifted: LiftedMasks
     info: SegmentInfo
@@ -64,7 +64,7 @@ def segmented(
     """Lift masks onto Gaussians by the method of `options`.
 
     Args:
-        all_cameras: what lies beyond them is no boll.
+        all_cameras: Gaussians beyond them are not bolls.
         cameras: those whose images have masks, in the size of these.
         id_images: (H, W) ids of the masks of each of `cameras`, 0 = background.
     """
@@ -110,7 +110,7 @@ def _by_probabilities(
 ) -> Segmented:
     """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote.
 
-    Every `holdout`-th view neither trains nor votes, and has an mBIoU of its own.
+    Every `holdout`-th view neither trains nor votes; these views have an mBIoU of their own.
     """
     begin_s = time.perf_counter()
     masks = [ids > 0 for ids in id_images]

@@ -25,7 +25,7 @@ from .lift import resize_ids
 from .segment import segmented
 
 LEAST_LIFTED: Final = 0.75
-"""Share of the masks that hold Gaussians which other views' masks hold too; nearly all if they are right."""
+"""Least share of the masks that hold Gaussians which other views' masks hold, too; nearly all do if they are right."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -33,7 +33,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes selections.npz: which Gaussians each mask holds, and what each view sees of them; and segment.json.
+    """Writes selections.npz: which Gaussians each mask holds, with their weights in each view; and segment.json.
 
     The method `probability` also writes probabilities.npy, lint.ply (the Gaussians above the threshold), and of a few
     views the rendered map, its way over the training and the lint alone; `affinity` writes features.npy.
@@ -101,7 +101,7 @@ def _masks(
 
 
 def _cost(work: Work) -> Cost:
-    """Lifting the masks, and for the other methods the optimisation besides."""
+    """The cost of lifting the masks and, for the other methods, of the optimisation."""
     options: SegmentOptions = work.options["segment"]
     lifting_s = (0.06 * work.megapixels(options.max_side) + 0.19 * work.million_gaussians) * work.views
     by_probability, by_features = options.probability, options.affinity

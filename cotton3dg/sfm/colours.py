@@ -1,4 +1,4 @@
-"""Colours of the points of structure from motion, which the training begins with."""
+"""Colours of the points of structure from motion, with which the training begins."""
 
 from __future__ import annotations
 

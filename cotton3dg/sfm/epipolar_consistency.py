@@ -1,7 +1,7 @@
-"""Whether the cameras of a model explain what its images have in common; a model that is bent or folded does not.
+"""Whether the cameras of a model explain the matches of its images; those of a bent or folded model do not.
 
-The mapper leaves out what does not fit, so that its reprojection error is small in a wrong model, too. Matches of pairs
-of images that it had no use for are the witnesses: where the two cameras contradict them, one of them is wrong.
+The mapper leaves out matches that do not fit, so its reprojection error is small in a wrong model, too. The matches of
+pairs of images that the mapper did not use are the test: where the two cameras contradict them, a camera is wrong.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .matching import PairMatches
 MAX_ERROR_PX: Final = 8.0
 """Median distance of a pair's matches from their epipolar lines; twice what made them matches."""
 FULL_WITNESS: Final = 100
-"""Matches from which on a pair's word has full weight; that of others has less in proportion. Things that look alike
-agree by chance, but in few places: of 190 pairs of photos of a board of markers, placed to a seventh of a per cent, 58
-were contradicted, with 22 matches in the middle, where the others had 126."""
+"""Number of matches from which on a pair has full weight; pairs with fewer matches weigh less in proportion. Things
+that look alike match by chance, but in few places: of 190 pairs of photos of a board of markers, placed to a seventh of
+a per cent, 58 were contradicted, with 22 matches in the median, where the others had 126."""
 
 
 def contradicted_pct(
     model: Any, names: list[str], features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]
 ) -> float | None:
-    """Share of the pairs, both of whose images are placed, whose matches the cameras contradict, those with few matches
-    counting less; None without any.
+    """Share of the pairs of placed images whose matches the cameras contradict; pairs with few matches count less. None
+    without any pair.
 
     Args:
         model: a pycolmap.Reconstruction. features, matches: of the images, by their numbers in `names`.

@@ -17,8 +17,8 @@ from ..core.progress import Progress
 from ..io.images import read_image
 
 PEAK_THRESHOLD: Final = 0.002
-"""Least difference of Gaussians, of images from 0 to 1; a third of COLMAP's: a dark room's low contrast then still
-gives features, and where light is plenty `max_features` is the limit anyway."""
+"""Least difference of Gaussians, of images from 0 to 1. It is a third of COLMAP's: then a dark room's low contrast
+still gives features, and in good light `max_features` is the limit anyway."""
 OCTAVE_LAYERS: Final = 3
 ROOT_SIFT_NORM: Final = 512
 """Length of a descriptor."""
@@ -27,16 +27,16 @@ NOTHING: Final[tuple[list[cv2.KeyPoint], NDArray[np.float32]]] = ([], np.zeros((
 
 @dataclass(frozen=True)
 class Features:
-    """Of one image, the best first."""
+    """Features of one image, the best first."""
 
     places_px: NDArray[np.float32]
     """(N, 2) x, y; the corner of the first pixel is (0, 0), as COLMAP has it."""
     descriptors: NDArray[np.uint8]
-    """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long; zeros of places that were followed
+    """(N, 128) RootSIFT (Arandjelović and Zisserman 2012), `ROOT_SIFT_NORM` long; zeros for places that were tracked
     into the image."""
 
     def joined(self, places_px: NDArray[np.float32]) -> Features:
-        """With (M, 2) places behind the others."""
+        """The features with (M, 2) places added at the end."""
         none = np.zeros((len(places_px), self.descriptors.shape[1]), np.uint8)
         return Features(np.vstack([self.places_px, places_px]), np.vstack([self.descriptors, none]))
 
@@ -48,10 +48,10 @@ class FeatureSettings:
     most: int
     """Of an image."""
     max_side: int
-    """Size that is looked at, px of the longer side; but never more than twice that of the image."""
+    """Size at which features are looked for, px of the longer side; never more than twice that of the image."""
     far_apart: bool
-    """Whether images are taken far from each other: then the largest features are preferred, which survive a change of
-    view; else those with the most contrast, which are found to a smaller part of a pixel."""
+    """Whether images are taken far from each other. Then the largest features are preferred, which survive a change of
+    view; otherwise those with the most contrast, which are located to a smaller part of a pixel."""
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -62,7 +62,7 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 def features_of_images(
     image_folder: Path, names: Sequence[str], chosen: Sequence[int], settings: FeatureSettings, progress: Progress
 ) -> dict[int, Features]:
-    """Those of the chosen images, by their numbers in `names`; half of the way of structure from motion."""
+    """Features of the chosen images, by their numbers in `names`; half of the way of structure from motion."""
     features = {}
     with one_thread_each(), ThreadPoolExecutor(len(usable_cores())) as threads:
         found = threads.map(lambda number: find_features(read_grey(image_folder / names[number]), settings), chosen)
@@ -75,8 +75,8 @@ def features_of_images(
 def find_features(image: NDArray[np.uint8], settings: FeatureSettings) -> Features:
     """The features that are best found again.
 
-    OpenCV looks at twice the size of what it is given, so half of `max_side` is given; the detail lost by that is finer
-    than the finest feature.
+    OpenCV doubles the image before it looks for features, so it gets the image at half of `max_side`. The detail that
+    this loses is finer than the finest feature.
 
     Args:
         image: (H, W) grey.
@@ -94,7 +94,7 @@ def find_features(image: NDArray[np.uint8], settings: FeatureSettings) -> Featur
 
 
 def _strongest(image: NDArray[np.uint8], most: int) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.float32]]:
-    """Features with the most contrast, in falling order. Found and described at once, they take a fifth less time."""
+    """Features with the most contrast, in falling order. To find and describe them at once takes a fifth less time."""
     points, descriptors = _detector(most).detectAndCompute(image, None)
     order = sorted(range(len(points)), key=lambda row: points[row].response, reverse=True)[:most]
     return ([points[row] for row in order], descriptors[order]) if order else NOTHING
@@ -107,7 +107,7 @@ def _largest(image: NDArray[np.uint8], most: int) -> tuple[Sequence[cv2.KeyPoint
 
 
 def _detector(most: int) -> cv2.SIFT:
-    """Of all features, or of those with the most contrast."""
+    """A detector of all features, or of those with the most contrast."""
     return cv2.SIFT.create(
         nfeatures=most,
         nOctaveLayers=OCTAVE_LAYERS,

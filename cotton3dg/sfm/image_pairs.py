@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 MOST_IN_ALL_PAIRS: Final = 300
-"""45,000 pairs: a minute or two of a quick look at each."""
+"""Largest number of images that are matched in all pairs: 45,000 pairs, each quickly compared in a minute or two."""
 
 
 def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
@@ -14,8 +14,9 @@ def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
     Images in order of time are matched with the next `overlap` / 2 and then with ever farther ones, each distance about
     1.4 times the one before, for as many again: near ones give many matches, far ones stiffness. The order is
     taken as a ring, so that a full turn closes without a search for loops. Every `overlap`-th image is matched with
-    every other such one, which ties a second turn, or a walk back, to the first. Of unordered images all pairs are
-    returned, of which `matching.find_alike` takes the good ones; of very many, as if ordered and twice as dense.
+    every other such one, which ties a second turn, or a walk back, to the first. For unordered images all pairs are
+    returned, and `matching.find_alike` takes the good ones; very many images are paired as if ordered and twice as
+    dense.
 
     Returns:
         Ascending (i, j) with i < j, each once.

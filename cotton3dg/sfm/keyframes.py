@@ -1,6 +1,6 @@
 """The first half of structure from motion on a film: some frames, evenly spaced, with their features, matches, cameras.
 
-They tell how good a film is in less than half of the time that all frames take, and nothing of them is done twice.
+They show how good a film is in less than half of the time that all frames take, and no part of this work is done twice.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from .features import Features
 from .matching import PairMatches
 
 KEYFRAMES: Final = 30
-"""Of a film at least so many images, evenly spaced, are placed one after the other, each with an adjustment of its
-neighbours; the others are then placed by the points that these have given, and all are adjusted together."""
+"""Least number of a film's images, evenly spaced, that are placed one after the other, each with an adjustment of its
+neighbours. The points of these then place the other images, and all are adjusted together."""
 UNUSUAL_SHARE: Final = 0.4
-"""Where neighbouring keyframes have fewer matches than this share of what is usual in the film, the images between them
+"""Where neighbouring keyframes have fewer matches than this share of the film's usual number, the images between them
 become keyframes, too; ..."""
 TOO_LITTLE_IN_COMMON: Final = (100, 200)
 """... but always where they have fewer than the first, and never where they have more than the second. (A walk of
@@ -36,18 +36,18 @@ MATCHES: Final = "matches.npz"
 
 @dataclass(frozen=True)
 class Keyframes:
-    """What was found of the keyframes; images are numbers in the list of all names."""
+    """The features, matches and cameras of the keyframes; images are numbers in the list of all names."""
 
     images: tuple[int, ...]
     features: dict[int, Features]
     matches: dict[tuple[int, int], PairMatches]
-    """Of the pairs that fit together."""
+    """Matches of the pairs that fit together."""
     folder: Path
     """Its `model/` is the COLMAP model with the most images; missing when no two images fit together."""
 
     def read_model(self) -> Any | None:
-        """A pycolmap.Reconstruction. It is always read from the disk, whoever placed the keyframes, because the order
-        of its points there decides the last bits of what is built upon it."""
+        """A pycolmap.Reconstruction. It is always read from the disk, wherever the keyframes were placed, because the
+        order of its points there decides the last bits of every later result."""
         pycolmap = import_pycolmap()
 
         return pycolmap.Reconstruction(self.folder / MODEL) if (self.folder / MODEL).is_dir() else None
@@ -61,7 +61,7 @@ class Keyframes:
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """What `save` wrote.
+        """The keyframes that `save` wrote.
 
         Raises:
             BadInput: it is damaged.
@@ -82,19 +82,19 @@ _OF_PAIR: Final = ("fundamental", "rows")
 
 
 def keyframe_spacing(images: int) -> int:
-    """Every how many-th image of a film is a keyframe."""
+    """The number n for which every n-th image of a film is a keyframe."""
     return max(1, images // KEYFRAMES)
 
 
 def first_keyframes(images: int) -> list[int]:
-    """Every few images, and the last: how far a film goes around the plant is to be told from these."""
+    """Every few images, and the last one, so that they show how far a film goes around the plant."""
     return sorted({*range(0, images, keyframe_spacing(images)), images - 1})
 
 
 def pairs_of_keyframes(
     chosen: Sequence[int], new: Collection[int], pairs: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """The pairs of which both images are chosen and one is new; neighbours, and their neighbours, are always matched.
+    """The pairs with two chosen images, at least one of them new; neighbours, and their neighbours, are always matched.
 
     Args:
         chosen: in order of time.
@@ -114,5 +114,5 @@ def images_between(chosen: Sequence[int], matches: Mapping[tuple[int, int], Pair
 
 
 def will_do(model: Any | None, images: int) -> bool:
-    """Whether a model has nearly all of the images that it was to have."""
+    """Whether a model has nearly all of the images that it should have."""
     return model is not None and model.num_reg_images() >= LEAST_PLACED * images

@@ -15,7 +15,7 @@ from ..core.machine import on_all_cores
 from ..io.images import read_image, write_image
 
 NEEDLESS_RISE_PCT: Final = 0.1
-"""A lens distortion without which the mean reprojection error rises by less is left out."""
+"""Rise of the mean reprojection error without lens distortion, in per cent, below which the distortion is left out."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LensEvidence:
     """Whether a reconstruction needs its lens distortion."""
 
     rise_pct: float
-    """By how much the mean reprojection error rises without."""
+    """By how much the mean reprojection error rises without the distortion."""
     corner_px: float
     """How far the distortion moves the corners of the image."""
 
@@ -33,10 +33,10 @@ class LensEvidence:
 
 
 def straighten(model: Any) -> tuple[Any, LensEvidence]:
-    """The reconstruction adjusted without lens distortion, and what tells whether that is allowed.
+    """The reconstruction adjusted without lens distortion, and the evidence on whether that is allowed.
 
-    Focal length and distortion can stand in for each other on a closed orbit: a lens without distortion is given up to
-    2 % of both. The error tells: adjusted without distortion it rises by less than 0.05 % where there is none.
+    Focal length and distortion can compensate each other on a closed orbit: a lens without distortion may get up to
+    2 % of both. The error decides: adjusted without distortion, it rises by less than 0.05 % where there is none.
     """
     pycolmap = import_pycolmap()
 

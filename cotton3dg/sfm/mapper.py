@@ -20,8 +20,9 @@ UNKNOWN_FOCAL: Final = 1.2
 FINAL_TOLERANCE: Final = 1e-6
 """Relative change of the cost at which the last adjustments stop. (One of them leaves cameras 1.5 mm off, two 0.8.)"""
 OUTLIER: Final = 3.0
-"""Times the median error of the points: observations farther off are left out in the end. The mapper keeps all within
-4 px, though their mean error is a tenth of that; without the far ones cameras are a third nearer to the truth."""
+"""Error of an observation, relative to the median error of the points, above which it is left out in the end. The
+mapper keeps all within 4 px, though their mean error is a tenth of that; without the far ones cameras are a third
+nearer to the truth."""
 
 
 def write_database(
@@ -32,7 +33,7 @@ def write_database(
     matches: dict[tuple[int, int], PairMatches],
     focal_length_px: float | None,
 ) -> None:
-    """COLMAP's database of all images; of those without features it knows the name only."""
+    """Write COLMAP's database of all images; for those without features it holds the name only."""
     pycolmap = import_pycolmap()
 
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
@@ -156,7 +157,7 @@ def settle(model: Any) -> None:
 
 
 def _mapping_options(seed: int) -> Any:
-    """COLMAP's defaults, but less patience in between; the last adjustment sets all straight.
+    """COLMAP's defaults, but with shorter adjustments in between, as the last one corrects everything.
 
     Neighbours are adjusted once for a new image instead of up to twice, all cameras each time the model has grown by
     80 % instead of 10 %, and adjustments stop when the cost falls by less than 1e-5 (1e-4 among neighbours).
@@ -167,7 +168,7 @@ def _mapping_options(seed: int) -> Any:
     # The order of sums in bundle adjustment depends on threads; one is hardly slower and gives the same bits each time.
     options.num_threads = 1
     options.random_seed = seed
-    options.extract_colors = False  # `colours` gives all points theirs in the end
+    options.extract_colors = False  # `colours` colours all points in the end
     options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.8
     options.ba_global_max_refinements = 2
     options.ba_global_function_tolerance = 1e-5

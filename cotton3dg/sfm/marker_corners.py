@@ -1,4 +1,4 @@
-"""Corners of printed markers as matches: a marker's number says which corner is which, however far apart images are.
+"""Corners of printed markers as matches: a marker's number identifies its corners, however far apart images are.
 
 Where walls are bare, or photos few, a sheet of markers on the table may be all that images have in common.
 """
@@ -25,16 +25,16 @@ FAMILIES: Final = (
 """Dictionaries, by OpenCV's names; smaller ones of a family are the beginning of its largest. (Not AprilTag 16h5, which
 texture shows by chance.)"""
 LOOKED_AT: Final = 12
-"""Images that tell which family was printed."""
+"""Number of images from which the printed family is found."""
 LEAST_SIGHTINGS: Final = 4
-"""Markers in these images, below which there are none: single ones may be chance."""
+"""Least number of markers in these images. With fewer there are no markers, as single ones may be chance."""
 
 Squares = Mapping[int, Float64]
 """Markers of an image, as `printed_markers.find_squares` gives them."""
 
 
 def squares_of_images(image: Callable[[int], NDArray[np.uint8]], count: int) -> dict[int, Squares]:
-    """The markers in each of so many images, by the image's number; empty where no family shows.
+    """The markers in each of `count` images, by the image's number; empty where no family shows.
 
     Args:
         image: number -> (H, W) grey.
@@ -54,7 +54,8 @@ def tie(
     """Features with the corners of markers behind them, and the matches that one motion explains with these.
 
     Args:
-        features: of all images. matches: of pairs that fitted together without. squares: of those that show any.
+        features: of all images. matches: of pairs that fitted together without markers. squares: of the images that
+            show any.
     """
     joined = {
         number: of_image.joined(np.concatenate(list(squares[number].values())).astype(np.float32))

@@ -17,7 +17,7 @@ from .features import ROOT_SIFT_NORM, Features
 MAX_ANGLE: Final = 0.7
 """rad between descriptors."""
 MAX_RATIO: Final = 0.8
-"""Of the angle to the most similar descriptor by that to the next one (Lowe 2004)."""
+"""Largest ratio of the angle to the most similar descriptor to the angle to the next one (Lowe 2004)."""
 MAX_ERROR_PX: Final = 4.0
 """Distance from the epipolar line."""
 CONFIDENCE: Final = 0.999
@@ -25,13 +25,14 @@ MAX_TRIALS: Final = 2000
 MIN_MATCHES: Final = 15
 
 ALL_PAIRS: Final = 500
-"""So many pairs, of some 30 images, are all matched whole: images far apart share too little for a quick look."""
+"""Number of pairs, of some 30 images, up to which all are matched whole. Images far apart share too little for a quick
+comparison."""
 PREVIEWED: Final = 512
-"""Features of an image that tell which others it is like, the first."""
+"""Number of an image's features, the first ones, that decide to which other images it is similar."""
 ALIKE: Final = 4
-"""Matches among these from which on images are alike."""
+"""Number of matches among these from which on images are alike."""
 FEW_ALIKE: Final = 3
-"""An image with fewer like it is matched with all."""
+"""An image with fewer similar images is matched with all."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,9 @@ def match_pairs(
 
 
 def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:
-    """Those of the pairs that are worth matching whole: of each image the `most` that are most alike.
+    """The pairs that are worth matching whole: those of each image with the `most` most similar images.
 
-    Source: preemptive matching (Wu 2013), but the most alike are kept instead of all above a limit.
+    Source: preemptive matching (Wu 2013), but the most similar are kept instead of all above a limit.
     """
     if len(pairs) <= ALL_PAIRS:
         return list(pairs)
@@ -88,7 +89,7 @@ def match_descriptors(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> ND
 
 
 def _distinct(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Whose nearest neighbour is near, and much nearer than the next one."""
+    """Which rows have a nearest neighbour that is near, and much nearer than the next one."""
     best, second = np.arccos(np.clip(neighbours[:2] / ROOT_SIFT_NORM**2, 0, 1))
     return (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
 

@@ -25,7 +25,7 @@ from .stationary_camera import require_walk, some_apart
 
 @dataclass(frozen=True)
 class ReconstructionSettings:
-    """What structure from motion may spend, and what is known beforehand."""
+    """The limits of structure from motion, and its prior knowledge."""
 
     max_features: int
     max_side: int
@@ -36,7 +36,8 @@ class ReconstructionSettings:
     overlap: int = 8
     """Neighbours in time that each image of a film is matched with."""
     partners: int | None = None
-    """Other images that each is matched with, the most alike of `pairs`; None = all of `pairs`, as for a film."""
+    """Number of other images that each image is matched with, the most similar of `pairs`; None = all of `pairs`, as
+    for a film."""
 
     @property
     def features(self) -> FeatureSettings:
@@ -51,7 +52,7 @@ class Reconstructed:
     """pycolmap.Reconstructions, the one with the most images (then points) first, its points in colour; images without
     a finite pose are taken out. Empty when no two images fit together."""
     rescue: tuple[RescueStep, ...] = ()
-    """What was tried because too few images were placed at first."""
+    """The steps that were tried because too few images were placed at first."""
     contradicted_pct: float | None = None
     """Of the first model, as `epipolar_consistency` has it."""
 
@@ -72,7 +73,8 @@ def reconstruct(
         names: images in `image_folder`, all of one camera and one size.
         pairs: indices into `names` of the images to match with each other.
         work_folder: empty; receives the database of matches.
-        keyframes: what `place_keyframes` found with the same arguments; None = it is done here, if it is worth it.
+        keyframes: the result of `place_keyframes` with the same arguments; None = keyframes are placed here, if that is
+            worth it.
     Raises:
         CaptureFailed: the camera stood still.
     """
@@ -121,7 +123,7 @@ def reconstruct(
 
 
 def has_keyframes(images: int, settings: ReconstructionSettings) -> bool:
-    """Whether some of the images are placed before the others: those of a film that has more than enough."""
+    """Whether some of the images are placed before the others, as in a film that has more than enough images."""
     return settings.partners is None and keyframe_spacing(images) > 1
 
 
@@ -157,7 +159,7 @@ def _match_keyframes(
     progress: Progress,
     watch: Stopwatch,
 ) -> Keyframes:
-    """Which images they are, with their features and matches; without their model yet."""
+    """Choose the keyframes and find their features and matches; their model follows later."""
     chosen: list[int] = []
     features: dict[int, Features] = {}
     matches: dict[tuple[int, int], PairMatches] = {}
@@ -195,7 +197,7 @@ def _map_keyframes(
 def _match(
     features: dict[int, Features], pairs: list[tuple[int, int]], images: int
 ) -> dict[tuple[int, int], PairMatches]:
-    """The pairs that fit together, in their order; where a few show that the camera stood, no more are matched."""
+    """The pairs that fit together, in their order; matching stops if a few of them show that the camera stood still."""
     looked_at = some_apart(pairs, images)
     first = match_pairs(features, looked_at)
     require_walk(features, first)
@@ -212,7 +214,7 @@ def _place_cameras(
     keyframes: Keyframes | None,
     progress: Progress,
 ) -> list[Any]:
-    """The models that there are, from keyframes where these will do."""
+    """The models of the images, from keyframes where these suffice."""
     model = keyframes.read_model() if keyframes else None
     if keyframes and will_do(model, len(keyframes.images)):
         placed = _counted(len(names) + len(keyframes.images), len(names), progress)
@@ -224,6 +226,6 @@ def _place_cameras(
 
 
 def _counted(done: int, images: int, progress: Progress) -> Callable[[], None]:
-    """A function to call for each camera that is placed, once `done` of two units an image are."""
+    """A function to call for each placed camera, after `done` of two units of progress an image."""
     numbers = count(done + 1)
     return lambda: progress(min(next(numbers), 2 * images), 2 * images, "placing cameras")

@@ -1,4 +1,4 @@
-"""The cameras that structure from motion could place: whether they will do, and what is to be said about them."""
+"""The cameras that structure from motion could place: whether they suffice, and the flags and warnings about them."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ MIN_REGISTERED_PCT: Final = 40.0
 FEW_REGISTERED_PCT: Final = 80.0
 MIN_REGISTERED: Final = 3
 MIN_OBSERVATIONS: Final = 10.0
-"""Points of the model that an image shows, on average; those of a plant show thousands. A model of hardly any point is
-no reconstruction: its cameras are anywhere."""
+"""Least mean number of the model's points that an image shows; images of a plant show thousands. A model with hardly
+any points is not a reconstruction: its cameras may be anywhere."""
 MIN_COVERAGE_DEG: Final = 90.0
-"""Below it traits would be those of one side; and a camera that only turns on the spot can pass for a short arc, its
-rotation explained by a wrong lens."""
+"""Coverage below which traits would be those of one side. Besides, a camera that only turns on the spot can pass for a
+short arc, as a wrong lens explains its rotation."""
 MAX_GAP_DEG: Final = 60.0
 """Beyond this gap in the orbit, sides of bolls were never seen."""
 
 CONTRADICTED_PCT: Final = 5.0
 MAX_CONTRADICTED_PCT: Final = 25.0
-"""Of what pairs of images have in common, contradicted by the cameras: doubtful, and refused. Of films that were filmed
-well it is 0.0 %."""
+"""Share of what pairs of images have in common that the cameras contradict: doubtful above the first, refused above the
+second. Good films have 0.0 %."""
 
 
 def require_images(names: Sequence[str]) -> None:
-    """The gate before: without some images there is nothing to place."""
+    """Check before the reconstruction that there are enough images to place."""
     if len(names) < MIN_REGISTERED:
         raise CaptureFailed(f"{len(names)} images in frames; film one slow full turn around the plant")
 
 
 def require_registered(models: Sequence[Any], names: Sequence[str]) -> None:
-    """The gate behind: with fewer of the images than this the plant would be measured from one side."""
+    """Check after the reconstruction that enough images were placed; else the plant would be measured from one side."""
     n = models[0].num_reg_images() if models else 0
     if n < MIN_REGISTERED or 100 * n < MIN_REGISTERED_PCT * len(names):
         raise CaptureFailed(
@@ -47,7 +47,7 @@ def require_registered(models: Sequence[Any], names: Sequence[str]) -> None:
 
 
 def require_agreement(contradicted_pct: float | None) -> None:
-    """The other gate behind: where cameras contradict what their images have in common, the plant is anywhere.
+    """Check after the reconstruction that the cameras agree with what their images have in common.
 
     Raises:
         CaptureFailed: too many pairs of images are contradicted.
@@ -62,7 +62,7 @@ def require_agreement(contradicted_pct: float | None) -> None:
 
 
 def decide_distortion(model: Any, option: str) -> tuple[Any, LensDecision]:
-    """The model with or without lens distortion, as the evidence or the option says, and what was found."""
+    """The model with or without lens distortion, as the evidence or the option decides, and the evidence."""
     if option == "on":
         return model, LensDecision("on", on=True)
     straight, evidence = straighten(model)
@@ -73,13 +73,13 @@ def decide_distortion(model: Any, option: str) -> tuple[Any, LensDecision]:
 def describe_cameras(
     models: Sequence[Any], names: Sequence[str], cameras: Sequence[Camera], lens: LensDecision
 ) -> SfmInfo:
-    """How good the first of the models is, of all images `names`, and what it misses.
+    """The quality of the first model, for all images `names`, and what it lacks.
 
     Args:
         models: as pycolmap has them.
         cameras: of the first, undistorted.
     Raises:
-        CaptureFailed: they saw the plant from one side only, or have next to nothing in common.
+        CaptureFailed: the cameras saw the plant from one side only, or have next to nothing in common.
     """
     model = models[0]
     seen = model.compute_mean_observations_per_reg_image()

@@ -1,11 +1,11 @@
-"""What is tried when structure from motion places too few of the images: the cheapest step first, each when it is due.
+"""The steps that follow when structure from motion places too few of the images: the cheapest first, each when needed.
 
-1. `following`: where images of a walk are lost, e.g. blurred ones, the features of their neighbours are followed into
-   them by a tracker, and COLMAP's mapper goes on from there.
-2. `markers`: where printed markers lie in view, their corners join the matches, and all is placed again.
-3. `more features`: with more features of a larger image and wider pairs, all is matched and placed again.
+1. `following`: where images of a walk are lost, e.g. blurred ones, a tracker follows the features of their neighbours
+   into them, and COLMAP's mapper goes on from there.
+2. `markers`: where printed markers lie in view, their corners join the matches, and all images are placed again.
+3. `more features`: with more features of a larger image and wider pairs, all images are matched and placed again.
 4. `all at once`: COLMAP's global mapper (Pan et al. 2024, "Global structure-from-motion revisited"), once the partial
-   model, or EXIF, tells the focal length.
+   model, or EXIF, gives the focal length.
 
 A step counts when it places more images than those before it.
 """
@@ -32,24 +32,25 @@ from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
 
 FEW: Final = 0.8
-"""Share of the images below which the dearer steps are due."""
+"""Share of placed images below which the costlier steps follow."""
 MORE_FEATURES: Final = 4
 LARGER: Final = 2
 WIDER: Final = 2
-"""Factors of features, of the side of the images that are looked at, and of the pairs."""
+"""Factors of the number of features, of the side of the images, and of the pairs."""
 FOLLOWED_OVER: Final = 2
-"""Lost images are looked for from neighbours so many places away."""
+"""Largest distance, in images, of the neighbours from which features are followed into a lost image."""
 LEAST_POINTS: Final = 30
-"""Of the model, that a rescued image shows; one that shows fewer may stand far from where it was, and is left out."""
+"""Least number of the model's points that a rescued image shows. The pose of an image with fewer may be far off, so it
+is left out."""
 MOST_FOLLOWED: Final = 2048
-"""Features of an image that are followed, the best."""
+"""Largest number of an image's features that are followed, the best ones."""
 
 Pairs = dict[tuple[int, int], PairMatches]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What structure from motion is given."""
+    """The input of structure from motion."""
 
     image_folder: Path
     names: list[str]
@@ -64,7 +65,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Attempt:
-    """What was matched, and the models made of it, the one with the most images first."""
+    """Matches, and the models made from them, the one with the most images first."""
 
     features: dict[int, Features]
     matches: Pairs
@@ -82,7 +83,7 @@ class Attempt:
 
 
 def recover_registration(task: Task, first: Attempt) -> tuple[Attempt, tuple[RescueStep, ...]]:
-    """The best attempt, and what was tried for it; nothing where the first one will do."""
+    """The best attempt, and the steps that were tried; none where the first attempt suffices."""
     best, steps = first, []
     for name, tried in _ladder(task):
         share = best.placed / len(task.names)
@@ -111,7 +112,7 @@ def _ladder(task: Task) -> Iterator[tuple[str, Callable[[Attempt], Attempt | Non
 
 
 def follow_into_lost(task: Task, best: Attempt) -> Attempt | None:
-    """The model joined by images into which features of their neighbours could be followed; None where that is none."""
+    """The model with the images into which features of their neighbours could be followed; None if there are none."""
     lost, n = best.lost(task.names), len(task.names)
     if task.overlap is None or not lost or len(lost) == n:
         return None
@@ -147,8 +148,8 @@ def follow_into_lost(task: Task, best: Attempt) -> Attempt | None:
 
 
 def _copied(model: Any, task: Task) -> Any:
-    """Of its placed images only, whose features the others then need not share; by way of the disk, as it drops the
-    rest there and orders the points."""
+    """A copy of the model with its placed images only, so that their features may differ from the others'. It goes by
+    way of the disk, which drops the rest and orders the points."""
     pycolmap = import_pycolmap()
 
     with tempfile.TemporaryDirectory(dir=task.work_folder) as folder:
@@ -157,7 +158,7 @@ def _copied(model: Any, task: Task) -> Any:
 
 
 def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
-    """All placed again, with the corners of printed markers among the matches; None where they tie no more images."""
+    """Place all again, with the corners of printed markers as matches; None where they do not tie more images."""
     squares = squares_of_images(lambda number: read_grey(task.image_folder / task.names[number]), len(task.names))
     features, matches = tie(best.features, best.matches, squares)
     if all(pair in best.matches and len(found.rows) <= len(best.matches[pair].rows) for pair, found in matches.items()):
@@ -169,7 +170,7 @@ def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
 
 
 def look_harder(task: Task) -> Attempt:
-    """All again with more features, of larger images, in more pairs."""
+    """Match and place all again with more features, of larger images, in more pairs."""
     settings = replace(task.features, most=MORE_FEATURES * task.features.most, max_side=LARGER * task.features.max_side)
     n = len(task.names)
     features = features_of_images(task.image_folder, task.names, range(n), settings, task.progress)
@@ -183,7 +184,7 @@ def look_harder(task: Task) -> Attempt:
 
 
 def place_at_once(task: Task, best: Attempt) -> Attempt | None:
-    """All cameras by the global mapper; None where no focal length is known."""
+    """Place all cameras by the global mapper; None where no focal length is known."""
     focal_length_px = _focal(task, best)
     if focal_length_px is None:
         return None
@@ -194,7 +195,7 @@ def place_at_once(task: Task, best: Attempt) -> Attempt | None:
 
 
 def _focal(task: Task, best: Attempt) -> float | None:
-    """Of the partial model, or as EXIF has it."""
+    """Focal length of the partial model, or from EXIF."""
     if not best.models:
         return task.focal_length_px
     return float(next(iter(best.models[0].cameras.values())).mean_focal_length())

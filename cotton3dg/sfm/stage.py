@@ -36,18 +36,19 @@ from .registration_quality import (
 )
 
 RECORD: Final = "record.json"
-"""Of what was begun."""
+"""File with the record of what `begin` did."""
 VIDEO_FEATURE_SIDE: Final = 1280
-"""px; finer detail of a phone's video is mostly noise and compression."""
+"""Size at which features of a video are looked for, px. Finer detail of a phone's video is mostly noise and
+compression."""
 PHOTO_SIZE: Final = 2
 PHOTO_FEATURES: Final = 4
 PHOTO_PARTNERS: Final = 2
-"""Photos are sharper than a video's frames and stand farther apart: they get these factors of size, features and images
-to match with."""
+"""Factors of size, features and images to match with for photos, which are sharper than a video's frames and stand
+farther apart."""
 FEW_PHOTOS: Final = 32
 FEATURES_OF_FEW: Final = 8
-"""Up to so many stand farther apart still and get more features. (Four times as many as a frame's place 14 of 16 photos
-of a turn, eight times all.)"""
+"""Few photos stand farther apart still, and get more features. (With four times as many features as a frame, 14 of 16
+photos of a turn are placed; with eight times as many, all.)"""
 FEATURES_PER_MP: Final = 5700
 """Features that a megapixel has, unless there is a limit."""
 FEATURE_BYTES: Final = 200
@@ -92,7 +93,7 @@ def run(workspace: Workspace, options: SfmOptions, progress: Progress) -> StageO
 def begin(workspace: Workspace, options: SfmOptions, progress: Progress) -> None:
     """Place the keyframes of a film into `records/sfm.begun`, unless that is done; `run` goes on from them.
 
-    Nothing is done where a capture has no keyframes: photos, or hardly more frames than keyframes.
+    A capture without keyframes, i.e. photos or hardly more frames than keyframes, is left as it is.
     """
     names, pairs, settings = _task(workspace, options)
     if not has_keyframes(len(names), settings) or _begun(workspace, options):
@@ -103,7 +104,7 @@ def begin(workspace: Workspace, options: SfmOptions, progress: Progress) -> None
 
 
 def _begun(workspace: Workspace, options: SfmOptions) -> Keyframes | None:
-    """What `begin` did of the very same task."""
+    """The keyframes that `begin` placed for the very same task."""
     try:
         if Record.load(workspace.sfm_begun / RECORD) == _begun_from(workspace, options):
             return Keyframes.load(workspace.sfm_begun)
@@ -117,7 +118,7 @@ def _begun_from(workspace: Workspace, options: SfmOptions) -> Record:
 
 
 def _task(workspace: Workspace, options: SfmOptions) -> tuple[list[str], list[tuple[int, int]], ReconstructionSettings]:
-    """Names of the images, pairs to match, and what may be spent."""
+    """Names of the images, pairs to match, and the limits."""
     taken = FramesInfo.load(workspace.require(workspace.frames_json, "frames"))
     names = [path.name for path in workspace.frame_images()]
     require_images(names)

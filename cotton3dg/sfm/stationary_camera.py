@@ -1,6 +1,6 @@
-"""Whether a camera stood still: then most of what its images have in common stays where it is, and what moves turned.
+"""Whether a camera stood still: then most of its matches stay where they are, and only a turning thing moves.
 
-Structure from motion would try for a quarter of an hour to place cameras that are all one, and give up.
+Structure from motion would try for a quarter of an hour to place such cameras, which are all the same, and give up.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from .features import Features
 from .matching import PairMatches
 
 MAX_STANDING_PCT: Final = 50.0
-"""Of walks it was 0 to 15 % (a bare room, in which little but the plant is matched), of a turntable 99 %."""
+"""Walks had 0 to 15 % (a bare room, in which little but the plant is matched), a turntable 99 %."""
 APART: Final = 3
-"""Images on, at least: neighbours may have been taken from nearly one place."""
+"""Least distance of a pair, in images, because neighbours may have been taken from nearly one place."""
 LOOKED_AT: Final = 12
-"""Pairs, about."""
+"""Number of pairs that are compared, about."""
 TREMBLE: Final = 0.05
-"""Of the longer side, by which the picture of a camera that is held, but stands, moves in all."""
+"""Share of the longer side by which the whole picture moves if a camera is held by hand but stands still."""
 TOLERANCE: Final = 0.003
-"""Of the longer side, by which a place that stands is off the motion of the picture as a whole."""
+"""Share of the longer side by which a place that stands still differs from the motion of the whole picture."""
 
 
 def some_apart(pairs: Sequence[tuple[int, int]], images: int) -> list[tuple[int, int]]:
-    """A few of the pairs of a capture of so many images, whose images are some way apart."""
+    """A few pairs of a capture of `images` images that are some way apart."""
     apart = [pair for pair in pairs if APART <= abs(pair[0] - pair[1]) <= images - APART]
     return apart[:: max(1, len(apart) // LOOKED_AT)]
 
 
 def require_walk(features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]) -> None:
-    """The gate before cameras are placed.
+    """Check, before cameras are placed, that the camera moved.
 
     Args:
         features: by number of the image. matches: of `some_apart`.
     Raises:
-        CaptureFailed: the camera stood.
+        CaptureFailed: the camera stood still.
     """
     standing = standing_pct(features, matches)
     if standing is not None and standing > MAX_STANDING_PCT:
@@ -51,7 +51,7 @@ def require_walk(features: Mapping[int, Features], matches: Mapping[tuple[int, i
 
 
 def standing_pct(features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches]) -> float | None:
-    """Share of the matches that stay where they are, but for a tremble of the whole picture: the middle one of the
+    """Share of the matches that stay where they are, but for a tremble of the whole picture: the median over the
     pairs; None without any."""
     side_px = max((float(of_image.places_px.max(initial=0)) for of_image in features.values()), default=0.0)
     shares = [

@@ -1,7 +1,7 @@
 """Where the features of one image lie in the next: Lucas and Kanade's tracker over a pyramid (Bouguet 2000), by OpenCV.
 
-Descriptors need corners as sharp as those of the other image; a tracker only needs that both look alike, so that it
-follows a walk through blur, and over surfaces whose few corners are weak.
+Descriptors need corners as sharp as those of the other image. A tracker only needs images that look alike, so it
+follows a walk through blur, and over surfaces with few and weak corners.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 WINDOW_PX: Final = 31
 PYRAMID_LEVELS: Final = 4
-"""Side of the square that is compared, and halvings of the image: so it follows some 150 px."""
+"""Side of the square that is compared, and halvings of the image. With these the tracker follows some 150 px."""
 LOOK_SIDE_PX: Final = 960
 """Longer side of the images that are compared."""
 THERE_AND_BACK_PX: Final = 1.0
-"""Tracked on and back again, a place comes back to where it was, in px of the images that are compared."""
+"""Largest distance from its start of a place that was tracked on and back again, px of the compared images."""
 LEAST_TEXTURE: Final = 1e-4
-"""Smaller eigenvalue of the gradients in the square, below which nothing is there to follow."""
+"""Smaller eigenvalue of the gradients in the square below which there is no texture to follow."""
 
 
 def follow(

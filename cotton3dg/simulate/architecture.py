@@ -25,10 +25,11 @@ PHYLLOTAXIS: Final = 2 * np.pi * 3 / 8
 """Turn from a node to the next in Gossypium."""
 THINNEST: Final = 0.00075
 RETENTION: Final = (1.0, 0.55, 0.3, 0.2)
-"""How likely a site keeps its boll, relative to a first position (COTMAP: these bear two thirds to three quarters)."""
+"""Probability that a site keeps its boll, relative to a first position (COTMAP: these bear two thirds to three
+quarters)."""
 INTERNODE: Final = 0.045
 CROSSING: Final = 0.66
-"""How far out a branch touches another, share of its length."""
+"""Place at which a branch touches another, as a share of its length."""
 TURNS: Final = 200
 """Steps of a turn until branches touch."""
 
@@ -39,7 +40,7 @@ class Axis:
 
     kind: Kind
     parent: int | None
-    """Index of the axis that it grows on; None of the stem."""
+    """Index of the axis on which it grows; None for the stem."""
     curve: Float64
     """(N, 3) m, from its foot on the parent's centre line."""
     radii: Float64
@@ -178,8 +179,8 @@ def _add_vegetative(
 
 
 def _cross(axes: list[Axis], sites: list[FruitingSite], crossed: set[int]) -> None:
-    """Turns a fruiting branch about its foot until it touches another; the pair that needs the least turn and at which
-    wood passes through no wood.
+    """Turn a fruiting branch about its foot until it touches another. The pair is the one with the least turn at which
+    wood does not pass through wood.
 
     Args:
         crossed: branches that already touch another; both of the pair are added.
@@ -230,12 +231,12 @@ def _touching(branch: Axis, other: Axis, turn: float, normal: Float64) -> tuple[
 
 
 def _passes_through(branch: Axis, before: Axis, others: list[Axis]) -> bool:
-    """Whether wood of a branch that was turned reaches into others' more than it did."""
+    """Whether the wood of a turned branch reaches into other wood more than it did before."""
     return any(_gap(branch, other) < min(_gap(before, other), 0.0) for other in others)
 
 
 def _gap(branch: Axis, other: Axis) -> float:
-    """Least distance between the bark of two axes, m, but for the first two centimetres of the branch; below 0 they
+    """Least distance between the bark of two axes, m, without the first two centimetres of the branch; below 0 they
     reach into each other."""
     outer = branch.stations > 0.02
     between = cdist(branch.curve[outer], other.curve) - branch.radii[outer, None] - other.radii

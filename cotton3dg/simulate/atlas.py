@@ -41,7 +41,7 @@ class Atlas:
     def _bilinear(
         self, places: NDArray[np.float32], s: NDArray[np.float32], t: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        # cv2.remap wants pictures, none of whose sides may exceed 32767.
+        # cv2.remap takes pictures whose sides are at most 32767.
         n, columns = len(s), 1024
         rows = -(-n // columns)
         x, y = np.zeros((2, rows * columns), np.float32)

@@ -189,7 +189,7 @@ def _field(rng: np.random.Generator) -> Image:
             radii = rng.uniform(0.4, 1, 9) * rng.uniform(4, 50)
             outline = middle + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
             cv2.fillPoly(drawing, [np.int32(outline)], ink, cv2.LINE_AA)
-    if rng.random() < 0.6:  # cotton so far away that nobody would count it
+    if rng.random() < 0.6:  # cotton that is too far away to be counted
         white = np.array([255, 255, 255]) * rng.uniform(0.5, 1.0) * rng.uniform(0.9, 1.0, 3)
         for _ in range(int(rng.integers(20, 400))):
             middle = np.array([rng.uniform(0, size), np.clip(horizon, 0, size - 2) + size * rng.beta(1, 3)])

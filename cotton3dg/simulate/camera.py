@@ -18,7 +18,7 @@ HURRIES: Final = 2
 
 
 LOCAL_RADIUS_M: Final = 0.55
-"""Of local shots: a third to a half of the plant is in view."""
+"""Radius of the orbit for local shots: a third to a half of the plant is in view."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Orbit:
     height: float
     """m above the table, on average."""
     rises: Float64
-    """(L,) m by which position and aim are higher in each of so many turns."""
+    """(L,) m by which position and aim are higher in each of L turns."""
     turn: float
     """rad of one turn."""
     start: float
@@ -142,7 +142,7 @@ def orbit(options: SimulateOptions, vertices: Float64) -> Orbit:
 
 
 def _aim(path: Orbit, low: float, high: float, cut: float) -> Float64:
-    """(3,) m: what to look at for the frame's upper edge to cut this share of a plant from `low` to `high`."""
+    """(3,) m: the aim at which the frame's upper edge cuts this share of a plant from `low` to `high`."""
     edge = np.arctan2(high - cut * (high - low) - path.height, path.radius)
     half_view = np.arctan(0.5 * path.height_px / (FOCAL * path.width))
     return np.append(path.centre[:2], path.height + path.radius * np.tan(edge - half_view))

@@ -1,4 +1,4 @@
-"""The video's images, with the effects that were asked for; one that is off takes no time and changes no pixel."""
+"""The video's images, with the chosen effects; an effect that is off takes no time and changes no pixel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .render import Float32, RenderScene, develop, instance_ids, render
 LEAST_SUBFRAMES: Final = 8
 MOST_SUBFRAMES: Final = 64
 SUBFRAME_PX: Final = 1.5
-"""What lies far away moves at most so far from one to the next, or blur would be a row of sharp edges."""
+"""Largest motion of far things from one sub-frame to the next; with more, blur would be a row of sharp edges."""
 BAND_ROWS: Final = 4
 """Rows of a rolling shutter that are read out at once: in a clip of 80 frames a hundredth of the way between two."""
 
@@ -57,7 +57,7 @@ def film(
 
 
 def _subframes(path: Orbit, frame: int, open_frames: float) -> int:
-    """So many renders make the light of a shutter that is open for this share of a frame."""
+    """Number of renders that make the light of a shutter that is open for this share of a frame."""
     first, last = (path.at(frame + side * open_frames / 2) for side in (-1, 1))
     turned_rad = np.arccos(np.clip(first.rotation[2] @ last.rotation[2], -1, 1))
     return int(np.clip(np.ceil(turned_rad * first.fx / SUBFRAME_PX), LEAST_SUBFRAMES, MOST_SUBFRAMES))
@@ -78,7 +78,7 @@ def exposure_ev(frame: int, options: SimulateOptions) -> float:
 
 
 def _read_out(scene: RenderScene, path: Orbit, time: float, options: SimulateOptions, **how: Any) -> Float32:
-    """(H, W, 3) linear light at a time (frames) that is the one of the middle row."""
+    """(H, W, 3) linear light; the time (frames) is that of the middle row."""
     bands, top = [], 0
     behind = how.pop("behind")
     for camera in _bands(path, time, options):

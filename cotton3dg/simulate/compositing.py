@@ -18,19 +18,19 @@ Float32 = NDArray[np.float32]
 
 
 BARE: Final = 0.12
-"""Share of the pictures without a plant: most of what a camera sees is none."""
+"""Share of the pictures without a plant, because most things that a camera sees are not plants."""
 
 BACKLIT: Final = (1.7, 12.0)
-"""Brightness of a background, by that of the lint that is lit best, in pictures taken against the light."""
+"""Brightness of a background, relative to the lint that is lit best, in pictures taken against the light."""
 SUNLIT: Final = (0.45, 1.4)
-"""The same where both stand in one sun, as pale ground does with a plant."""
+"""The same where both stand in the same sun, e.g. a plant on pale ground."""
 UNEQUAL: Final = (0.04, 1.7)
 """The same anywhere."""
 CROWDED: Final = 0.25
 """Share of the pictures in which many plants stand before each other, as in a field."""
 SHARP_PX: Final = 1.5
 SOFT: Final = 0.05
-"""Blur (standard deviation), and its share of a boll's diameter, from which nobody could say where the boll ends."""
+"""Blur (standard deviation), and its share of a boll's diameter, from which the boll's edge cannot be recognised."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def _expose(rng: np.random.Generator, seen: Float32, reference: float) -> Float3
 
 
 def _develop(rng: np.random.Generator, light: Float32) -> NDArray[np.uint8]:
-    """What a phone makes of the light on its sensor: blur, noise, tone, sharpening, compression."""
+    """The picture that a phone makes from the light on its sensor: blur, noise, tone, sharpening, compression."""
     size = light.shape[0]
     if rng.random() < 0.35:
         light = cv2.GaussianBlur(light, (0, 0), float(rng.uniform(0.4, 1.6)))

@@ -1,5 +1,5 @@
-"""Things that may be taken for open bolls, as they are white more often than not: balls, mugs, labels, cloths, boxes,
-and, beside plants in pots and stands, pots, clamps and hands.
+"""Things that may look like open bolls, as most of them are white: balls, mugs, labels, cloths, boxes, and, beside
+plants in pots and stands, pots, clamps and hands.
 
 Lengths are metres; each is made about the origin.
 """
@@ -25,7 +25,7 @@ ABOVE: Final = 0.0005
 
 
 def draw_thing(rng: np.random.Generator) -> tuple[Shape, Float64]:
-    """What makes it, and its colour (3,), linear."""
+    """The function that makes a thing, and its colour (3,), linear."""
     shapes: list[Shape] = [_ball, _mug, _tag, _cloth, _tubes, _box]
     shape = shapes[int(rng.integers(len(shapes)))]
     white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
@@ -33,7 +33,7 @@ def draw_thing(rng: np.random.Generator) -> tuple[Shape, Float64]:
 
 
 def draw_handling(rng: np.random.Generator) -> tuple[Shape, Float64]:
-    """As `draw_thing`, of what holds plants; none of it lies on a simulated table."""
+    """As `draw_thing`, for things that hold plants; they never lie on a simulated table."""
     shapes: list[Shape] = [_pot, _clamp, _hand]
     white = rng.uniform(0.5, 0.92) * rng.uniform(0.93, 1.0, 3)
     colour = white if rng.random() < 0.6 else rng.uniform(0.03, 0.8, 3)
@@ -41,7 +41,7 @@ def draw_handling(rng: np.random.Generator) -> tuple[Shape, Float64]:
 
 
 def things_on_table(rng: np.random.Generator, count: int, foot: Float64, length: float, width: float) -> list[Mesh]:
-    """So many things, fewer where there is no room, that lie or stand on a table about a plant.
+    """`count` things, or fewer if there is not enough room, that lie or stand on a table around a plant.
 
     Args:
         foot: (3,) of the plant; the table's middle is the origin, its top z = 0.

@@ -15,7 +15,7 @@ from .organs import LEAF, LINT, weather
 GREEN: Final = np.array([0.10, 0.19, 0.04])
 STRAW: Final = np.array([0.48, 0.40, 0.22])
 SHEEN: Final = np.array([0.55, 0.60, 0.55])
-"""What light that is mirrored by a leaf's wax looks like: paler than the leaf and hardly coloured."""
+"""Colour of the light that a leaf's wax reflects: paler than the leaf and hardly coloured."""
 
 
 def palmate_leaf(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
@@ -66,7 +66,7 @@ def bracted_boll(rng: np.random.Generator, noise: SolidNoise, diameter: float) -
 
 
 def empty_bracts(rng: np.random.Generator, noise: SolidNoise, diameter: float) -> Mesh:
-    """What stays where a boll was shed: three dry bracts, bent back so far that their pale insides are outside.
+    """The remains of a shed boll: three dry bracts, bent back so far that their pale insides are outside.
 
     Args:
         diameter: m, of the plant's open bolls.
@@ -128,7 +128,7 @@ def _bract(
 
 
 def lint_wisps(rng: np.random.Generator, noise: SolidNoise) -> Mesh:
-    """Thin strands of lint that wind and rain left on a twig: they hang from the origin, or cling about it."""
+    """Thin strands of lint that wind and rain left on a twig. They hang from the origin, or cling around it."""
     strands = []
     for _ in range(int(rng.integers(1, 7))):
         length, steps = rng.uniform(0.01, 0.09), 8

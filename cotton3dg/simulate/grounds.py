@@ -1,4 +1,4 @@
-"""Pictures of bare ground in hard sun: sand, gravel, straw, dry leaves, clods. Bright spots of it pass for lint.
+"""Pictures of bare ground in hard sun: sand, gravel, straw, dry leaves, clods. Their bright spots look like lint.
 
 Each is a relief with colours, lit by a low or high sun whose shadows fall along the picture, and by the sky; seen from
 above or aslant, in focus or out of it. Relief and lengths are pixels of the picture.
@@ -27,7 +27,7 @@ STRAW: Final = np.array([[0.62, 0.50, 0.25], [0.72, 0.65, 0.45], [0.50, 0.36, 0.
 DRY_LEAF: Final = np.array([[0.42, 0.26, 0.12], [0.55, 0.42, 0.24], [0.30, 0.17, 0.08], [0.66, 0.58, 0.43]])
 """(4, 3) linear RGB albedos each, to be drawn from."""
 PALE: Final = np.array([0.82, 0.80, 0.76])
-"""What sun, dust and salt bleach them to."""
+"""Colour to which sun, dust and salt bleach them."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,16 @@ class _Relief:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """What lies about, in the order in which one covers the other."""
+    """Pieces on the ground, in the order in which they cover each other."""
 
     outlines: NDArray[np.float64]
     """(N, K, 2) x, y."""
     thickness: NDArray[np.float64]
     """(N,) from the rim, which is round, to the top."""
     round_px: NDArray[np.float64]
-    """(N,) width of the round rim; below 0 the rim stands up, as of leaves that curl."""
+    """(N,) width of the round rim; below 0 the rim stands up, as in leaves that curl."""
     rough: float
-    """Height of their bumps, in their thickness."""
+    """Height of their bumps, relative to their thickness."""
 
 
 def paint_ground(rng: np.random.Generator) -> Image:
@@ -120,7 +120,7 @@ def _leaves(rng: np.random.Generator, scale: float) -> _Relief:
 
 
 def _count(cover: float, area: float) -> int:
-    """How many pieces of an area cover the picture so many times."""
+    """Number of pieces of an area that cover the picture `cover` times."""
     return int(np.clip(cover * GROUND_PX**2 / area, 4, MOST_PIECES))
 
 

@@ -29,7 +29,7 @@ def irradiance(
         (N, 3) linear RGB, relative.
     """
     light = np.zeros((len(points), 3), np.float32)
-    # Rays start a little off the surface, or it would shade itself.
+    # Rays start a little off the surface, so that it does not shade itself.
     starts = points + 0.0006 * normals
     for lamp in lamps:
         light += _from_lamp(rays, starts, normals, lamp)[:, None] * lamp.power.astype(np.float32)

@@ -1,4 +1,4 @@
-"""What hangs on a plant's wood: open bolls in their burs, dry leaves.
+"""The organs on a plant's wood: open bolls in their burs, dry leaves.
 
 Lengths are metres.
 """
@@ -83,7 +83,7 @@ def carpel(rng: np.random.Generator, angle: float, d: float) -> Mesh:
 
 
 def cup(d: float) -> Mesh:
-    """The receptacle that the carpels spring from."""
+    """The receptacle from which the carpels grow."""
     sphere, triangles = icosphere(2)
     return Mesh(sphere * (0.11 * d, 0.11 * d, 0.07 * d) + (0, 0, 0.03 * d), triangles, np.tile(BUR, (len(sphere), 1)))
 

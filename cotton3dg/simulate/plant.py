@@ -1,8 +1,8 @@
 """A defoliated cotton plant, grown from a seed.
 
 A bent stem bears fruiting branches that rise and zigzag, 3/8 of a turn apart (the phyllotaxis of Gossypium); each open
-boll is 4 or 5 locks of lint over the star of its dry carpels (the bur) on a peduncle; a few dry leaves remain. Where
-the branches are says `architecture`, for natural plants. Lengths are metres, z points up, z = 0 is the table top.
+boll is 4 or 5 locks of lint over the star of its dry carpels (the bur) on a peduncle; a few dry leaves remain. On
+natural plants `architecture` places the branches. Lengths are metres, z points up, z = 0 is the table top.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 
     Args:
         options: `seed`, `bolls` (0 = 8 to 20, drawn), `clustered`, the share of the bolls that touch others near
-            the top, `contact`, how close these are, `stem_cm` (0 = 56 to 80, drawn), and what was done to the plant:
-            `picked`, `turned_deg`; `boll_kind`, `hanging`.
+            the top, `contact`, how close these are, `stem_cm` (0 = 56 to 80, drawn), changes of the plant: `picked`,
+            `turned_deg`; `boll_kind`, `hanging`.
     """
     rng = np.random.default_rng([options.seed, 1])
     noise = SolidNoise(rng)
@@ -95,9 +95,9 @@ def grow_plant(options: SimulateOptions) -> PlantMeshes:
 def _bolls(
     rng: np.random.Generator, noise: SolidNoise, sites: list[Site], options: SimulateOptions
 ) -> tuple[Boll, ...]:
-    """At each site a boll of the kind that the plant bears; the rest of the plant is the same with any.
+    """One boll at each site, of the kind that the plant bears; the rest of the plant is the same with any kind.
 
-    Separate locks are as many, as round and as far apart as each boll has them.
+    The number, roundness and distance of separate locks differ from boll to boll.
     """
     if options.boll_kind == "plain":
         return tuple(open_boll(rng, noise, site) for site in sites)
@@ -110,7 +110,7 @@ def _bolls(
 
 
 def _picked(plant: PlantMeshes, n: int) -> PlantMeshes:
-    """The plant without its last n bolls; their stalks stay, as wood that is no peduncle of a boll."""
+    """The plant without its last n bolls; their stalks stay as wood, but are not peduncles of bolls."""
     left = max(len(plant.bolls) - n, 0)
     axes = plant.axes[: len(plant.axes) - len(plant.bolls) + left]
     return replace(plant, bolls=plant.bolls[:left], axes=axes, positions=plant.positions[:left])
@@ -147,7 +147,7 @@ class _Grown:
     positions: list[int | None]
     """Fruiting position of each site."""
     stubs: list[Mesh]
-    """Wood that is no axis of its own."""
+    """Wood that is not an axis of its own."""
 
 
 def _simple_plant(
@@ -179,7 +179,7 @@ def _simple_plant(
 def _natural_plant(
     rng: np.random.Generator, base: Float64, height: float, diameters: Float64, options: SimulateOptions
 ) -> _Grown:
-    """A branch at every node, of whose sites some keep their boll; bolls hang clear of each other and of the wood."""
+    """A branch at every node, with bolls at some of its sites; bolls hang clear of each other and of the wood."""
     axes, kept = grow_axes(rng, base, height, len(diameters), options)
     obstacles = np.concatenate([axis.curve for axis in axes])
     sites: list[Site] = []

@@ -1,7 +1,7 @@
-"""Plates: small pictures of a training scene, kept apart by light source, to be lit and laid over backgrounds later.
+"""Plates: small pictures of a training scene, one for each light source, to be lit and laid over backgrounds later.
 
-Light is linear, so a scene that was seen once under each of a few lamps can be shown in any mixture of them: at noon,
-dim, from behind, in two colours. A plate costs a fraction of a second, a picture made of it a few milliseconds.
+Light is linear, so a scene that was rendered once under each of a few lamps can be shown in any mixture of them: at
+noon, dim, from behind, in two colours. A plate costs a fraction of a second, a picture made from it a few milliseconds.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ LIGHTS: Final = 4
 HEMISPHERE_RAYS: Final = 24
 LAMP_SAMPLES: Final = 8
 WRAP: Final = (0.25, 0.9)
-"""Lint lets light through: its shade begins this much (cosine) beyond the terminator; at least, and in loose lint."""
+"""Cosine beyond the terminator at which the shade of lint begins, because lint lets light through: the least value, and
+that of loose lint."""
 SPREAD: Final = 0.6
-"""Share of a boll's light, at most, that is spread all over it before it leaves."""
+"""Largest share of a boll's light that spreads all over it before it leaves."""
 BOLL_PX: Final = (15.0, 220.0)
 """Widths of bolls in the plates, drawn on a logarithmic scale."""
 
@@ -72,11 +73,11 @@ class LitScene:
     scene: TrainingScene
     rays: Rays
     radiance: Float32
-    """(LIGHTS, V, 3) that each vertex sends out under each light."""
+    """(LIGHTS, V, 3) light that each vertex sends out under each light source."""
 
 
 def light_scene(scene: TrainingScene, rng: np.random.Generator) -> LitScene:
-    """Let each light shine once on everything; what it hits sends light on, once."""
+    """Let each light shine once on everything; the lit surfaces reflect it, once."""
     mesh = scene.mesh
     rays, vertices = build_rays([(mesh.vertices, mesh.triangles)]), mesh.vertices.astype(np.float32)
     normals = mesh.normals().astype(np.float32)
@@ -112,7 +113,7 @@ def _bolls_of_vertices(scene: TrainingScene) -> NDArray[np.int64]:
 
 
 def spread_light(arriving: Float32, bolls: NDArray[np.int64], share: float) -> Float32:
-    """Light (LIGHTS, V) of which a share is spread evenly over each boll's lint, as between loose fibres."""
+    """Light (LIGHTS, V) with a share of it spread evenly over each boll's lint, as between loose fibres."""
     counts = np.bincount(bolls).clip(min=1)
     means = np.stack([np.bincount(bolls, light) / counts for light in arriving]).astype(np.float32)
     return np.where(bolls > 0, arriving + np.float32(share) * (means[:, bolls] - arriving), arriving)
@@ -155,7 +156,7 @@ class _View:
 
 
 def _look_at(target: Float64, width_m: float, width_px: float, rng: np.random.Generator) -> _View:
-    """A camera that shows what is `width_m` wide at the target `width_px` wide, off the plate's middle."""
+    """A camera that shows a width of `width_m` at the target as `width_px`, off the plate's middle."""
     distance = rng.uniform(0.5, 2.2)
     slope = np.clip(rng.normal(0.15, 0.35), -0.9, 1.1)
     azimuth = rng.uniform(0, 2 * np.pi)

@@ -1,4 +1,4 @@
-"""Rays through triangles by Embree: embreex's, or Open3D's where embreex has no wheel: alike but for rounding."""
+"""Rays through triangles by Embree: by embreex, or by Open3D where embreex has no wheel; both agree up to rounding."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Float32 = NDArray[np.float32]
 
 
 class Hits(NamedTuple):
-    """What each of N rays meets first."""
+    """The first hit of each of N rays."""
 
     depths: Float32
     """(N,) in lengths of the ray's direction; infinite where it meets nothing."""
@@ -27,7 +27,7 @@ class Hits(NamedTuple):
 
 
 def interpolate(values: Float32, corners: NDArray[np.integer], weights: Float32) -> Float32:
-    """(N, C) what vertices have, (V, C), within triangles with these corners, (N, 3).
+    """(N, C) values of vertices, (V, C), interpolated within triangles with these corners, (N, 3).
 
     Args:
         weights: (N, 2) as in `Hits`.
@@ -39,7 +39,7 @@ def interpolate(values: Float32, corners: NDArray[np.integer], weights: Float32)
 
 
 class Rays(Protocol):
-    """Meshes that rays are cast at. Origins and directions are (N, 3); a direction need not have length 1."""
+    """Meshes at which rays are cast. Origins and directions are (N, 3); a direction need not have length 1."""
 
     def cast(self, origins: Float32, directions: Float32) -> Hits: ...
 
@@ -48,7 +48,7 @@ class Rays(Protocol):
 
 
 def build_rays(meshes: Sequence[tuple[NDArray, NDArray]]) -> Rays:
-    """Of (V, 3) vertices and (T, 3) triangles of each mesh.
+    """The ray tracer of meshes, each with (V, 3) vertices and (T, 3) triangles.
 
     Raises:
         EnvironmentUnusable: neither library can be imported.

@@ -28,8 +28,8 @@ VOID: Final = 0.05
 
 @dataclass(frozen=True)
 class RenderScene:
-    """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant, then what
-    stands about."""
+    """A lit room with a plant, ready for rays. Geometry 0 = panels (two triangles each), 1 = plant, then the things
+    in the room."""
 
     rays: Rays
     atlas: Atlas
@@ -72,10 +72,10 @@ def light_scene(plant: PlantMeshes, room: Room) -> RenderScene:
 
 
 def on_turntable(scene: RenderScene, plant: PlantMeshes, room: Room) -> tuple[RenderScene, RenderScene]:
-    """Of a lit scene what turns, the plant with its clamp, and the rest, which stands still."""
+    """The turning part of a lit scene, i.e. the plant with its clamp, and the rest, which stands still."""
     whole = merge([*plant.parts, *room.things])
     turns = [panel.turns for panel in room.panels]
-    # Vertex for vertex as in the lit scene; what has no size is not seen.
+    # Vertex for vertex as in the lit scene; a part without size is not visible.
     of_plant = (np.arange(len(whole.vertices)) < len(plant.vertices))[:, None]
     turning = _trace(room, replace(whole, vertices=whole.vertices * of_plant), turns)
     standing = _trace(room, replace(whole, vertices=whole.vertices * ~of_plant), [not turn for turn in turns])
@@ -106,7 +106,7 @@ def render(
         supersampling: rays a pixel in each direction; pixels that show the plant get twice as many.
         k1: radial distortion of the lens (OpenCV); 0 = none.
         shift: px that all rays are moved by.
-        footprint_px: what a ray stands for, so how far textures are filtered; 0 = the distance of the rays.
+        footprint_px: width of the area that a ray covers, over which textures are filtered; 0 = the distance of rays.
         behind: (H, W, 3) linear light where there is nothing in the scene; None = the darkness above the room.
     """
     n, h, w = supersampling, camera.height, camera.width
@@ -122,7 +122,7 @@ def render(
     light, on_plant = _light(scene, camera, directions, footprint_px or 1 / n, background)
     image = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
 
-    # Twigs and fibres are finer than a pixel; textured panels are not, for they are prefiltered.
+    # Twigs and fibres are finer than a pixel; textured panels are not, because they are prefiltered.
     touched = on_plant.reshape(h, n, w, n).any(axis=(1, 3)).astype(np.uint8)
     rows, columns = np.nonzero(cv2.dilate(touched, np.ones((3, 3), np.uint8)))
     if len(rows):
@@ -216,7 +216,7 @@ def _corners(panel: Panel) -> NDArray[np.float64]:
 
 
 def _normal(panel: Panel) -> NDArray[np.float64]:
-    """(3,) towards whoever reads the panel's picture upright."""
+    """(3,) towards the side from which the panel's picture reads upright."""
     normal = np.cross(panel.down, panel.across)
     return normal / np.linalg.norm(normal)
 

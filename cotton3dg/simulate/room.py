@@ -23,7 +23,7 @@ TABLE_THICKNESS: Final = 0.035
 TUBE: Final = 0.04
 Painter = Callable[[Canvas], Image]
 ONE_SIDED_AMBIENT: Final = 0.12
-"""What a room with one window and dark walls sends back."""
+"""Ambient light of a room with one window and dark walls."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Panel:
     image: Image
     """(H, W, 3) sRGB in 0..1."""
     turns: bool = False
-    """Whether a turntable takes it along."""
+    """Whether it turns with a turntable."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Room:
     panels: tuple[Panel, ...]
     lamps: tuple[Lamp, ...]
     ambient: float = 0.55
-    """Light that comes from all around, by that of a lamp of power 1 at 1 m."""
+    """Light that comes from all around, relative to that of a lamp of power 1 at 1 m."""
     things: tuple[Mesh, ...] = ()
-    """What stands about on the table."""
+    """Things on the table."""
 
 
 class _Builder:
@@ -113,7 +113,7 @@ def build_room(options: SimulateOptions, stem_base: Float64, card: Image | None 
     before = len(build.panels)
     _clamp(build, stem_base)
     build.panels[before:] = [replace(panel, turns=True) for panel in build.panels[before:]]
-    # Drawn last and with other numbers: the same seed is the same room with and without them.
+    # Drawn last and with other random numbers, so that a seed gives the same room with and without them.
     build.rng = np.random.default_rng([options.seed, 3])
     _markers(build, options)
     if card is not None:

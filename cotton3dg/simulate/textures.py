@@ -1,6 +1,6 @@
 """Procedural pictures for the surfaces of a room, rich at every scale from a metre to the pixel.
 
-A `Canvas` says how large the surface is and how finely it is painted; every painter returns (H, W, 3) float32 sRGB in
+A `Canvas` has the size of the surface and the fineness of the paint; every painter returns (H, W, 3) float32 sRGB in
 0..1. Image rows run along the surface's height.
 """
 
@@ -17,7 +17,7 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Canvas:
-    """A surface of `width` x `height` m, `density` texels a metre, and the random numbers of what is painted on it."""
+    """A surface of `width` x `height` m, with `density` texels a metre and the random numbers for its paint."""
 
     rng: np.random.Generator
     width: float
@@ -65,7 +65,7 @@ def shaded(image: Image, noise: Image, strength: float) -> Image:
 
 
 def _drawable(image: Image) -> NDArray[np.uint8]:
-    """The picture in 8 bits, for OpenCV draws smooth edges in these only."""
+    """The picture in 8 bits, because OpenCV draws smooth edges in these only."""
     return np.round(255 * image.clip(0, 1)).astype(np.uint8)
 
 

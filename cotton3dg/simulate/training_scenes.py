@@ -1,4 +1,4 @@
-"""Scenes for networks to learn from: a varied plant, leaves, closed bolls, and white things that are no lint.
+"""Scenes for training networks: a varied plant, leaves, closed bolls, and white things that are not lint.
 
 All meshes of a scene are merged; every vertex has a class, every triangle the boll whose lint it belongs to. Metres,
 z up.
@@ -36,12 +36,12 @@ class TrainingScene:
     diameters: Float64
     """(B,) m, of a ball with the volume of the lint's bounding ellipsoid."""
     targets: Float64
-    """(K, 3) m, what is worth looking at: bolls, and things that may be taken for some."""
+    """(K, 3) m, places of interest: bolls, and things that may look like bolls."""
 
 
 @dataclass(frozen=True)
 class Crowd:
-    """How many bolls a scene is to have, and how near to each other."""
+    """The number of bolls in a scene, and their distances."""
 
     bolls: int
     clustered: float
@@ -71,7 +71,7 @@ def build_scene(seed: int, crowd: Crowd | None = None) -> TrainingScene:
     """The scene of a seed; one in eight has no open boll.
 
     Args:
-        crowd: None = as the seed has it.
+        crowd: None = drawn from the seed.
     """
     rng = np.random.default_rng([seed, 11])
     noise = SolidNoise(rng)
@@ -133,7 +133,7 @@ def _sites(rng: np.random.Generator, stem: Float64, branches: list[Branch], coun
 def _add_foliage(
     parts: _Parts, rng: np.random.Generator, noise: SolidNoise, stem: Float64, branches: list[Branch]
 ) -> None:
-    """None to many leaves on stem and branches, curled up by drought or alive; flowers among those that are alive."""
+    """Add none to many leaves on stem and branches, curled up by drought or alive; flowers among living ones."""
     count = int(rng.choice([0, 2, 6, 16], p=[0.25, 0.3, 0.25, 0.2]) * rng.uniform(0.6, 1.5))
     alive = rng.choice([0.0, 0.5, 1.0])
     curves = [stem, *(branch.curve for branch in branches)]
@@ -159,9 +159,9 @@ def _add_foliage(
 
 
 def _add_wisps(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, curves: list[Float64]) -> None:
-    """Strands of lint on the wood, in some scenes.
+    """Add strands of lint on the wood, in some scenes.
 
-    They are of the class `OTHER`: all that is called lint is parted among bolls, and these belong to none.
+    They have the class `OTHER`, because all lint is divided among bolls, and these strands belong to none.
     """
     for _ in range(int(rng.choice([0, 3, 10], p=[0.65, 0.25, 0.1]))):
         curve = curves[int(rng.integers(len(curves)))]
@@ -170,7 +170,7 @@ def _add_wisps(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, curve
 
 
 def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plant: Float64) -> None:
-    """What else stands about: white more often than not, beside, before or behind the plant."""
+    """Add other things, most of them white, beside, before or behind the plant."""
     low, high = plant.min(axis=0), plant.max(axis=0)
     if rng.random() < 0.35:
         parts.add(_table_top(rng, noise), OTHER)
@@ -181,7 +181,7 @@ def _add_things(parts: _Parts, rng: np.random.Generator, noise: SolidNoise, plan
         mesh = shape(rng, noise, colour).moved(
             rotation_to(rng.normal(0, 1, 3) if rng.random() < 0.5 else (0, 0, 1)), middle
         )
-        # A thing inside a boll would be neither.
+        # A thing inside a boll would be neither a thing nor a boll.
         if np.linalg.norm(np.array(parts.targets or [np.full(3, 9.0)]) - middle, axis=1).min() > 0.07:
             parts.add(weather(mesh, noise, rng.uniform(0, 0.15)), OTHER, target=True)
 

@@ -1,4 +1,4 @@
-"""What a simulated plant and its filming truly are, computed from the meshes and the path of the camera."""
+"""The truth about a simulated plant and its filming, computed from the meshes and the path of the camera."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _axis_record(number: int, axis: Axis, first_stalk: int) -> dict[str, Any]:
 
 
 def camera_truth(path: Orbit, options: SimulateOptions, exposures_ev: list[float]) -> dict[str, Any]:
-    """The content of cameras.json; a pose is that of the middle of the exposure."""
+    """The content of cameras.json; poses are those at the middle of the exposure."""
     cameras = path.cameras()
     first = cameras[0]
     lens = {"fx": first.fx, "fy": first.fy, "cx": first.cx, "cy": first.cy}

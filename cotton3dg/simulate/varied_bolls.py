@@ -1,8 +1,8 @@
 """Open bolls of every kind that plants bear: with separate locks, tight, fluffy, drooping, torn by storms, half open,
 yellowed, dirty.
 
-Networks learn from these, where many a boll is of another kind than its neighbours; a plant of `simulate` bears one
-kind, if that is asked for. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
+Networks learn from plants on which many bolls are of another kind than their neighbours; a plant of `simulate` bears
+one kind if an option names it. Lengths are metres; a boll's frame has z along its axis and its foot at the origin.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .organs import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weather
 
 @dataclass(frozen=True)
 class BollKind:
-    """What the locks of one boll have in common; lengths in its diameters."""
+    """The common properties of the locks of one boll; lengths in its diameters."""
 
     locks: int
     width: float
@@ -59,14 +59,14 @@ KINDS: Final = {
     "torn": 0.04,
     "half_open": 0.04,
 }
-"""How often each is drawn."""
+"""How often each kind is drawn."""
 
 
 def draw_kind(rng: np.random.Generator, name: str | None = None, hanging: float = 0.25) -> BollKind:
-    """A kind at random, common ones most often; with a name, one of many that bear it.
+    """A kind at random, common ones most often; with a name, one of the many variants with this name.
 
     Args:
-        hanging: share of those of separate locks that let some hang.
+        hanging: share of the kinds with separate locks that let some locks hang.
     """
     name = name or str(rng.choice(list(KINDS), p=list(KINDS.values())))
     width, length, spread, lean = 0.245, 0.345, 0.235, rng.uniform(0.15, 0.40)
@@ -108,7 +108,7 @@ def draw_kind(rng: np.random.Generator, name: str | None = None, hanging: float 
 
 
 def _set_apart(rng: np.random.Generator, kind: BollKind, hanging: float) -> BollKind:
-    """The kind with a gap between its locks, which are as round or as long, and as far open, as the draw has it.
+    """The kind with a gap between its locks; roundness, length and opening of the locks are drawn.
 
     Locks that lean outwards come nearest below their middles: ellipsoids of half-width w and half-length l, their
     middles s from the boll's axis, touch where w = sqrt(s^2 - (l sin(lean))^2) sin(pi / locks).

@@ -22,11 +22,11 @@ log = logging.getLogger("cotton3dg")
 
 
 def write_training(path: Path, training: Training, key: str, view: View | None = None) -> None:
-    """Save as an uncompressed .npz of plain arrays; `facts` is JSON with everything that is no array.
+    """Save as an uncompressed .npz of plain arrays; `facts` is JSON with everything that is not an array.
 
     Args:
         key: what the training depends on; only a reader with the same key gets it back.
-        view: saved too, where a step with it is what the file is kept for.
+        view: is saved, too, if the file is kept for a step with it.
     """
     fit, adam = training.fit, training.adam
     facts = {name: value for name, value in vars(training).items() if name not in ("fit", "adam", "statistics")}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..core.scene import Gaussians, rotations
 
 FAINTEST_OPACITY: Final = 0.005
-"""As in the paper; about the 1/255 below which a Gaussian changes no pixel."""
+"""As in the paper. It is about 1/255, below which a Gaussian does not change any pixel."""
 
 LEAST_WEIGHT: Final = 0.05
 """Mean blending weight, relative to the median Gaussian's, below which a Gaussian is hidden."""
@@ -47,7 +47,7 @@ class Densified:
 
 
 def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count: int) -> Densified:
-    """Drop what is not kept, then split the neediest Gaussians until there are `count`.
+    """Drop the Gaussians that are not kept, then split the neediest ones until there are `count`.
 
     Args:
         keep: (N,) which Gaussians stay; more than `count` of them are cut to the neediest.
@@ -89,7 +89,7 @@ def find_contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
     """(N,) whether a Gaussian adds to the images: its mean blending weight is at least LEAST_WEIGHT of the median one.
 
     The others hide behind or inside surfaces. They cost memory, never get a gradient that could move them out, and
-    are no part of what the photos show. All stay when nothing has been seen.
+    do not show in the photos. All stay if no image showed any.
 
     Args:
         weight: (N,) blending weights summed over images, as `DensityStatistics` has them.
@@ -154,7 +154,7 @@ def growth_score(abs_grad_px: NDArray, count: NDArray) -> NDArray[np.float64]:
         abs_grad_px: (N,) summed over the images, per px.
         count: (N,) number of images that saw it.
     Returns:
-        Finite and not negative, 0 for Gaussians that nobody saw or whose sums are spoilt.
+        Finite and not negative; 0 for Gaussians that no image saw or whose sums are not finite.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         need = np.asarray(abs_grad_px, np.float64) / np.asarray(count, np.float64)

@@ -45,12 +45,12 @@ GRID_PX: Final = 4
 def find_dense_points(
     views: Sequence[View], points: NDArray, count: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Points on the surfaces that two or more pairs of images agree upon.
+    """Points on the surfaces on which two or more pairs of images agree.
 
     Args:
         views: photos with their cameras.
-        points: (N, 3) some points of the scene, su, that tell how far it is.
-        count: at most so many points, drawn at random.
+        points: (N, 3) some points of the scene, su; they give its distance.
+        count: largest number of points, which are drawn at random.
         seed: of the draw.
     Returns:
         (M, 3) points, su, and (M, 3) uint8 colours; M may be 0.
@@ -148,7 +148,7 @@ def _depths(first: Camera, second: Camera, forward: NDArray, backward: NDArray) 
 
 
 def _agree(estimates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """(P,) median of the depths that at least two estimates agree upon, else NaN."""
+    """(P,) median of the depths on which at least two estimates agree, else NaN."""
     stacked = np.stack(estimates)
     counted = np.isfinite(stacked).sum(axis=0)
     median = np.nanmedian(np.where(counted > 0, stacked, 0.0), axis=0)

@@ -2,8 +2,9 @@
 
 Programs that keep the cameras' frame (INRIA's, gsplat with `--no-normalize-world-space`, Brush, LichtFeld) need nothing
 but their PLY. nerfstudio trains in a frame of its own, x' = scale (R x + t), and writes R, t and scale to
-dataparser_transforms.json (https://docs.nerf.studio/quickstart/data_conventions.html); that is undone here: means,
-sizes, orientations, and the colours' spherical harmonics, which depend on directions in that frame.
+dataparser_transforms.json (https://docs.nerf.studio/quickstart/data_conventions.html). This module undoes the
+transform for means, sizes, orientations, and the colours' spherical harmonics, which depend on directions in that
+frame.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from .quality import LOW_PSNR_DB
 from .trainer import Fit
 
 RIGID: Final = 1e-3
-"""How far a rotation that was saved in single precision may be off."""
+"""Largest error of a rotation that was saved in single precision."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def read_foreign(ply: Path, transforms: Path | None = None) -> Gaussians:
     Args:
         transforms: dataparser_transforms.json of nerfstudio; None = the model is in the cameras' frame.
     Raises:
-        MissingInput: a file is not there. BadInput: a file is no such model, or no such transform.
+        MissingInput: a file is not there. BadInput: a file does not hold such a model, or such a transform.
     """
     for path in (ply, transforms):
         if path and not path.is_file():
@@ -93,12 +94,12 @@ def _after(quats: NDArray, rotation: Float64) -> NDArray[np.float32]:
 
 
 def as_fit(gaussians: Gaussians) -> Fit:
-    """A training without a step of ours."""
+    """A training without any step of this program."""
     return Fit(gaussians, [{"step": 0, "seconds": 0.0, "cpu_seconds": 0.0, "n_gaussians": len(gaussians)}])
 
 
 def explained(outcome: StageOutcome, metrics: TrainMetrics) -> StageOutcome:
-    """What to do about a model that is unlike the images: more steps of ours are no remedy."""
+    """Add what to do about a model that is unlike the images, as more steps of this program do not help."""
     if not metrics.psnr_db < LOW_PSNR_DB:
         return outcome
     doubt = (

@@ -19,14 +19,14 @@ from .flow_points import find_dense_points
 from .random_streams import open_stream
 
 START_OPACITY: Final = 0.5
-"""Not the 0.1 of Kerbl et al. 2023: dense points lie on surfaces, so that less has to be found out (measured: +0.2 dB
-after 1000 steps)."""
+"""Not the 0.1 of Kerbl et al. 2023: dense points lie on surfaces, so the training has less to find out (measured:
++0.2 dB after 1000 steps)."""
 
 SMALLEST_SCALE: Final = 1e-4
 """Floor of a starting scale relative to the median one: points that coincide have no neighbour distance."""
 
 LARGEST_SCALE: Final = 10.0
-"""Cap of a starting scale relative to the median one: lone outliers would else cover the whole image."""
+"""Cap of a starting scale relative to the median one; without it lone outliers would cover the whole image."""
 
 
 START_SHARE: Final = 0.3
@@ -34,18 +34,18 @@ START_SHARE: Final = 0.3
 the room sooner, a smaller one leaves more for thin branches and lint that flow does not find."""
 
 FILL_SHARE: Final = 0.1
-"""Share of the budget that fills the plant region evenly, whatever was found there."""
+"""Share of the budget that fills the plant region evenly, whether points lie there or not."""
 
 FILL_REACH: Final = 0.4
-"""Radius of the filled ball relative to the cameras' distance from what they look at."""
+"""Radius of the filled ball relative to the cameras' distance from their target."""
 
 FILL_OPACITY: Final = 0.1
 """As in Kerbl et al. 2023: most of the filling stands in thin air and has to vanish."""
 
 POINT_OPACITY: Final = 0.1
-"""Of the points of structure from motion alone, as in Kerbl et al. 2023. Cotton3DGaussians writes opacity 1 and unit
-covariance: the logit of 1 is infinite and has no gradient, and opaque Gaussians of 1 su, a third of a metre, hide all
-behind the first one from every ray."""
+"""Opacity at the points of structure from motion alone, as in Kerbl et al. 2023. Cotton3DGaussians writes opacity 1 and
+unit covariance. But the logit of 1 is infinite and has no gradient, and opaque Gaussians of 1 su, a third of a metre,
+hide from every ray everything behind the first one."""
 
 
 def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:
@@ -75,7 +75,7 @@ def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], op
 
 
 def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Gaussians:
-    """`count` faint grey Gaussians, evenly spread over the ball that the cameras look at; they hardly overlap."""
+    """`count` faint grey Gaussians, evenly spread over the ball at which the cameras look; they hardly overlap."""
     orbit = fit_orbit(cameras)
     rng = open_stream(seed, "filling")
     directions = rng.normal(size=(count, 3))

@@ -1,4 +1,4 @@
-"""What the training is given of a capture: photos, corrected for those effects of the camera that are there."""
+"""The photos of a capture that the training uses, corrected for the effects of the camera that they show."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from .effects.exposure import VISIBLE, correct, estimate_exposure
 from .effects.motion import Tracks, find_longest_tracks
 
 MOTION_POINTS: Final = 600
-"""The points seen in the most images suffice for what the camera's motion did to the images."""
+"""Number of points, those seen in the most images, that suffice to find the effects of the camera's motion."""
 
 
 Found = TypeVar("Found", MotionBlurFound, RollingShutterFound)
 
 
 class SparseModel(NamedTuple):
-    """What structure from motion says of the undistorted images, as `io.colmap` reads it."""
+    """The result of structure from motion for the undistorted images, as `io.colmap` reads it."""
 
     cameras: Sequence[Camera]
     """At the full size of the images."""
@@ -40,7 +40,7 @@ class SparseModel(NamedTuple):
 
 @dataclass(frozen=True)
 class Capture:
-    """The photos as trained on and as judged by."""
+    """The photos for training and those for judging."""
 
     views: list[View]
     """As filmed, in order of name."""
@@ -49,8 +49,8 @@ class Capture:
     held_out: list[View]
     """As filmed."""
     held_out_gains: list[Float64]
-    """(3,) for each, to be put on its render. They are found in the judged image itself, from the points in it: three
-    numbers of each image are no test of the model."""
+    """(3,) for each image; its render is multiplied by them. They come from the points in the judged image itself,
+    because three numbers of an image do not test the model."""
     effects: Effects
 
 
@@ -61,7 +61,7 @@ def capture_of(
 
     Args:
         views: in order of name.
-        frames: of a video also say when the images were taken; None of cameras that come from elsewhere, as `sfm`.
+        frames: for a video they also hold the times of the images; None if the cameras come from elsewhere than `sfm`.
     """
     decision, gains = _exposure(views, model, options)
     effects = Effects(decision, sfm.distortion if sfm else None, *_motion(views, model, _times(frames, views)))
@@ -75,7 +75,7 @@ def capture_of(
 def _exposure(views: list[View], model: SparseModel, options: TrainOptions) -> tuple[ExposureDecision, Float64]:
     """Whether the images are brought to a common exposure, and the gains (V, 3) of each.
 
-    Held-out images have no part in the decision, nor in the gains of the others.
+    Held-out images affect neither the decision nor the gains of the others.
     """
     none, option = np.ones((len(views), 3)), options.exposure
     if option == "off":
@@ -104,7 +104,7 @@ def _exposure(views: list[View], model: SparseModel, options: TrainOptions) -> t
 def _motion(
     views: list[View], model: SparseModel, times: Float64 | None
 ) -> tuple[MotionBlurFound | None, RollingShutterFound | None]:
-    """What the camera's motion did to the images of a video: reported, never modelled (docs/training.md says why)."""
+    """The effects of the camera's motion on a video's images: reported, never modelled (docs/training.md says why)."""
     if times is None:
         return None, None
     tracks = _tracks(model, times)
@@ -117,7 +117,7 @@ def _motion(
 
 
 def motion_blur_of(views: list[View], model: SparseModel, frames: FramesInfo) -> blurring.MotionBlur | None:
-    """Of images alone, as `capture_of` finds it; None of photos.
+    """The motion blur from images alone, as `capture_of` finds it; None for photos.
 
     Args:
         views: of the model's cameras, in order of name.
@@ -131,13 +131,13 @@ def _tracks(model: SparseModel, times: Float64) -> Tracks:
 
 
 def _found(kind: type[Found], estimate: object, **others: Any) -> Found:
-    """What the document says of an effect: the estimate's values of the same names, and `others`."""
+    """An effect for the document: the estimate's values of the same names, and `others`."""
     names = {item.name for item in fields(kind)} - {"on", *others}
     return kind(on=False, **{name: getattr(estimate, name) for name in names}, **others)
 
 
 def _times(frames: FramesInfo | None, views: list[View]) -> Float64 | None:
-    """When the images were taken, in frames of the video; None of photos and of cameras that come from elsewhere."""
+    """Times of the images, in frames of the video; None for photos and for cameras that come from elsewhere."""
     if frames is None or frames.video is None:
         return None
     taken_s = {image.name: image.timestamp_s for image in frames.images}

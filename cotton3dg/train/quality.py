@@ -17,16 +17,16 @@ from .photos import Capture
 from .trainer import Fit
 
 LOW_PSNR_DB: Final = 22.0
-"""Below this the render is visibly blurred, and traits measured on it are doubtful."""
+"""PSNR below which the render is visibly blurred, and traits measured on it are doubtful."""
 USED_BUDGET: Final = 0.9
-"""A model with less of the Gaussians that it may have is blurred where it could be sharp."""
+"""Share of its budget of Gaussians below which a model is blurred where it could be sharp."""
 COMPARISONS: Final = 4
 """Held-out photos that are shown beside their renders."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What is to be told of a model."""
+    """The results of judging a model."""
 
     metrics: TrainMetrics
     comparisons: dict[str, NDArray[np.uint8]]
@@ -48,10 +48,10 @@ def judged(result: Fit, capture: Capture) -> Judged:
 
 
 def metrics_of(result: Fit, qualities: list[ViewQuality], pixel_su: float) -> TrainMetrics:
-    """What metrics.json says of a model.
+    """The content of metrics.json.
 
     Args:
-        pixel_su: size of a training image's pixel at what the cameras look at.
+        pixel_su: size of a training image's pixel at the point at which the cameras look.
     """
     last = result.history[-1]
     return TrainMetrics(

@@ -1,4 +1,4 @@
-"""Random numbers of the training: from one seed, for each purpose a stream of its own."""
+"""Random numbers of the training: one seed gives each purpose a stream of its own."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ import numpy as np
 
 
 def open_stream(seed: int, purpose: str) -> np.random.Generator:
-    """The numbers that `purpose` draws with `seed`; those of another purpose have nothing to do with them."""
+    """The random stream of `purpose` with `seed`; it is independent of the streams of other purposes."""
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])

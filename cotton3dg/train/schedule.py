@@ -1,4 +1,4 @@
-"""What a training does at which step: it follows from the views and the options alone."""
+"""The plan of a training, step by step. It follows from the views and the options alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..options import TrainOptions
 from .random_streams import open_stream
 
 COARSEST_SIDE_PX: Final = 200
-"""Images are not reduced below this: there is nothing left to learn from."""
+"""Images are not reduced below this size: smaller ones do not teach anything."""
 
 LEVEL_SHARES: Final = {1: (1.0,), 2: (0.3, 0.7), 3: (0.15, 0.25, 0.6)}
 """Share of the steps at each resolution, coarse to fine, by the number of resolutions."""
@@ -31,44 +31,45 @@ DENSIFY_EVERY: Final = 0.014
 """Length of such a stretch as a share of the steps, rounded to whole epochs: one with `standard` and `draft`."""
 
 DENSIFY_UNTIL: Final = 0.4
-"""Share of the steps after which it is settled: when the finest images come, so that most of the costly steps can look
-at the plant alone."""
+"""Share of the steps after which the density is settled. The finest images come then, so that most of the costly steps
+can use the plant alone."""
 
 FEWEST_DENSIFICATIONS: Final = 4
-"""Where whole epochs leave room for fewer, so many changes share the time: each at most doubles the number."""
+"""Least number of changes. Where whole epochs leave room for fewer, this many share the time, as each at most doubles
+the number of Gaussians."""
 
 PAPER_STEPS: Final = 30_000
-"""Length of training in Kerbl et al. 2023, which their learning rates are made for."""
+"""Length of training in Kerbl et al. 2023, for which their learning rates are made."""
 
 SHORTEST_STEPS: Final = 250
-"""Shorter trainings have the rates of this length: longer steps overshoot."""
+"""Shorter trainings have the rates of this length, as longer steps overshoot."""
 
 SETTLING_FROM: Final = 0.75
 SETTLED: Final = 0.1
 """From this share of the steps on the rates fall, to this share of themselves, so that the model settles."""
 
 SURROUNDINGS_GROWTH: Final = 2.5
-"""How much longer the steps of means and log scales get for each radius of the plant region that they are beyond it:
-a room's Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
+"""How much longer the steps of means and log scales get with each radius of the plant region beyond it. A room's
+Gaussians are some ten times as large as a plant's, and the rate that suits a boll leaves a wall unfinished."""
 
 SURROUNDINGS_MEANS: Final = 20.0
 SURROUNDINGS_LOG_SCALES: Final = 3.0
-"""How many times as long they become at most."""
+"""Largest factor by which these steps become longer."""
 
 SURROUNDINGS_STEPS: Final = 500
-"""In trainings of fewer steps all are as long as they can be."""
+"""Trainings of fewer steps make all these steps as long as possible."""
 
 SH_RAISED_EVERY: Final = 0.15
 """Share of the steps after which the degree of the colour rises by one."""
 
 WHOLE_EVERY: Final = 4
-"""Once the number of Gaussians is settled, a view is trained on whole in one of so many epochs, else on the window that
-shows the plant."""
+"""Once the number of Gaussians is settled, one epoch in this many trains on whole views; the others train on the window
+that shows the plant."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """What a training does at which step: it follows from the views and the options alone."""
+    """The plan of a training, step by step."""
 
     options: TrainOptions
     cameras: list[Camera]
@@ -101,7 +102,7 @@ class Schedule:
         return next(level for until, level in self.levels if step < until)[self.order[step]]
 
     def window(self, step: int) -> Window | None:
-        """What of its view a step looks at; None = all of it."""
+        """The part of its view that a step uses; None = all of it."""
         coarse = [until for until, _ in self.levels[:-1]]
         if step < max([*coarse, *self.densifications[-1:]], default=0):
             return None
@@ -116,9 +117,9 @@ class Schedule:
         return learning_rates(step, self.options.steps, self.orbit.distance, self.around)
 
     def hidden_are_known(self, done: int) -> bool:
-        """Whether the steps since the last densification before `done` looked at every view as a whole.
+        """Whether the steps since the last densification before `done` used every view as a whole.
 
-        Else what only the missed views show would be called hidden.
+        Otherwise Gaussians that only the missed views show would count as hidden.
         """
         begin = max((step for step in self.densifications if step < done), default=0)
         seen = {self.order[step] for step in range(begin, done) if self.window(step) is None}
@@ -141,7 +142,7 @@ def levels(side_px: int, steps: int) -> list[tuple[int, int]]:
 def densification_steps(steps: int, n_views: int) -> range:
     """Numbers of finished steps after which the density is controlled.
 
-    They follow whole epochs, in which every view has its say. Short trainings, with room for fewer than
+    They follow whole epochs, so that every view counts. Short trainings, with room for fewer than
     FEWEST_DENSIFICATIONS of these, do not wait for the end of an epoch.
     """
     until = round(DENSIFY_UNTIL * steps)
@@ -183,7 +184,7 @@ def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings
 
 
 def surroundings(orbit: Orbit, steps: int) -> Surroundings:
-    """Where a training of `steps` steps takes longer ones."""
+    """The surroundings in which a training of `steps` steps takes longer steps."""
     if steps < SURROUNDINGS_STEPS:
         return NO_SURROUNDINGS
     x, y, z = orbit.centre

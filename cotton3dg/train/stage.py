@@ -41,8 +41,8 @@ COST_SLICES: Final = 20
 """Parts of a training over which its cost takes the number of Gaussians as constant."""
 
 WINDOWED: Final = 0.6
-"""What a step costs on average, relative to one on the whole image, once most look at the plant alone: the plant's
-window is a third of the image."""
+"""Mean cost of a step, relative to a step on the whole image, once most steps use the plant alone. The plant's window
+is a third of the image."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -71,7 +71,7 @@ def load_capture(workspace: Workspace, options: TrainOptions) -> Capture:
     """The photos with their cameras, corrected for the effects that are there."""
     views, sparse = load_views(workspace, options.max_side), workspace.undistorted / "sparse"
     model = SparseModel(read_cameras(sparse), read_tracks(sparse), read_positions(sparse))
-    # Neither file is there where the cameras come from elsewhere.
+    # Neither file exists where the cameras come from elsewhere.
     frames, sfm = FramesInfo.load_if_there(workspace.frames_json), SfmInfo.load_if_there(workspace.sfm_json)
     return capture_of(views, model, frames, sfm, options)
 
@@ -95,13 +95,13 @@ def load_views(workspace: Workspace, max_side: int) -> list[View]:
 
 
 def load_start(workspace: Workspace, options: TrainOptions, views: list[View]) -> Gaussians:
-    """What the training begins with."""
+    """The Gaussians from which the training starts."""
     points, colours, _, _ = read_points(workspace.undistorted / "sparse")
     return start_gaussians(points, colours, views, options)
 
 
 def load_windows(workspace: Workspace, options: TrainOptions, views: list[View]) -> list[Window | None]:
-    """What of each view shows the plant; None = all of it."""
+    """The part of each view that shows the plant; None = all of it."""
     if not options.plant_window:
         return [None] * len(views)
     points, _, _, _ = read_points(workspace.undistorted / "sparse")
@@ -123,7 +123,7 @@ def save_model(workspace: Workspace, result: Fit, capture: Capture) -> StageOutc
 def _fitted(
     workspace: Workspace, options: TrainOptions, views: list[View], progress: Progress, watch: Stopwatch
 ) -> Fit:
-    """Train, going on where an interrupted training of the same images with the same options was last saved."""
+    """Train, or resume an interrupted training of the same images with the same options where it was last saved."""
     key = _training_key(workspace, options)
 
     def save(training: Training) -> None:
@@ -144,7 +144,7 @@ def _fitted(
 
 
 def _training_key(workspace: Workspace, options: TrainOptions) -> str:
-    """Hash of all that decides what a training makes."""
+    """Hash of everything that determines the result of a training."""
     facts = [
         __version__,
         STAGE.version,

@@ -31,27 +31,27 @@ MOST_REJECTED: Final = 0.02
 """Share of the steps that may be rejected for a non-finite loss before training counts as failed."""
 
 FEWEST_REJECTED: Final = 10
-"""So many rejected steps are tolerated in the shortest training."""
+"""Number of rejected steps that even the shortest training tolerates."""
 
 RECORDED_EVERY: Final = 50
 """Steps between two entries of the history."""
 
 UNUSABLE: Final = ("non_finite", "degenerate")
-"""Reasons for culling that tell of numerical trouble; the others tell of Gaussians out of view."""
+"""Reasons for culling that mean numerical trouble; the others mean that a Gaussian is out of view."""
 
 SAVED_EVERY_S: Final = 60.0
 """Seconds between two saves of the training, so that no interruption costs more."""
 
 CLOSEST: Final = 0.15
-"""Nothing solid is nearer to a camera than this share of the cameras' distance from what they look at."""
+"""Nothing solid is nearer to a camera than this share of the cameras' distance from their target."""
 
 PLANT_NEED: Final = 5.0
 """How much more a Gaussian in the plant region needs splitting than one of the room with the same gradient."""
 
 LARGEST_IN_PLANT: Final = 0.01
 """Longest σ in the plant region relative to the cameras' distance: some 1.2 cm where a plant fills the image, a third
-of a boll, so that surfaces to be measured are sampled even where lint is too white to call for it. Half of it spends a
-small budget on the table top and leaves nothing for detail."""
+of a boll, so that the measured surfaces are sampled even where lint is too white to cause splits. Half of this length
+would spend a small budget on the table top and leave nothing for detail."""
 
 LARGEST_IN_ROOM: Final = 0.05
 """Longest σ elsewhere relative to the distance from the orbit's centre."""
@@ -59,7 +59,7 @@ LARGEST_IN_ROOM: Final = 0.05
 
 @dataclass
 class Fit:
-    """The model and what is known about its making."""
+    """The model and the record of its training."""
 
     gaussians: Gaussians
     history: list[dict[str, Any]] = field(default_factory=list)
@@ -69,17 +69,17 @@ class Fit:
     culled: dict[str, int] = field(default_factory=dict)
     """Gaussians skipped for being numerically unusable, by reason, over all steps."""
     n_skipped: int = 0
-    """Updates of single Gaussians left out, over all steps, because their gradient was not finite. Who is skipped all
-    the time counts as seen by no view and is pruned."""
+    """Updates of single Gaussians left out, over all steps, because their gradient was not finite. A Gaussian that is
+    always skipped counts as seen by no view and is pruned."""
     n_pruned: int = 0
     n_split: int = 0
     budget: int | None = None
-    """How many Gaussians there may be; None where none were to be added."""
+    """Largest number of Gaussians; None where the training adds none."""
 
 
 @dataclass
 class Training:
-    """A training between two steps: all that it needs, besides its arguments, to go on as if it had never stopped."""
+    """A training between two steps: its state, which with its arguments suffices to go on as if it never stopped."""
 
     fit: Fit
     adam: AdamState
@@ -104,7 +104,7 @@ Watch = Callable[[int, Gaussians], None]
 """Called after every step with the number of steps done and the current Gaussians, which it must not change."""
 
 Save = Callable[[Training], None]
-"""Called between two steps with what has to be written down at once: the next step changes it."""
+"""Called between two steps with the state, which has to be saved at once because the next step changes it."""
 
 Keep = Callable[[Training, View], None]
 """Called with the state and the view of the first rejected step, for diagnosis."""
@@ -122,12 +122,12 @@ def fit(
 ) -> Fit:
     """Train `start` on `views`; the same arguments give the same result, bit by bit, on one machine and build.
 
-    A `Training` that `save` was given at any step, with otherwise the same arguments, leads to the same result too;
+    A `Training` that `save` received at any step leads to the same result, too, if the other arguments are the same;
     it is used up.
 
     Args:
-        windows: what of each view shows the plant (plant_windows.py), None = all of it. They take most of the last
-            steps, after the last densification: before it every view has to show what it does not need.
+        windows: the part of each view that shows the plant (plant_windows.py), None = all of it. Most of the last
+            steps, after the last densification, use them: before it every view has to show what it does not need.
     Raises:
         ValueError: `start` is larger than the budget.
         StageFailed: the loss was not finite in more than MOST_REJECTED of the steps, or every Gaussian was lost.
@@ -214,7 +214,7 @@ def _recorded(training: Training, done: int, width_px: int) -> dict[str, Any]:
 
 
 def _drop_superfluous(training: Training, schedule: Schedule) -> None:
-    """Leave out what no view needed since the last densification."""
+    """Drop the Gaussians that no view needed since the last densification."""
     result = training.fit
     keep = _find_worth_keeping(training, schedule.options.steps, schedule)
     if keep.any():
@@ -223,7 +223,7 @@ def _drop_superfluous(training: Training, schedule: Schedule) -> None:
 
 
 def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> None:
-    """Count what one step skipped or rejected."""
+    """Record what one step skipped or rejected."""
     for reason in UNUSABLE:
         result.culled[reason] = result.culled.get(reason, 0) + report.culled.get(reason, 0)
     result.n_skipped += report.n_skipped
@@ -239,7 +239,7 @@ def _note(result: Fit, report: StepReport, step: int, name: str, steps: int) -> 
 def _densify(
     gaussians: Gaussians, keep: NDArray[np.bool_], statistics: DensityStatistics, orbit: Orbit, count: int
 ) -> densify.Densified:
-    """Density control that favours the plant: what the cameras look at is what gets measured."""
+    """Density control that favours the plant, because the plant is measured."""
     distances = np.linalg.norm(gaussians.means - orbit.centre, axis=1)
     inside = distances <= PLANT_REGION * orbit.distance
     need = densify.growth_score(statistics.abs_grad_px, statistics.count) * np.where(inside, PLANT_NEED, 1.0)

@@ -1,4 +1,4 @@
-"""What a person says of the bolls, applied to them: merged, split, deleted, added."""
+"""Applies a person's corrections of the bolls: merged, split, deleted, added."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..geometry.point_sets import find_compact_part, measure_extent
 from ..schemas.corrections import Correction, Place
 
 NEAR: Final = 0.5
-"""A boll is the one that was meant when its centre is no farther from the place than this many of its diameters."""
+"""Largest distance, in diameters of the boll, between its centre and the place of a correction that refers to it."""
 LEAST_GAUSSIANS: Final = 5
 REACH: Final = 0.9
-"""An added boll reaches no farther than this many usual diameters around its place: bolls differ, and picks err."""
+"""Reach of an added boll around its place, in usual diameters: bolls differ, and picks err."""
 AS_WHITE: Final = 0.2
-"""It is of Gaussians that are as white as this quantile of the other bolls'; darker ones are wood and leaves."""
+"""Quantile of the other bolls' whiteness that the Gaussians of an added boll reach; darker ones are wood and leaves."""
 USUAL_CM: Final = 4.5
-"""Diameter of an open boll, where no other boll of the plant tells it."""
+"""Diameter of an open boll, used where the plant has no other boll to take it from."""
 ADDED_OPACITY: Final = 0.1
-"""Fainter Gaussians are haze and no part of an added boll."""
+"""Least opacity of an added boll's Gaussians; fainter ones are haze."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Corrected:
     """Bolls after the corrections."""
 
     bolls: list[BollInstance]
-    """Those that nothing was said of keep their numbers; of merged ones the smallest number stays."""
+    """Bolls without a correction keep their numbers; of merged bolls the smallest number stays."""
     origins: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    """Boll that was corrected -> the bolls that it was; none of an added one."""
+    """Corrected boll -> the bolls that it was before; none for an added boll."""
     words: dict[int, str] = field(default_factory=dict)
-    """Boll that was corrected -> what was done."""
+    """Corrected boll -> the correction in words."""
     applied: int = 0
     refused: tuple[str, ...] = ()
-    """Why a correction does not apply, one a correction."""
+    """The reason for each correction that does not apply."""
 
     @property
     def added(self) -> list[int]:
@@ -115,7 +115,7 @@ def apply_corrections(
 
 
 def _scene_place(place: Place, correction: Correction, model: str, frame: PlantFrame | None) -> Float64 | None:
-    """(3,) su of a place; None where this scene cannot tell."""
+    """(3,) su of a place; None if it is unknown in this scene."""
     if place.centre_su is not None and correction.model == model:
         return np.array(place.centre_su, np.float64)
     if place.centre_cm is not None and frame is not None and np.isfinite(place.centre_cm).all():
@@ -133,7 +133,7 @@ def _boll_at(place: Float64, bolls: dict[int, BollInstance]) -> int | None:
 
 
 def _of(boll: BollInstance, boll_id: int, indices: NDArray[np.int64], gaussians: Gaussians) -> BollInstance:
-    """A boll of other Gaussians, on a person's word."""
+    """A boll with other Gaussians, which a person chose."""
     centre, widths = measure_extent(gaussians.means[indices])
     return replace(
         boll,
@@ -153,7 +153,7 @@ def _merged(boll_id: int, bolls: list[BollInstance], gaussians: Gaussians) -> Bo
 
 
 def _split(boll: BollInstance, gaussians: Gaussians, new_id: int) -> tuple[BollInstance, BollInstance] | None:
-    """Two halves by Lloyd's algorithm from the ends of the boll's longest axis; None of too few Gaussians."""
+    """Two halves by Lloyd's algorithm from the ends of the boll's longest axis; None if it has too few Gaussians."""
     from scipy.cluster.vq import kmeans2
 
     points = np.asarray(gaussians.means[boll.indices], np.float64)
@@ -180,7 +180,7 @@ def _added(
     frame: PlantFrame | None,
     boll_id: int,
 ) -> BollInstance | str:
-    """A boll of the usual size at a place, of Gaussians that are no other boll's; or why there can be none."""
+    """A boll of the usual size at a place, from Gaussians of no other boll; or the reason why there cannot be one."""
     if not places or not (bolls or frame):
         return "neither another boll nor a scale tells how large it may be" if places else "its place is not known"
     usual_su = USUAL_CM / frame.scale.cm_per_su if frame else np.nan

@@ -1,10 +1,10 @@
-"""What the traits of a plant and of its bolls may be off by: standard errors, from what usually goes wrong.
+"""Standard errors of the traits of a plant and of its bolls, from the usual sources of error.
 
-Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, each
-view's own and what all views have in common; with a boll's shape; and where bolls touch, with where one ends and the
-next begins. A count errs with the views' agreement on each boll, and where bolls touch by bolls that are lost in
-another or counted twice. The constants marked "fitted" were chosen so that intervals hold the truth of films of
-tests/accuracy/coverage.py and of path-traced plants (docs/notes/stated_errors.md has which, and how well).
+Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, both each
+view's own error and the common one of all views; with a boll's shape; and, where bolls touch, with the border between
+them. A count errs with the views' agreement on each boll and, where bolls touch, with bolls that are lost in another or
+counted twice. The constants marked "fitted" were chosen so that intervals hold the truth of films of
+tests/accuracy/coverage.py and of path-traced plants (docs/notes/stated_errors.md says which, and how well).
 """
 
 from __future__ import annotations
@@ -19,77 +19,80 @@ from numpy.typing import NDArray
 from ..core.measurements import BollTraits, Scale
 
 COVERED: Final = 1.96
-"""Standard errors to either side of a value that make its 95 % interval."""
+"""Standard errors on either side of a value that make its 95 % interval."""
 SIZE_PX: Final = 0.25
 """Standard error of height and of canopy besides the scale's, in pixels of the training images. Fitted."""
 SMEARED_SIZE: Final = 0.04
-"""Standard error of canopy, as a share of the motion blur: walking around a plant smears it sideways. Fitted."""
+"""Standard error of canopy, as a share of the motion blur, because a walk around a plant smears it sideways. Fitted."""
 SHAPE: Final = 0.33
-"""Relative standard error of a boll's volume, however large it is in the images, of what its hull lacks of a ball of
-its diameter: the farther from round, the more of the hull is lint that no image shows. Fitted."""
+"""Relative standard error of a boll's volume, whatever its size in the images, for each share by which its hull falls
+short of a ball of its diameter: the less round it is, the more of the hull is lint that no image shows. Fitted."""
 EDGE_PX: Final = 0.1
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE: Final = 8
-"""Views that err alike, for they see the same rim."""
+"""Number of views that err alike, because they see the same rim."""
 SHARED_EDGE_PX: Final = 0.02
-"""Standard error of where all masks of a plant put their edges, at either side of a boll, ..."""
+"""Standard error of the edges that all masks of a plant have in common, at either side of a boll, ..."""
 SHARED_BLUR: Final = 0.004
-"""... and by how much of the motion blur the edges lie farther out. Both fitted."""
+"""... and share of the motion blur by which the edges lie farther out. Both fitted."""
 SEEN_ALL_ROUND_DEG: Final = 60.0
-"""A walk that lacks no more than this has seen all sides."""
+"""Largest gap of a walk that has seen all sides."""
 UNSEEN: Final = 0.04
-"""Relative standard error of all volumes by sides that no image shows, where the walk lacks 100 degrees more. Fitted to
-five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
+"""Relative standard error of all volumes by sides that no image shows, for each further 100 degrees that the walk
+lacks. Fitted to five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
 BEHIND: Final = 0.03
-"""Probability that a boll is hidden behind others all along a walk that lacks 280 degrees, and is not counted: of two
-simulated plants filmed so, one lost one of 16. Walks that lack 160 degrees lost none of 77."""
+"""Probability that others hide a boll all along a walk that lacks 280 degrees, so that it is not counted. Of two
+simulated plants filmed so, one lost one of 16 bolls. Walks that lack 160 degrees lost none of 77."""
 BLURRED_SHARE: Final = 0.25
-"""Motion blur, of a boll's width, from which the plant has a flag."""
+"""Motion blur, as a share of a boll's width, from which the plant has a flag."""
 NEIGHBOUR: Final = 1.2
 """Distance of their middles, in mean diameters, up to which two bolls may touch."""
 PARTED: Final = 1.3
-"""Relative standard error of a touching boll's volume from where it was parted from its neighbour, for the square of
-how much nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
+"""Relative standard error of a touching boll's volume from its border with its neighbour, times the square of how much
+nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
 UNROUND: Final = 0.045
-"""A touching boll whose volume is so much less of a ball's of its diameter than that of the plant's bolls in the middle
-is perhaps two in one, ..."""
+"""A touching boll is perhaps two in one if the ratio of its volume to a ball of its diameter is this much less than the
+median of the plant's bolls, ..."""
 IS_TWO: Final = 0.45
-"""... and this often is: 16 of 36 on films of tests/accuracy/coverage.py (of other touching bolls 12 of 543). ..."""
+"""... and is so with this probability: 16 of 36 on films of tests/accuracy/coverage.py (other touching bolls: 12 of
+543). ..."""
 AS_IF_NEAR: Final = 0.8
 """... Its volume errs as if a neighbour were no farther away."""
 PARTED_IN_SUM: Final = 0.5
-"""So much of that counts in the plant's volume: what one of two loses its neighbour gains, and a lost boll's volume is
-not all lost. Fitted."""
+"""Share of that error that counts in the plant's volume: one of two bolls gains what the other loses, and a part of a
+lost boll's volume remains. Fitted."""
 MISCOUNTED: Final = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
 BY_COLOUR_VOLUME: Final = 0.09
 """Relative standard error of the plant's volume from masks by colour alone (`lint`), which lose shaded sides: -16 to
 +15 % on six path-traced plants."""
 BY_COLOUR_MISCOUNTED: Final = 0.45
-"""Standard error of the count from such masks, of the bolls that touch: they merge all over the plant or nowhere."""
+"""Standard error of the count from such masks, as a share of the touching bolls: they merge all over the plant or
+nowhere."""
 HALVES_DIFFER: Final = 0.05
-"""Of the larger of two counts, by either half of the images; one boll more or less is nothing to speak of."""
+"""Difference of the counts by either half of the images, as a share of the larger one, from which the plant has a flag.
+A difference of one boll does not matter."""
 CROWDED_SHARE: Final = 0.3
 """Share of touching bolls from which the plant has a flag."""
 
 
 @dataclass(frozen=True)
 class Filming:
-    """How the plant was filmed, as far as all its bolls err by that."""
+    """How the plant was filmed, as far as it affects the errors of all its bolls."""
 
     blur_px: float = 0.0
     """Motion blur of the training images."""
     gap_deg: float = 0.0
-    """Largest part of the walk around the plant that no image is of."""
+    """Largest part of the walk around the plant without an image."""
     whole: bool = True
-    """Whether there are images that show the plant whole; of bolls beyond the frame nobody knows."""
+    """Whether there are images that show the plant whole; bolls beyond the frame are unknown."""
 
 
 WELL_FILMED: Final = Filming()
 
 
 def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float64]:
-    """(B,) distance of each boll's nearest neighbour, in mean diameters of the two; infinite without one, also where
+    """(B,) distance of each boll's nearest neighbour, in mean diameters of the two; infinite without one, and where
     place or diameter is NaN.
 
     Args:
@@ -111,7 +114,7 @@ def find_unround(nearest: NDArray, roundness: NDArray) -> NDArray[np.bool_]:
     """(B,) which bolls are perhaps two in one, by their shape.
 
     Args:
-        nearest: (B,) as `nearest_neighbours` says. roundness: (B,) volume by that of a ball of the same diameter.
+        nearest: (B,) from `nearest_neighbours`. roundness: (B,) volume by that of a ball of the same diameter.
     """
     known = roundness[np.isfinite(roundness)]
     if not len(known):
@@ -120,8 +123,8 @@ def find_unround(nearest: NDArray, roundness: NDArray) -> NDArray[np.bool_]:
 
 
 def parted_error(nearest: NDArray) -> NDArray[np.float64]:
-    """(B,) relative standard error of volumes from where bolls were parted from the neighbour this far away; 0 of those
-    that stand apart."""
+    """(B,) relative standard error of volumes from the border with the neighbour at this distance; 0 for bolls that
+    stand apart."""
     return PARTED * np.maximum(NEIGHBOUR - nearest, 0.0) ** 2
 
 
@@ -131,7 +134,7 @@ def size_error_cm(
     """Standard error of the plant's height or canopy.
 
     Args:
-        others_cm: what it may be as well.
+        others_cm: other possible values.
         blur_px: motion blur along it.
     """
     if scale is None:
@@ -152,13 +155,13 @@ def boll_volume_error(
 ) -> float:
     """Relative standard error of a boll's volume; NaN without a scale or a diameter.
 
-    By what all bolls of the plant share, scale and edges, and by what it has for itself: its shape, a neighbour, and
-    its diameter in each view that shows it, of which only one in `ALIKE` counts. A diameter's error is three times that
-    in the volume.
+    It has a part that all bolls of the plant share, from scale and edges, and a part of its own, from its shape, a
+    neighbour, and its diameter in each view that shows it; only one view in `ALIKE` counts. The relative error of a
+    diameter counts three times in the volume.
 
     Args:
         volume_su3: of its convex hull; diameter_su: mean width of it.
-        nearest: how far its nearest neighbour is, as `nearest_neighbours` says.
+        nearest: distance of its nearest neighbour, from `nearest_neighbours`.
     """
     if scale is None or not diameter_su > 0:
         return np.nan
@@ -176,10 +179,10 @@ def plant_volume_error_cm3(
     by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> float:
-    """Standard error of the sum of the bolls' volumes: what they share adds up, the rest adds in squares.
+    """Standard error of the sum of the bolls' volumes: shared errors add up, the others add in squares.
 
     Args:
-        nearest: (B,) as `nearest_neighbours` says. by_colour: whether the masks are by colour alone.
+        nearest: (B,) from `nearest_neighbours`. by_colour: whether the masks are by colour alone.
     """
     if scale is None or not filming.whole:
         return np.nan
@@ -195,14 +198,14 @@ def plant_volume_error_cm3(
 
 
 def _shared(diameter: float, pixel: float, filming: Filming) -> float:
-    """Relative error that a volume has in common with the plant's others, of edges that lie too far out all around and
-    of sides that were not filmed. Both lengths in one unit."""
+    """Relative error that a volume has in common with the others of the plant, from edges that lie too far out all
+    around and from sides that were not filmed. Both lengths in one unit."""
     by_edges = 6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * filming.blur_px) * pixel / diameter
     return float(np.hypot(by_edges, UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100))
 
 
 def blurs_bolls(blur_px: float, pixel: float, diameters: NDArray) -> bool:
-    """Whether the images are so blurred, for the width of the bolls in them, that the plant has a flag.
+    """Whether the images are so blurred, relative to the width of the bolls, that the plant has a flag.
 
     Args:
         pixel, diameters: in one unit; NaN where a boll has none.
@@ -219,14 +222,14 @@ def count_error(
     n_unround: int = 0,
     filming: Filming = WELL_FILMED,
 ) -> float:
-    """Standard error of the number of bolls, were each one's confidence its probability; NaN without bolls, and of a
-    plant that no image shows whole.
+    """Standard error of the number of bolls, with each one's confidence as its probability; NaN without bolls, and for
+    a plant that no image shows whole.
 
     Args:
-        halves: what either half of the images counts. Two counts with one variance differ by twice that in the mean of
-            the squares; the count of all images is taken to be no surer than that of half of them.
+        halves: counts by either half of the images. The mean squared difference of two counts with one variance is
+            twice the variance; the count by all images is assumed to be no surer than that by half of them.
         by_colour: whether the masks are by colour alone.
-        n_unround: bolls that are perhaps two, as `find_unround` says; they are counted as one.
+        n_unround: number of bolls that are perhaps two, by `find_unround`; they are counted as one.
     """
     if not len(confidences) or not filming.whole:
         return np.nan

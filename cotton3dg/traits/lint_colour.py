@@ -1,8 +1,8 @@
 """Colour of the lint, by the grey patches of the plant's card in the same photo.
 
-The patches make grey levels reflectances, each channel for itself: that is white balance, exposure and the camera's
-curve in one. Reflectances are those of a matt surface that lies beside the card; lint that turns away from the light,
-or that shades itself, is as much darker.
+The patches turn grey levels into reflectances, separately for each channel: that corrects white balance, exposure and
+the camera's curve at once. Reflectances are those of a matt surface that lies beside the card; lint that turns away
+from the light, or shades itself, is darker accordingly.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 FEWEST_LEVELS: Final = 3
 CLIPPED: Final = 250
 MOST_CLIPPED: Final = 0.05
-"""Share of burnt-out pixels from which a view says nothing of a boll."""
+"""Share of burnt-out pixels from which a view does not count for a boll."""
 LEAST_PIXELS: Final = 30
 FEWEST_VIEWS: Final = 3
 XYZ_OF_SRGB: Final = np.array(
@@ -35,12 +35,12 @@ BRADFORD: Final = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367]
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the grey levels of one photo stand for."""
+    """The reflectances of the grey levels of one photo."""
 
     levels: Float64
     """(L, 3) of the patches, ascending."""
     roots: Float64
-    """(L,) reflectances of these to the power 1/2.2, which grey levels are nearly proportional to."""
+    """(L,) reflectances of these to the power 1/2.2; grey levels are nearly proportional to them."""
 
     def reflectance(self, values: NDArray) -> Float64:
         """(N, 3) of (N, 3) grey levels; straight on beyond the brightest and the darkest patch."""
@@ -58,7 +58,7 @@ class Calibration:
 
 
 def calibrate(patches: NDArray, reflectances: Sequence[float]) -> Calibration | None:
-    """What a photo's patches say; None if too few are usable.
+    """The calibration by a photo's patches; None if too few are usable.
 
     Args:
         patches: (L, 3) grey levels from white to black, NaN where burnt out. reflectances: of these, 0..1.

@@ -40,13 +40,14 @@ from .surface import as_drawn, sample_surface_of_volume, surface_rows
 from .truncation import doubt_whole
 
 ALPHA: Final = 0.25
-"""Radius of the ball that rolls over a boll, in diameters: it enters between boll and branch, not between locks."""
+"""Radius of the ball that rolls over a boll, in diameters. It enters between boll and branch, not between locks."""
 NEAR_CLAMP: Final = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM: Final = (2.5, 7.0)
-"""Mean widths of open bolls, 3.5 to 6.5 cm, and a margin. Two that touch have more, a lock or a label less."""
+"""Mean widths of open bolls, 3.5 to 6.5 cm, with a margin. Two touching bolls are wider, a lock or a label is
+narrower."""
 UNSURE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
-"""Flags of what may be no boll, or two: as likely as not, when the count's error is stated."""
+"""Flags of bolls that may be none or two; the count's error takes either for as likely as not."""
 UNROUND_FLAG: Final = "unround"
 DOUBTFUL_SHARE: Final = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
@@ -54,7 +55,7 @@ DOUBTFUL_SHARE: Final = 0.1
 
 @dataclass(frozen=True)
 class Measured:
-    """A plant and what is to be said about it."""
+    """A plant with its traits, flags and warnings."""
 
     plant: Plant | None
     """Among the Gaussians; None without a scale, or where nothing stands on the table."""
@@ -98,9 +99,9 @@ def measure_parts(
     Args:
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
-        cameras: of the images, to tell whether they show the plant whole; none of a model that came without.
-        filming: how the plant was filmed; whether whole is found here.
-        added: ids of bolls that a person added, so that they are of the plant wherever they are.
+        cameras: of the images, to decide whether they show the plant whole; none for a model that came without images.
+        filming: how the plant was filmed; this function finds whether it is whole.
+        added: ids of bolls that a person added; they belong to the plant wherever they are.
     """
     concerns: dict[str, str] = {}
     plant = None
@@ -139,7 +140,7 @@ def measure_whole(
     """The plant's size, and its row.
 
     Args:
-        halves: bolls that either half of the images counts, where that is known.
+        halves: counts of bolls by either half of the images, where they are known.
         by_colour: whether the masks are by colour alone, without a network.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """
@@ -167,10 +168,10 @@ def measure_whole(
 
 
 def mark_corrections(before: Measured, after: Measured, corrected: Corrected, moved_corners: int = 0) -> Measured:
-    """What was measured after the corrections, with what they changed in columns of their own.
+    """The measures after the corrections, with the changes in columns of their own.
 
     Args:
-        moved_corners: corners of the table that were moved, which changes the scale of all.
+        moved_corners: number of the table's corners that were moved, which changes the scale of all bolls.
     """
     volumes = {boll.boll_id: boll.volume_cm3 for boll in before.bolls}
 
@@ -208,7 +209,7 @@ def measure_bolls(
     apart: Collection[int] = (),
     filming: Filming = WELL_FILMED,
 ) -> list[BollTraits]:
-    """Volume, diameter and place of each boll; without a scale or foot what needs them is NaN.
+    """Volume, diameter and place of each boll; traits that need a scale or a foot are NaN without it.
 
     Args:
         drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
@@ -218,7 +219,7 @@ def measure_bolls(
         filming: how the plant was filmed.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
-    volume the Gaussians' ellipsoids are blown up until their hull is that large.
+    volume the Gaussians' ellipsoids are scaled until their hull has that volume.
     """
     cm = scale.cm_per_su if scale else np.nan
     surfaces = [drawn[boll.indices[surface_rows(drawn[boll.indices])]] for boll in bolls]
@@ -274,15 +275,15 @@ def summarise_plant(
     by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> PlantTraits:
-    """The plant's row. Its volume is that of the bolls whose volume is known; NaN where there are none.
+    """The plant's row. Its volume is that of the bolls whose volume is known; NaN without any.
 
-    What does not hang on the plant has no part in it but for the count's error: it may be a boll after all.
+    Bolls that do not hang on the plant only affect the count's error, because they may belong to it after all.
 
     Args:
         pixel_su, halves, by_colour, filming: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
-    What its traits may be off by is in error_model.py.
+    The errors of its traits are in error_model.py.
     """
     flags = []
     confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])

@@ -16,7 +16,7 @@ from ..core.scene import Float64, Gaussians, rotations
 from .surface import MIN_OPACITY
 
 MAX_LENGTH_CM: Final = 6.0
-"""Two standard deviations of the longest Gaussian a straight piece of stem may be covered by; the room's are larger."""
+"""Two standard deviations of the longest Gaussian that may cover a straight piece of stem; the room's are larger."""
 MAX_BREADTH_CM: Final = 3.0
 """The same across it."""
 MARGIN_CM: Final = 25.0
@@ -27,24 +27,25 @@ VOXEL_CM: Final = 0.8
 BRIDGE_CM: Final = 3.0
 """Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
 BOLL_BRIDGE_CM: Final = 6.0
-"""The same of a boll."""
+"""The same gap for a boll."""
 STANDING_CM: Final = 10.0
-"""A boll beyond such a gap is none of this plant if it reaches down so near to the table, or is not above it: something
-white beside the plant, or one that fell. Higher up the branch is missing, not the boll's hold."""
+"""A boll beyond such a gap does not belong to the plant if it reaches down this near to the table, or is not above it:
+it is something white beside the plant, or a boll that fell. Higher up the model only lacks the branch."""
 MIN_PART: Final = 4
-"""Gaussians of a part beyond a gap; smaller ones are floaters."""
+"""Least number of Gaussians of a part beyond a gap; smaller parts are floaters."""
 LOST_REACH_CM: Final = 12.0
-"""How far from the plant solid specks in the air may be the rest of a twig that the model lacks in between. Where none
-is missing there is hardly one: of 35 models of plants they changed the size of one, which had lost a twig of 20 cm."""
+"""Distance from the plant up to which solid specks in the air may be the rest of a twig whose middle the model lacks.
+Where no twig is missing there is hardly a speck: of 35 models of plants they changed the size of one, which had lost a
+twig of 20 cm."""
 LOST_OPACITY: Final = 0.3
 LOST_BREADTH_CM: Final = 0.5
-"""Twigs are covered by needles of a millimetre; what floats about is as thick as a finger."""
+"""Largest breadth of such specks. Twigs are covered by needles of a millimetre; floaters are as thick as a finger."""
 LONELY: Final = 6
-"""Other specks within a bridge's width; more are a thing of its own that stands beside the plant."""
+"""Largest number of other specks within a bridge's width; more are a separate thing beside the plant."""
 MOST_LOST: Final = 12
-"""More of them are a noisy model, as real photos make it, and tell nothing about twigs."""
+"""Largest number of such specks. More come from a noisy model, as real photos give it, and not from twigs."""
 STEM_LAYERS: Final = 8
-"""Layers of 1 cm above the clamp in which the stem is sought."""
+"""Layers of 1 cm above the clamp in which the stem is searched."""
 STEM_RADIUS_CM: Final = 1.5
 
 
@@ -57,9 +58,9 @@ class Plant:
     foot: Float64
     """(3,) su, where the stem meets the table."""
     stem_found: bool
-    """False: no stem rises from the clamp, so the foot is below the middle of the plant."""
+    """Whether a stem rises from the clamp; else the foot is below the middle of the plant."""
     apart: NDArray[np.bool_]
-    """(N,) Gaussians of bolls that do not hang together with the stem, and are no part of the plant."""
+    """(N,) Gaussians of bolls that are not connected with the stem, and do not belong to the plant."""
 
 
 def table_coordinates(scale: Scale, points: NDArray) -> Float64:
@@ -71,13 +72,13 @@ def table_coordinates(scale: Scale, points: NDArray) -> Float64:
 def isolate_plant(
     gaussians: Gaussians, scale: Scale, clamp_height_cm: float, boll_of: NDArray[np.int64] | NDArray[np.bool_]
 ) -> Plant | None:
-    """Find the plant: what is connected with the stem above the clamp, and its bolls.
+    """Find the plant: all that is connected with the stem above the clamp, and its bolls.
 
     Args:
-        clamp_height_cm: what stands on the table and holds the plant reaches so high.
-        boll_of: (N,) the boll that each Gaussian is of, 0 = none; without a stem all belong to the plant.
+        clamp_height_cm: height of the clamp that stands on the table and holds the plant.
+        boll_of: (N,) boll of each Gaussian, 0 = none; without a stem all bolls belong to the plant.
     Returns:
-        None when nothing stands on the table.
+        None if nothing stands on the table.
     """
     places, boll_rows = table_coordinates(scale, gaussians.means), boll_of > 0
     half = np.ptp(table_coordinates(scale, scale.corners)[:, :2], axis=0) / 2
@@ -95,7 +96,7 @@ def isolate_plant(
     bolls, samples = boll_rows[candidates], _axis_points(gaussians[candidates], places[candidates], scale)
     standing = ~above | (places[:, 2] < STANDING_CM)
     high = boll_rows & ~np.isin(boll_of, boll_of[boll_rows & standing])
-    # Mugs and tubes beside the plant may be fuller than its stem, but hold no bolls.
+    # Mugs and tubes beside the plant may have more Gaussians than its stem, but do not hold bolls.
     holds = find_connected(samples, high[candidates]) if high.any() else np.ones(len(candidates), bool)
     stem = fit_stem_axis(places[candidates[holds & kept[candidates]]], floor_cm) or fit_stem_axis(
         places[kept], floor_cm
@@ -130,13 +131,13 @@ def isolate_plant(
 def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] | None:
     """Where the stem's axis meets the table and where it leaves the layers above the clamp.
 
-    The stem is the one thing that goes up through all layers: the place (within `STEM_RADIUS_CM`) that most layers of
-    1 cm have Gaussians at, of equal ones the fullest. Its axis is fitted to the layers' medians and continued down.
+    Only the stem goes up through all layers: it is the place (within `STEM_RADIUS_CM`) where most layers of 1 cm have
+    Gaussians, among equal ones the fullest. Its axis is fitted to the layers' medians and continued down.
 
     Args:
         places: (N, 3) cm.
     Returns:
-        Two points (3,) cm, or None when nothing reaches through half of the layers.
+        Two points (3,) cm, or None if nothing reaches through half of the layers.
     """
     from scipy.spatial import cKDTree
 
@@ -144,7 +145,7 @@ def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] |
     if len(low) < STEM_LAYERS:
         return None
     layers = (low[:, 2] - floor_cm).astype(int)
-    # Stems lean: they are looked for in the lower layers' places, with room for 20 degrees.
+    # Stems lean, so they are searched around the lower layers' places, with room for 20 degrees.
     tree = cKDTree(low[:, :2])
     near = tree.query_ball_point(low[:, :2], STEM_RADIUS_CM)
     scores = [(len(set(layers[rows])), len(rows)) for rows in near]
@@ -160,10 +161,10 @@ def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] |
 
 
 def find_connected(samples: Float64, seeds: NDArray[np.bool_], bridge_cm: float = BRIDGE_CM) -> NDArray[np.bool_]:
-    """Which bodies hang together with the seeds.
+    """Which bodies are connected with the seeds.
 
-    Bodies whose samples share a voxel or lie in touching ones form a part. Parts with a seed are taken; then, as long
-    as there are any, parts of at least `MIN_PART` bodies within `bridge_cm` of what is taken.
+    Bodies whose samples share a voxel or lie in touching voxels form a part. Parts with a seed are taken; then, as long
+    as there are any, parts of at least `MIN_PART` bodies within `bridge_cm` of the taken ones.
 
     Args:
         samples: (N, S, 3) cm, points that each of N bodies covers.
@@ -194,7 +195,7 @@ def find_connected(samples: Float64, seeds: NDArray[np.bool_], bridge_cm: float 
 
 
 def find_lost_tips(gaussians: Gaussians, plant: Plant, scale: Scale, clamp_height_cm: float) -> NDArray[np.bool_]:
-    """(N,) solid Gaussians that hang in the air near the plant, few together and held by nothing.
+    """(N,) solid Gaussians that float in the air near the plant, few together and without support.
 
     Args:
         clamp_height_cm: as for `isolate_plant`.

@@ -1,4 +1,4 @@
-"""Height and canopy of a plant, and what is to be said where the end of a twig may be lost."""
+"""Height and canopy of a plant, with flags where the end of a twig may be lost."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .published import NO_PUBLISHED_SIZE, PublishedSize, box_of_means
 from .surface import SAMPLES, sample_visible_surface
 
 TIP_OPACITY: Final = 0.2
-"""Opacity at which twigs end: thinner than a pixel, they are drawn fainter than what half covers one. Heights and
-canopies of 58 rendered plants are then right on average; docs/notes/stated_errors.md."""
+"""Opacity at which twigs end. A twig thinner than a pixel is drawn fainter than a thing that half covers the pixel.
+With this value heights and canopies of 58 rendered plants are right on average; docs/notes/stated_errors.md."""
 FAINT_OPACITY: Final = 0.1
-"""What is fainter is haze as a rule; yet the end of a twig of half a pixel may be ..."""
+"""Opacity below which Gaussians are haze as a rule. Yet the end of a twig of half a pixel may be as faint ..."""
 FAINT_SHARE: Final = 0.02
-"""... where the plant would be larger by so much with it."""
+"""... where the plant would be larger by this share with it."""
 TOP_RANK: Final = 2
-"""The plant is as high as the second highest of its Gaussians: a floater is no top."""
+"""Rank of the Gaussian whose height is the plant's: the second highest, because the highest may be a floater."""
 LOST_SHARE: Final = 0.01
-"""Of height or canopy, by which ends of twigs that the model lacks make the plant larger, from which on it has a
-flag."""
+"""Share of height or canopy from which on the plant has a flag, when ends of twigs that the model lacks make it larger
+by as much."""
 END_CM: Final = 1.0
 """Standard error of where a twig ends that only the photos show (plant_map/thin_twigs.py)."""
 END_SPACING_CM: Final = 0.25
 TURNED_AREA: Final = 0.01
-"""Two rectangles around the plant whose areas differ by less, as a share, may both be the least, ..."""
+"""Share by which the areas of two rectangles around the plant may differ if both may be the least one, ..."""
 TURNED_CANOPY: Final = 0.01
-"""... and the plant's canopy is that of either if these differ by more: the one may be long, the other square."""
+"""... and share by which their canopies then differ if either may be the plant's: one may be long, the other square."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class PlantSize:
     width_cm: float = nan
     hull_volume_cm3: float = nan
     turned_canopy_cm: float = nan
-    """Of the rectangle that may be the least as well and whose canopy differs most; `canopy_cm` without such a one."""
+    """Canopy of the rectangle that may also be the least and differs most; `canopy_cm` without such a rectangle."""
     published: PublishedSize = NO_PUBLISHED_SIZE
 
     @property
@@ -64,10 +64,10 @@ class PlantSize:
 
 @dataclass(frozen=True)
 class Sized:
-    """A plant's size and what is to be said about it."""
+    """A plant's size, with the doubts about it."""
 
     size: PlantSize | None = None
-    """None when nothing of the plant is opaque."""
+    """None if no part of the plant is opaque."""
     other: PlantSize | None = None
     """Another size that it may have; its difference is an error."""
     concerns: dict[str, str] = field(default_factory=dict)
@@ -77,7 +77,7 @@ class Sized:
 def size_plant(
     drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, thin_ends: Sequence[NDArray] = ()
 ) -> Sized:
-    """The size of a plant, to the ends of its twigs as far as model and photos show them.
+    """The size of a plant, up to the ends of its twigs as far as model and photos show them.
 
     Args:
         drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
@@ -116,7 +116,7 @@ def measure_silhouette(
         opaque: opacity at which the plant ends.
         beyond: (P, 3) su, places on twigs that the model lacks.
     Returns:
-        None when nothing of the plant is opaque.
+        None if no part of the plant is opaque.
     """
     surface = sample_visible_surface(drawn[plant.rows], opaque)
     if not len(surface):
@@ -141,7 +141,7 @@ def measure_places(places: Float64, tops: Float64, middles: Float64, unsure_cm: 
     length_cm, width_cm = map(float, min_area_rectangle(places[:, :2]).sides)
     height = float(np.sort(tops)[-TOP_RANK:][0])
     hull = convex_volume(np.vstack([places, np.zeros(3)])).value
-    # A scanner's line of points has no width.
+    # A line of points from a scanner does not have a width.
     area = max(TURNED_AREA, unsure_cm / width_cm) if width_cm else TURNED_AREA
     turned_cm = _turned_canopy_cm(places[:, :2], (length_cm + width_cm) / 2, area)
     published = box_of_means(middles)
@@ -149,7 +149,7 @@ def measure_places(places: Float64, tops: Float64, middles: Float64, unsure_cm: 
 
 
 def _turned_canopy_cm(places: Float64, canopy_cm: float, area: float) -> float:
-    """`PlantSize.turned_canopy_cm` of (N, 2) places; rectangles of so much more area, as a share, may be the least."""
+    """`PlantSize.turned_canopy_cm` of (N, 2) places; a rectangle with this share more area may also be the least."""
     canopies_cm = nearly_least_rectangles(places, area).mean(axis=1)
     turned_cm = float(canopies_cm[np.argmax(np.abs(canopies_cm - canopy_cm))])
     return turned_cm if abs(turned_cm - canopy_cm) > TURNED_CANOPY * canopy_cm else canopy_cm
@@ -168,7 +168,7 @@ def _with_ends(
 def _with_lost_tips(
     drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, silhouette: PlantSize
 ) -> PlantSize | None:
-    """The size if specks beside the plant, or else what of it is faint, were of it, where that makes a difference."""
+    """The size with specks beside the plant, or else with its faint parts, where that makes a difference."""
     tips = find_lost_tips(drawn, plant, scale, clamp_cm)
     for rows, opaque, share in ((plant.rows | tips, TIP_OPACITY, LOST_SHARE), (plant.rows, FAINT_OPACITY, FAINT_SHARE)):
         size = measure_silhouette(drawn, replace(plant, rows=rows), scale, opaque)

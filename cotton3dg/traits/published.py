@@ -4,8 +4,8 @@ A boll's volume is that of the convex hull of its Gaussians' means; the plant's 
 oriented box around the means of its Gaussians, and its canopy the mean of that box's other two sides. Reading: the foot
 of the stem, which the clamp hides, belongs to the plant, else every plant would be shorter by the clamp.
 
-What the defaults do otherwise: means lie inside of a surface, so their hull is smaller than the boll; a box along the
-principal axes leans with the plant, so its sides are neither height nor width.
+The defaults differ for two reasons: means lie inside a surface, so their hull is smaller than the boll; and a box along
+the principal axes leans with the plant, so its sides are neither height nor width.
 """
 
 from __future__ import annotations

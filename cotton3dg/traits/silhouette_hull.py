@@ -1,9 +1,9 @@
 """The convex body that a set of Gaussians shows when it is rendered alone.
 
-Gaussians say what is opaque, not where a surface is: few large ones and many small ones may render alike, while the
-hull of their centres, or of ellipsoids of a fixed number of standard deviations, differs by half of the volume. What
-training fitted to the photos are silhouettes. So the body is looked at from all sides, as if nothing else were there,
-and the planes that touch its silhouettes bound it.
+Gaussians describe opacity, not surfaces: few large ones and many small ones may render alike, while the hull of their
+centres, or of ellipsoids of a fixed number of standard deviations, differs by half of the volume. The training fitted
+silhouettes to the photos. So the body is viewed from all sides, as if nothing else were there, and the planes that
+touch its silhouettes bound it.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.boxes import fibonacci_directions
 
 OPAQUE: Final = 0.5
-"""Opacity at which a silhouette ends, of Gaussians as wide as they are drawn (`surface.as_drawn`): a pixel that is half
-covered is the edge. Nothing is fitted here: with exact masks, the bolls of two path-traced plants come out at 1.00 and
-1.02 of their volume with a spread of 2 % between bolls."""
+"""Opacity at which a silhouette ends, for Gaussians as wide as they are drawn (`surface.as_drawn`): the edge is a pixel
+that is half covered. This value is not fitted: with exact masks, the bolls of two path-traced plants come out at 1.00
+and 1.02 of their volume with a spread of 2 % between bolls."""
 VIEWS: Final = 24
 RAYS: Final = 24
 """Directions in each silhouette."""
 STEPS: Final = 40
 """Places along a ray."""
 FAINT: Final = 1e-7
-"""Opacity anywhere on a ray below which a Gaussian makes no difference there."""
+"""Opacity anywhere on a ray below which a Gaussian does not matter there."""
 
 
 def opaque_hull(gaussians: Gaussians) -> Float64:
-    """Corners (P, 3) of the convex body around what is opaque of some Gaussians, su; none where nothing is.
+    """Corners (P, 3) of the convex body around the opaque part of some Gaussians, su; none if nothing is opaque.
 
-    Orthographic silhouettes from `VIEWS` sides; in each, the outermost place along each ray from the middle at which
-    the opacity 1 - Π(1 - o exp(-d²/2)) reaches `OPAQUE`. Each ray's direction and the silhouette's reach along it give
-    a half-space, and their intersection is the body: about 1 % more volume than the body itself has, for their number.
+    Orthographic silhouettes are taken from `VIEWS` sides. Each consists of the outermost places along rays from the
+    middle at which the opacity 1 - Π(1 - o exp(-d²/2)) reaches `OPAQUE`. Each ray's direction and the silhouette's
+    reach along it give a half-space, and their intersection is the body. With this number of half-spaces its volume is
+    about 1 % larger than that of the body itself.
     """
     from scipy.spatial import HalfspaceIntersection, QhullError
 
@@ -73,7 +74,7 @@ def _trace_silhouette(means: Float64, covariances: Float64, opacities: Float64, 
         means: (N, 2). covariances: (N, 2, 2). opacities: (N,). rays: (RAYS, 2) unit vectors. reach: length of the rays.
     """
     radii = np.linspace(0, reach, STEPS)
-    # A needle seen end on has no extent at all.
+    # A needle seen end on does not have any extent.
     a, b, d = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
     floor = (1e-4 * reach) ** 2
     a, d = a + floor, d + floor

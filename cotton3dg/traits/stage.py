@@ -125,7 +125,7 @@ def _measure(
     scale_info: ScaleInfo,
     pixel_su: float,
 ) -> tuple[Measured, Corrected | None, PlantMap]:
-    """What was measured, a person's corrections, and the map; to the ends of twigs that only the photos show."""
+    """The measures, a person's corrections, and the map, up to the ends of twigs that only the photos show."""
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     masks = MasksInfo.load_if_there(workspace.masks_json)
     halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
@@ -188,7 +188,7 @@ def _corrected(
     """The bolls after a person's corrections; None without any.
 
     Args:
-        scale: as it was found, which places in corrections refer to; plant: by it.
+        scale: as it was found; places in corrections refer to it. plant: by this scale.
     """
     said = Corrections.load_if_there(workspace.corrections_json)
     if not said or not said.of(*OF_BOLLS):
@@ -217,7 +217,7 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
 
 
 def _map(gaussians: Gaussians, parts: Parts, cameras: list[Camera], trails: Sequence[NDArray] = ()) -> PlantMap:
-    """The map of what was measured; nothing without a plant or a stem."""
+    """The map of the plant; empty without a plant or a stem."""
     scale, plant = parts.scale, parts.plant
     if scale is None or plant is None:
         return PlantMap((), (), "no_scale" if scale is None else "no_plant")
@@ -231,7 +231,7 @@ def _map(gaussians: Gaussians, parts: Parts, cameras: list[Camera], trails: Sequ
 def _thin_twigs(
     workspace: Workspace, gaussians: Gaussians, plant: Plant, scale: Scale, cameras: list[Camera], plant_map: PlantMap
 ) -> list[Trail]:
-    """Twigs that go on in the photos where the model lets them end; none of a model that came without its photos."""
+    """Twigs that go on in the photos where they end in the model; none for a model that came without its photos."""
     photos = {camera.name: workspace.undistorted_image(camera.name) for camera in cameras}
     if not all(photo.exists() for photo in photos.values()):
         return []
@@ -258,7 +258,7 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
 
 
 def _filming(workspace: Workspace, cameras: list[Camera]) -> Filming:
-    """Blur where the trainer found it, and what the walk left out; nothing of a model that came without images."""
+    """Blur where the trainer found it, and the gap of the walk; neither for a model that came without images."""
     effects = Effects.load_if_there(workspace.effects_json)
     found = effects.motion_blur if effects else None
     blur_px = found.median_px if found and found.found else 0.0
@@ -266,7 +266,7 @@ def _filming(workspace: Workspace, cameras: list[Camera]) -> Filming:
 
 
 def _cameras(workspace: Workspace) -> list[Camera]:
-    """Those of the plant's images; none of a model that came without."""
+    """The cameras of the plant's images; none for a model that came without images."""
     sparse = workspace.undistorted / "sparse"
     return read_cameras(sparse) if sparse.is_dir() else []
 
@@ -274,7 +274,7 @@ def _cameras(workspace: Workspace) -> list[Camera]:
 def _evidence(
     workspace: Workspace, scale: Scale | None, metrics: TrainMetrics, flags: tuple[str, ...]
 ) -> PlantEvidence:
-    """What earlier stages say about capture and cost, None where they do not; `flags` are added to theirs."""
+    """The facts about capture and cost from earlier stages, None where they lack; `flags` are added to theirs."""
     sfm = SfmInfo.load_if_there(workspace.sfm_json)
     records = [record for record in map(workspace.read_record, EARLIER_STAGES) if record]
     return PlantEvidence(

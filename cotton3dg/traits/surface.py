@@ -17,14 +17,14 @@ MIN_OPACITY: Final = 0.1
 SAMPLES: Final = 32
 """Points on each ellipsoid."""
 DILATION_PX2: Final = 0.3
-"""What the renderer adds to both variances of every projected Gaussian (native/src/scene.h)."""
+"""The renderer adds this to both variances of every projected Gaussian (native/src/scene.h)."""
 
 
 def as_drawn(gaussians: Gaussians, pixel_su: float) -> Gaussians:
     """Gaussians as wide as the images show them.
 
-    Training fits what is drawn, and everything is drawn half a pixel wider than it is; a body of the Gaussians as they
-    are saved is too small by that much, 10 % of a boll's volume at 960 px and 15 % at 480 px.
+    The training fits the drawn image, and everything is drawn half a pixel wider than it is. A body of the saved
+    Gaussians is therefore too small by 10 % of a boll's volume at 960 px and by 15 % at 480 px.
 
     Args:
         pixel_su: width of a pixel of the training images at the plant.
@@ -64,7 +64,7 @@ def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.fl
 
 
 def sample_surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:
-    """Points on the ellipsoids that are as large as makes their common convex hull have a volume, su."""
+    """Points on the ellipsoids at the size at which their common convex hull has the given volume, su."""
     low, high = 0.0, 4.0
     # To 4 / 2^8 standard deviations.
     for _ in range(8):

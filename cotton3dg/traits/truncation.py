@@ -1,4 +1,4 @@
-"""Whether the images show the plant whole: of what no image shows, nothing can be measured."""
+"""Whether the images show the plant whole, because parts that no image shows cannot be measured."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 
 EDGE: Final = 0.01
-"""Width of the frame's edge, in longer sides of the image. What lies there ends there: the model has nothing beyond."""
+"""Width of the frame's edge, in longer sides of the image. A part that lies there ends there, as the model has nothing
+beyond."""
 LEAST_SHARE: Final = 0.003
 """Share of a plant that lies outside of an image or on its edge when the frame cuts it."""
 OFTEN: Final = 0.25
-"""Share of the images from which on it matters: bolls lose views, and beyond what all images cut nothing is known."""
+"""Share of the images from which on the cut matters: bolls lose views, and parts cut off by all images are unknown."""
 
 NEARLY_ALWAYS: Final = 0.9
-"""Share of the images from which on no size is stated: where the plant ends, none of them shows."""
+"""Share of the images from which on no size is stated, because none of them shows where the plant ends."""
 
 
 def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
@@ -34,7 +35,7 @@ def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
 
 
 def find_beheaded(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
-    """Names of the images whose top or sides cut a plant of (N, 3) points, su; what the bottom cuts is its foot."""
+    """Names of the images whose top or sides cut a plant of (N, 3) points, su; the bottom only cuts its foot."""
     cut = []
     for camera in cameras:
         pixels, depths = camera.project(plant)
@@ -46,8 +47,8 @@ def find_beheaded(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
 
 
 def doubt_whole(plant: NDArray, cameras: Sequence[Camera]) -> tuple[str, bool]:
-    """What to warn of when the frame cuts a plant often, empty where it does not; and whether nearly all images cut it
-    so that its size cannot be measured."""
+    """A warning if the frame cuts a plant often, else an empty text; and whether nearly all images cut it, so that its
+    size cannot be measured."""
     cut = find_cut(plant, cameras)
     if len(cut) <= OFTEN * len(cameras):
         return "", False

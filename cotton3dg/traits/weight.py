@@ -10,12 +10,12 @@ from typing import Final
 from ..schemas.weights import Line, WeightModel
 
 COVERAGE: Final = 0.95
-"""Of the prediction interval."""
+"""Coverage of the prediction interval."""
 
 
 @dataclass(frozen=True)
 class Weight:
-    """Of one plant, g; NaN where it cannot be predicted."""
+    """Weight of one plant, g; NaN where it cannot be predicted."""
 
     seed_cotton_g: float = math.nan
     low_g: float = math.nan
@@ -24,7 +24,7 @@ class Weight:
 
 
 def predict_weight(model: WeightModel, measured: Mapping[str, float]) -> Weight:
-    """By the first line of the model whose predictor was measured.
+    """Predict by the first line of the model whose predictor was measured.
 
     Args:
         measured: column of traits.csv -> value, NaN where there is none.

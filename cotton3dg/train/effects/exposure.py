@@ -1,9 +1,9 @@
-"""Did the camera change its exposure or white balance along the way? What triangulated points look like in each image
-tells, before any training; only if they did are the images brought to common brightness.
+"""Finds whether the camera changed its exposure or white balance along the way, and corrects the images if it did.
 
-A point keeps its colour; its logarithm in an image is that colour plus the image's gain. Both follow from all
-observations by robust least squares. sRGB is near enough to a power law for a factor of the light to be a factor of
-the values, except where they saturate: such observations are left out.
+The colours of triangulated points in each image show it before any training. A point keeps its colour. The logarithm
+of its colour in an image is the point's own plus the image's gain, and both follow from all observations by robust
+least squares. sRGB is close to a power law, so a factor of the light is a factor of the values, except where they
+saturate; such observations are left out.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ DARKEST: Final = 15
 BRIGHTEST: Final = 235
 """Values between which a channel is neither noise nor saturated."""
 MOST_POINTS: Final = 2000
-"""The points seen in the most images suffice: they tie distant images together."""
+"""Number of points that are used, those seen in the most images: they tie distant images together."""
 FEWEST_OBSERVATIONS: Final = 20
-"""Of an image; with fewer its gain would be a guess, and it stays as it is."""
+"""Least number of observations of an image. With fewer its gain would be a guess, and the image stays as it is."""
 PATCH_PX: Final = 3
 """Side of the square whose mean is a point's colour in an image."""
 HUBER: Final = 1.5
 """Residuals beyond this many standard deviations lose weight: highlights and wrong matches."""
 ROUNDS: Final = 5
-"""Of reweighting; after these the gains move by less than a tenth of their error."""
+"""Rounds of reweighting. After these the gains move by less than a tenth of their error."""
 
 VISIBLE: Final = 0.01
-"""Standard deviation of log gains that is corrected: on mid-grey it is an error 46 dB below white, which begins to
-count beside the 30 to 35 dB of a model."""
+"""Standard deviation of the log gains from which they are corrected. On mid-grey it is an error 46 dB below white,
+which begins to count beside the 30 to 35 dB of a model."""
 CERTAIN: Final = 3.0
 """... and it must exceed its own standard error by this factor, ..."""
 ALIKE: Final = 0.9
-"""... and dark and bright points must tell of the same changes. (0.99 of two films whose exposure changed, 0.4 to 0.7
-of three real sets of photos, one of which lost 2 dB when it was corrected.)"""
+"""... and dark and bright points must show the same changes. (0.99 for two films whose exposure changed, 0.4 to 0.7
+for three real sets of photos; one of these lost 2 dB when it was corrected.)"""
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ class Exposure:
     """Standard error of a log gain, from the green of two halves of the points."""
     n_observations: int
     likeness: float = 1.0
-    """Correlation of the log gains that the dark and the bright half of the points tell, all channels: what the camera
-    did, it did to both; a gleam or haze that comes and goes with the direction of view has other effects on each."""
+    """Correlation of the log gains from the dark and from the bright half of the points, all channels. The camera
+    changes both alike; a gleam or haze that comes and goes with the direction of view affects each differently."""
 
     @property
     def varies(self) -> bool:
-        """Whether correcting it is worth the while."""
+        """Whether the exposure varies enough to correct it."""
         return self.spread > VISIBLE and self.spread > CERTAIN * self.error and self.likeness > ALIKE
 
 
@@ -75,10 +75,10 @@ def estimate_exposure(
         views: V photos with their cameras.
         places_px: for each view (K, 2) where it shows triangulated points, in pixels of its camera.
         points: for each view (K,) the numbers of those points.
-        fitted: (V,) which views the points get their colours from; None = all. The gains of the others follow from
+        fitted: (V,) views from which the points get their colours; None = all. The gains of the others follow from
             those colours and change nothing else.
     Returns:
-        Gains of 1 and an infinite error where the points tell nothing.
+        Gains of 1 and an infinite error where the points do not determine them.
     """
     n, fitted = len(views), np.ones(len(views), bool) if fitted is None else fitted
     colours, rows, ids = _observe(views, places_px, points, fitted)
@@ -124,7 +124,7 @@ def _compare(
     ids: NDArray[np.int64],
     used: NDArray[np.bool_],
 ) -> Float64:
-    """(3,) log gain of a view that was not fitted: the median by which its points are brighter than in those that were.
+    """(3,) log gain of a view that was not fitted: the median by which its points are brighter than in fitted views.
 
     Args:
         logs: (V, 3) log gains of the fitted views.
@@ -141,9 +141,9 @@ def _compare(
 def _observe(
     views: Sequence[View], places_px: Sequence[Float64], points: Sequence[NDArray[np.int64]], fitted: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64]]:
-    """Log colours (K, 3) of what is neither dark nor saturated, view (K,) and number of the point (K,) from 0 on.
+    """Log colours (K, 3) that are neither dark nor saturated, view (K,) and number of the point (K,) from 0 on.
 
-    Only of points that at least two `fitted` views show.
+    Only points that at least two `fitted` views show are among them.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""How fast the picture moves at the triangulated points: what motion blur and a rolling shutter would act on."""
+"""How fast the picture moves at the triangulated points; motion blur and a rolling shutter depend on it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...core.scene import Camera, Float64
 Int64 = NDArray[np.int64]
 
 FARTHEST: Final = 3.0
-"""An image whose neighbours are farther away in time than so many times the usual has no known speed."""
+"""An image has no known speed if its neighbours are farther away in time than this many times the usual interval."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ def find_longest_tracks(
 
 
 def measure_velocities(tracks: Tracks) -> Float64:
-    """(K, 2) px a frame of the video: how the camera's way from the image before to the one after moves each point.
+    """(K, 2) px a frame of the video: how the camera's way from the image before to the image after moves each point.
 
-    NaN where those are too far apart in time. Shaking in between is not seen.
+    NaN where these images are too far apart in time. Shaking in between does not show.
     """
     last = len(tracks.cameras) - 1
     before, after = np.maximum(tracks.views - 1, 0), np.minimum(tracks.views + 1, last)

@@ -3,8 +3,8 @@
 Motion averages the picture over a line, and along it edges become ramps as long as the way. The gradient along the
 motion then resembles itself farther than the gradient across: its correlation is that of the sharp picture smeared by a
 triangle, the line's own correlation. Around triangulated points the sharp picture is much the same in both directions
-(corners and spots are what is matched best), so that the correlation across stands for it, and the length is the one
-whose triangle makes the one out of the other.
+(corners and spots match best), so the correlation across stands for the sharp picture, and the length is the one whose
+triangle turns the correlation across into the one along.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ VISIBLE_PX: Final = 2.0
 CERTAIN: Final = 3.0
 """... and the median length must exceed its own standard error by this factor."""
 FEWEST_PLACES: Final = 20
-"""Of an image; with fewer its blur would be a guess."""
+"""Least number of places in an image. With fewer its blur would be a guess."""
 MOST_PLACES: Final = 80
-"""Of an image; more say the same once more."""
+"""Largest number of places in an image. More places add nothing."""
 SLOWEST_PX: Final = 0.5
-"""px a frame of the video; what moves less cannot be blurred, and its direction is unsure."""
+"""Least motion, px a frame of the video. A slower place cannot be blurred, and its direction is unsure."""
 REACH: Final = 32
-"""px; correlations are taken up to this distance, on lines of twice the length."""
+"""Correlations are taken up to this distance, px, on lines of twice the length."""
 BREADTH: Final = 5
 """Lines beside each other whose mean is taken, 1 px apart."""
 LENGTHS_PX: Final = np.arange(0, 24.25, 0.25)
@@ -41,7 +41,7 @@ NOISE: Final = 4.0
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """What V images tell; NaN where one tells nothing."""
+    """Motion blur of V images; NaN where an image does not determine it."""
 
     lengths_px: Float64
     """(V,) way of the picture while the shutter was open."""
@@ -54,7 +54,7 @@ class MotionBlur:
 
     @property
     def strong_px(self) -> float:
-        """What nine of ten images stay below."""
+        """Length below which nine of ten images stay."""
         return _quantile(self.lengths_px, 0.9)
 
     @property

@@ -1,13 +1,13 @@
-"""Did the sensor read its rows one after another while the camera moved, and what is left of it in the model?
+"""Finds whether the sensor read its rows one after another while the camera moved, and what the model still has of it.
 
 A row read out later sees the scene from farther on. To first order a point at height y moves by its velocity times the
-read-out time times y. Cameras, points and lens have been adjusted to the images and have taken up what they could of
-it. What they cannot take up is still in the residuals, and to be found there its size need only be compared with how
-much of a known rolling shutter they would leave: one Gauss-Newton step of a bundle adjustment with one unknown more,
-the read-out time, solved by eliminating all others (the score test of Rao, 1948).
+read-out time times y. The adjustment of cameras, points and lens to the images has absorbed a part of this motion. The
+other part is still in the residuals. Its size follows from a comparison with the part of a known rolling shutter that
+the adjustment would leave: one Gauss-Newton step of a bundle adjustment with one more unknown, the read-out time,
+solved by eliminating all others (the score test of Rao, 1948).
 
-Little is left of it where one walks around a plant: what the camera aims at stands still in the image, and for the rest
-small turns and shifts of the cameras stand in. docs/training.md has how little that moves the plant's points.
+Little of it remains in a walk around a plant: the point that the camera aims at stands still in the image, and small
+turns and shifts of the cameras absorb the rest. docs/training.md says how little that moves the plant's points.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ...core.scene import Float64
 from .motion import Tracks, in_cameras, measure_velocities
 
 VISIBLE_PX: Final = 0.5
-"""Shift of the pixels, root mean square, below which a rolling shutter drowns in what structure from motion is wrong by
-anyway."""
+"""Shift of the pixels, root mean square, below which a rolling shutter is smaller than the errors that structure from
+motion has anyway."""
 CERTAIN: Final = 3.0
 """... and the read-out time must exceed its own standard error by this factor."""
 FEWEST_PLACES: Final = 500
@@ -33,10 +33,10 @@ HUBER: Final = 2.0
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """What the residuals of structure from motion say about it."""
+    """The rolling shutter, estimated from the residuals of structure from motion."""
 
     read_out_frames: float
-    """From the first row to the last, of the video; negative from the last to the first."""
+    """Read-out time from the first row to the last, frames of the video; negative from the last row to the first."""
     error_frames: float
     """Its standard error, from the scatter among points and among images."""
     shift_px: float
@@ -46,7 +46,7 @@ class RollingShutter:
 
     @property
     def found(self) -> bool:
-        """Whether there is one, and not too small to be seen."""
+        """Whether there is a rolling shutter that is large enough to be seen."""
         return self.shift_px > VISIBLE_PX and abs(self.read_out_frames) > CERTAIN * self.error_frames
 
 
@@ -133,7 +133,7 @@ def _rows_times(matrix: Any, factors: Float64) -> Any:
 
 
 def _without(by_camera: Any, by_point: Any) -> Callable[[Float64], Float64]:
-    """What of a vector (2K,) no change of cameras, lens and points explains (least squares).
+    """The part of a vector (2K,) that no change of cameras, lens and points explains (least squares).
 
     Points are eliminated first, each by its own 3 x 3 block, so that a dense system of the cameras' size is left.
     """

@@ -291,7 +291,7 @@ def _resolved(layers: Iterable[Layer], asked: Layer | None = None) -> dict[str, 
 
 
 def _kept(plant: Workspace) -> Choices | None:
-    """The choices that the last run kept; None if there are none that can be read."""
+    """The choices that the last run kept; None if the file is missing or damaged."""
     try:
         kept = Choices.load(plant.choices_json)
         check_preset(kept.preset or STANDARD)

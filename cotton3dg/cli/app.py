@@ -47,7 +47,7 @@ app.command("status", rich_help_panel="Everything")(stages.status)
 app.command("check", rich_help_panel="Everything")(stages.check)
 app.command("clean", rich_help_panel="Everything")(stages.clean)
 app.command("report", rich_help_panel="Everything")(stages.report)
-# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be told from a folder of that name.
+# `masks PLANT_DIR` takes a folder, so typer would take a sub-command of it for a folder of that name.
 app.command("masks-export", rich_help_panel="Own masks")(stages.masks_export)
 app.command("evaluate", rich_help_panel="Trying it out")(accuracy.evaluate)
 app.command("evaluate-weights", rich_help_panel="Trying it out")(accuracy.evaluate_weights)

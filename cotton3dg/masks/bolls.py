@@ -40,8 +40,6 @@ class Maps:
     """(C, h, w) probability of each of `CLASSES`."""
     votes: Float32
     """(2, h, w) x and y of the middle of the pixel's boll, px of the image."""
-    borders: Float32
-    """(h, w) probability that another boll is next to the pixel."""
     diameters: Float32
     """(h, w) width of the pixel's boll, px of the image."""
     scale: float
@@ -97,7 +95,6 @@ class BollNetwork:
         return Maps(
             probabilities=powers / powers.sum(axis=0),
             votes=middles_of_pixels(raw.shape[1:], 2 * scale) + way,
-            borders=1 / (1 + np.exp(-raw[len(CLASSES) + 2])),
             diameters=np.exp2(raw[len(CLASSES) + 3].clip(-3, 5)) * np.float32(OFFSET_PX * scale),
             scale=2 * scale,
             image_shape=(height, width),

@@ -40,7 +40,6 @@ def mirror(maps: Maps) -> Maps:
         maps,
         probabilities=maps.probabilities[..., ::-1],
         votes=np.stack([maps.image_shape[1] - across, down]),
-        borders=maps.borders[:, ::-1],
         diameters=maps.diameters[:, ::-1],
     )
 
@@ -70,7 +69,6 @@ def mix_looks(looks: Sequence[Maps]) -> Maps:
         first,
         probabilities=mean(maps.probabilities for maps in fitted),
         votes=mean(maps.votes for maps in fitted),
-        borders=mean(maps.borders for maps in fitted),
         diameters=np.exp2(mean(np.log2(maps.diameters) for maps in fitted)),
     )
 
@@ -81,16 +79,15 @@ def _resize_maps(maps: Maps, height: int, width: int) -> Maps:
         return maps
 
     def resize(part: Float32) -> Float32:
-        return cv2.resize(part.transpose(1, 2, 0), (width, height)).transpose(2, 0, 1)
+        resized = cv2.resize(part.transpose(1, 2, 0), (width, height))
+        return resized.reshape(height, width, -1).transpose(2, 0, 1)  # OpenCV drops a single channel
 
     scale = maps.image_shape[1] / width
     ways = resize(maps.votes - middles_of_pixels(maps.lint.shape, maps.scale))
-    single = resize(np.stack([maps.borders, np.log2(maps.diameters)]))
     return Maps(
         probabilities=resize(maps.probabilities),
         votes=ways + middles_of_pixels((height, width), scale),
-        borders=single[0],
-        diameters=np.exp2(single[1]),
+        diameters=np.exp2(resize(np.log2(maps.diameters)[None])[0]),
         scale=scale,
         image_shape=maps.image_shape,
     )

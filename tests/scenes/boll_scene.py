@@ -98,7 +98,6 @@ def maps_of(camera, ids: np.ndarray, rng: np.random.Generator, noise: float = 0.
     return Maps(
         probabilities,
         votes.transpose(2, 0, 1).astype(np.float32),
-        np.zeros(ids.shape, np.float32),
         size[ids].astype(np.float32),
         1.0,
         ids.shape,

@@ -26,7 +26,7 @@ def maps_of(bolls: list[tuple[float, float, float]], noise_px: float = 0.0, hidd
     probabilities[0], probabilities[1] = 1 - lint, lint
     votes = 2 * (votes + noise_px * rng.normal(size=votes.shape))
     size = (2 * SHAPE[0], 2 * SHAPE[1])
-    maps = Maps(probabilities, votes.astype(np.float32), lint * 0, (2 * diameters).astype(np.float32), 2.0, size)
+    maps = Maps(probabilities, votes.astype(np.float32), (2 * diameters).astype(np.float32), 2.0, size)
     return maps, true
 
 

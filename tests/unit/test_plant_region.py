@@ -21,7 +21,7 @@ class White:
         small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)[..., 0]
         plant = np.select([small > 200, small > 100], [0.9, 0.4], 0.1).astype(np.float32)
         probabilities = np.stack([1 - plant, plant, *(0 * plant for _ in range(3))])
-        return Maps(probabilities, np.zeros((2, *small.shape)), 0 * plant, 0 * plant, 2.0, image.shape[:2])
+        return Maps(probabilities, np.zeros((2, *small.shape)), 0 * plant, 2.0, image.shape[:2])
 
 
 @pytest.fixture

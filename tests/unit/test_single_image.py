@@ -31,7 +31,7 @@ class Network:
 
     def maps(self, image: np.ndarray, look: float = 1.0) -> Maps:
         nothing = np.zeros(SHAPE, np.float32)
-        maps = Maps(self.probabilities, 2 * self.votes, nothing, nothing + 2 * DIAMETER_PX, 2.0, image.shape[:2])
+        maps = Maps(self.probabilities, 2 * self.votes, nothing + 2 * DIAMETER_PX, 2.0, image.shape[:2])
         return mirror(maps) if image[:, 0].mean() < image[:, -1].mean() else maps
 
 

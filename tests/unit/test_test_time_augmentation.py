@@ -19,7 +19,7 @@ def look_at(look: float, diameter_px: float, lint: float) -> Maps:
     middle = np.array([WIDTH / 2, HEIGHT / 2], np.float32)[:, None, None]
     votes = middle + 0 * middles_of_pixels(shape, scale)
     sizes = np.full(shape, diameter_px, np.float32)
-    return Maps(probabilities, votes, np.zeros(shape, np.float32), sizes, scale, (HEIGHT, WIDTH))
+    return Maps(probabilities, votes, sizes, scale, (HEIGHT, WIDTH))
 
 
 def test_votes_and_sizes_of_all_looks_are_in_pixels_of_the_image():
@@ -70,18 +70,16 @@ def test_a_boll_that_the_network_knows_only_sharpened_is_half_known():
 
 
 def test_what_the_mirror_image_shows_is_put_back_where_the_image_has_it():
-    rng = np.random.default_rng(3)
     x = np.mgrid[: HEIGHT // 2, : WIDTH // 2][1]
     maps = look_at(1.0, 100, 0.9)
     left = np.where(x < 40, np.float32(0.9), np.float32(0.1))
     maps.probabilities[LINT] = left
     maps.votes[:] = np.array([70.0, 90.0], np.float32)[:, None, None]
     maps.diameters[:] = 100 + x
-    maps.borders[:] = rng.random(x.shape)
     back = mirror(maps)
     np.testing.assert_array_equal(back.lint, left[:, ::-1])
     assert back.votes[0].max() == back.votes[0].min() == WIDTH - 70
     assert back.votes[1].max() == back.votes[1].min() == 90
     again = mirror(back)
-    for name in ("probabilities", "votes", "borders", "diameters"):
+    for name in ("probabilities", "votes", "diameters"):
         np.testing.assert_array_equal(getattr(again, name), getattr(maps, name))

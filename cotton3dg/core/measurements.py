@@ -209,14 +209,14 @@ class PlantTraits:
     )
     boll_count_error: float = column(
         "1",
-        "standard error of boll_count, of the bolls' confidence and of touching bolls",
+        "standard error of boll_count: bolls that may be none or two, and bolls that touch",
         2,
         blank_when=f"no bolls; {NEVER_WHOLE}",
         later=True,
     )
     boll_volume_error_cm3: float = column(
         "cm3",
-        "standard error of boll_volume_cm3, of scale, edges, shape, neighbours and sides that were not filmed",
+        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, sides that were not filmed and miscounted bolls",
         2,
         blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
         later=True,
@@ -285,7 +285,7 @@ class PlantTraits:
     )
     boll_count_interval: tuple[int, int] | None = columns(
         {
-            "boll_count_low": "lower end of the 95 % interval of boll_count, by its standard error",
+            "boll_count_low": "lower end of the 95 % interval of boll_count",
             "boll_count_high": "upper end of it",
         },
         "1",
@@ -295,7 +295,7 @@ class PlantTraits:
     )
     boll_volume_interval_cm3: tuple[float, float] | None = columns(
         {
-            "boll_volume_low_cm3": "lower end of the 95 % interval of boll_volume_cm3, by its standard error",
+            "boll_volume_low_cm3": "lower end of the 95 % interval of boll_volume_cm3",
             "boll_volume_high_cm3": "upper end of it",
         },
         "cm3",

@@ -2,9 +2,9 @@
 
 Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, both each
 view's own error and the common one of all views; with a boll's shape; and, where bolls touch, with the border between
-them. A count errs with the views' agreement on each boll and, where bolls touch, with bolls that are lost in another or
-counted twice. The constants marked "fitted" were chosen so that intervals hold the truth of films of
-tests/accuracy/coverage.py and of path-traced plants (docs/notes/stated_errors.md says which, and how well).
+them. What a wrong count does to count and volume is in count_distribution.py. The constants marked "fitted" were chosen
+so that intervals hold the truth of films of tests/accuracy/coverage.py and of path-traced plants
+(docs/notes/stated_errors.md says which, and how well).
 """
 
 from __future__ import annotations
@@ -40,9 +40,6 @@ SEEN_ALL_ROUND_DEG: Final = 60.0
 UNSEEN: Final = 0.04
 """Relative standard error of all volumes by sides that no image shows, for each further 100 degrees that the walk
 lacks. Fitted to five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
-BEHIND: Final = 0.03
-"""Probability that others hide a boll all along a walk that lacks 280 degrees, so that it is not counted. Of two
-simulated plants filmed so, one lost one of 16 bolls. Walks that lack 160 degrees lost none of 77."""
 BLURRED_SHARE: Final = 0.25
 """Motion blur, as a share of a boll's width, from which the plant has a flag."""
 NEIGHBOUR: Final = 1.2
@@ -50,6 +47,7 @@ NEIGHBOUR: Final = 1.2
 PARTED: Final = 1.3
 """Relative standard error of a touching boll's volume from its border with its neighbour, times the square of how much
 nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
+UNROUND_FLAG: Final = "unround"
 UNROUND: Final = 0.045
 """A touching boll is perhaps two in one if the ratio of its volume to a ball of its diameter is this much less than the
 median of the plant's bolls, ..."""
@@ -61,14 +59,9 @@ AS_IF_NEAR: Final = 0.8
 PARTED_IN_SUM: Final = 0.5
 """Share of that error that counts in the plant's volume: one of two bolls gains what the other loses, and a part of a
 lost boll's volume remains. Fitted."""
-MISCOUNTED: Final = 0.03
-"""Probability that a touching boll is lost, or counted twice. Fitted."""
 BY_COLOUR_VOLUME: Final = 0.09
 """Relative standard error of the plant's volume from masks by colour alone (`lint`), which lose shaded sides: -16 to
 +15 % on six path-traced plants."""
-BY_COLOUR_MISCOUNTED: Final = 0.45
-"""Standard error of the count from such masks, as a share of the touching bolls: they merge all over the plant or
-nowhere."""
 HALVES_DIFFER: Final = 0.05
 """Difference of the counts by either half of the images, as a share of the larger one, from which the plant has a flag.
 A difference of one boll does not matter."""
@@ -179,7 +172,8 @@ def plant_volume_error_cm3(
     by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> float:
-    """Standard error of the sum of the bolls' volumes: shared errors add up, the others add in squares.
+    """Standard error of the sum of the bolls' volumes, if each is one boll: shared errors add up, the others add in
+    squares.
 
     Args:
         nearest: (B,) from `nearest_neighbours`. by_colour: whether the masks are by colour alone.
@@ -214,50 +208,19 @@ def blurs_bolls(blur_px: float, pixel: float, diameters: NDArray) -> bool:
     return len(known) > 0 and bool(blur_px * pixel > BLURRED_SHARE * np.median(known))
 
 
-def count_error(
-    confidences: NDArray,
-    n_touching: int,
-    halves: tuple[int, int] | None = None,
-    by_colour: bool = False,
-    n_unround: int = 0,
-    filming: Filming = WELL_FILMED,
-) -> float:
-    """Standard error of the number of bolls, with each one's confidence as its probability; NaN without bolls, and for
-    a plant that no image shows whole.
-
-    Args:
-        halves: counts by either half of the images. The mean squared difference of two counts with one variance is
-            twice the variance; the count by all images is assumed to be no surer than that by half of them.
-        by_colour: whether the masks are by colour alone.
-        n_unround: number of bolls that are perhaps two, by `find_unround`; they are counted as one.
-    """
-    if not len(confidences) or not filming.whole:
-        return np.nan
-    by_halves = 0.5 * (halves[0] - halves[1]) ** 2 if halves else 0.0
-    by_masks = (BY_COLOUR_MISCOUNTED * n_touching) ** 2 if by_colour else 0.0
-    of_touching = MISCOUNTED * (n_touching - n_unround) + IS_TWO * n_unround
-    behind = BEHIND * max(filming.gap_deg - 180, 0.0) / 100 * len(confidences)
-    return float(np.sqrt((confidences * (1 - confidences)).sum() + of_touching + by_halves + by_masks + behind))
-
-
 def halves_disagree(halves: tuple[int, int] | None) -> bool:
     """Whether the halves of the images count so differently that the plant has a flag."""
     return halves is not None and abs(halves[0] - halves[1]) > max(1.0, HALVES_DIFFER * max(halves))
 
 
-def interval(value: float, error: float) -> tuple[float, float] | None:
-    """Ends of the 95 % interval of a trait that is never negative; None where value or error is NaN."""
-    if not np.isfinite(value + error):
-        return None
-    return float(np.maximum(value - COVERED * error, 0.0)), float(value + COVERED * error)
+def interval(value: float, error: float, missing: float = 0.0) -> tuple[float, float] | None:
+    """Ends of the 95 % interval of a trait that is never negative; None where value or error is NaN.
 
-
-def count_interval(count: int, error: float) -> tuple[int, int] | None:
-    """Ends of the 95 % interval of a count, to the nearest whole numbers; None without bolls.
-
-    A count that is certain to a quarter of a boll is its own interval.
+    Args:
+        missing: what the true value is expected to have more. The interval lies about that value, and holds the stated
+            one.
     """
-    if not np.isfinite(error):
+    if not np.isfinite(value + error + missing):
         return None
-    either_side = int(np.floor(COVERED * error + 0.5))
-    return max(count - either_side, 0), count + either_side
+    low, high = min(missing - COVERED * error, 0.0), max(missing + COVERED * error, 0.0)
+    return max(value + low, 0.0), value + high

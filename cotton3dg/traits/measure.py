@@ -15,15 +15,15 @@ from ..core.measurements import OFF_PLANT, BollTraits, PlantFrame, PlantTraits, 
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
+from .count_distribution import Moments, distribute_count, miscounted_volume
 from .error_model import (
     AS_IF_NEAR,
     CROWDED_SHARE,
+    UNROUND_FLAG,
     WELL_FILMED,
     Filming,
     blurs_bolls,
     boll_volume_error,
-    count_error,
-    count_interval,
     find_touching,
     find_unround,
     halves_disagree,
@@ -46,9 +46,6 @@ NEAR_CLAMP: Final = 1.5
 LIKELY_CM: Final = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, with a margin. Two touching bolls are wider, a lock or a label is
 narrower."""
-UNSURE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "too_large", "large", "few_views", "disputed"))
-"""Flags of bolls that may be none or two; the count's error takes either for as likely as not."""
-UNROUND_FLAG: Final = "unround"
 DOUBTFUL_SHARE: Final = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -286,10 +283,9 @@ def summarise_plant(
     The errors of its traits are in error_model.py.
     """
     flags = []
-    confidences = np.array([min(boll.confidence, 1 if UNSURE.isdisjoint(boll.flags) else 0.5) for boll in bolls])
-    found, bolls = len(bolls), [boll for boll in bolls if is_counted(boll.flags)]
+    found, bolls = bolls, [boll for boll in bolls if is_counted(boll.flags)]
     if halves:
-        halves = (max(halves[0] + len(bolls) - found, 0), max(halves[1] + len(bolls) - found, 0))
+        halves = (max(halves[0] + len(bolls) - len(found), 0), max(halves[1] + len(bolls) - len(found), 0))
     volumes = np.array([boll.volume_cm3 for boll in bolls])
     known = volumes[np.isfinite(volumes)]
     if scale and len(known) < len(volumes):
@@ -317,8 +313,12 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()), filming)
-    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
+    crowded = dict(zip((boll.boll_id for boll in bolls), touching, strict=True))
+    touches = [bool(crowded.get(boll.boll_id)) for boll in found]
+    count = distribute_count(found, touches, halves, filming)
+    missing = miscounted_volume(found, touches, filming) if measured else Moments(np.nan, np.nan)
+    of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
+    of_volume = float(np.hypot(of_bolls, np.sqrt(missing.variance)))
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, filming.blur_px)
@@ -339,16 +339,16 @@ def summarise_plant(
         boll_height_max_cm=float(heights.max()) if len(heights) else np.nan,
         bolls_by_third=thirds,
         lint_area_cm2=float(areas[np.isfinite(volumes)].sum()) if measured else np.nan,
-        boll_count_error=of_count,
-        boll_volume_error_cm3=of_volume,
+        boll_count_error=count.error_about(len(bolls)) if count else np.nan,
+        boll_volume_error_cm3=float(np.hypot(of_volume, missing.mean)),
         plant_height_error_cm=of_height,
         canopy_size_error_cm=of_canopy,
         boll_volume_published_cm3=float(hulls.sum()) if scale and len(hulls) else np.nan,
         plant_height_published_cm=size.published.height_cm,
         canopy_size_published_cm=size.published.canopy_cm,
         boll_count_halves=halves,
-        boll_count_interval=count_interval(len(bolls), of_count),
-        boll_volume_interval_cm3=interval(volume_cm3, of_volume),
+        boll_count_interval=count.interval(len(bolls)) if count else None,
+        boll_volume_interval_cm3=interval(volume_cm3, of_volume, missing.mean),
         plant_height_interval_cm=interval(size.height_cm, of_height),
         canopy_size_interval_cm=interval(size.canopy_cm, of_canopy),
     )

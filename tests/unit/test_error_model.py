@@ -12,8 +12,6 @@ from cotton3dg.traits.error_model import (
     Filming,
     blurs_bolls,
     boll_volume_error,
-    count_error,
-    count_interval,
     find_touching,
     find_unround,
     halves_disagree,
@@ -58,9 +56,6 @@ def test_a_touching_boll_less_round_than_the_others_is_perhaps_two() -> None:
     assert find_unround(nearest, roundness).tolist() == [True, False, False, False, False, False]
     assert find_unround(nearest[:1], np.array([np.nan])).tolist() == [False]
     assert find_unround(np.zeros(0), np.zeros(0)).tolist() == []
-    # Counted as one, so its error is about one.
-    expected = np.sqrt(2 * error_model.IS_TWO + 4 * error_model.MISCOUNTED)
-    assert count_error(np.ones(20), 6, n_unround=2) == pytest.approx(expected)
 
 
 def test_lengths_err_with_the_scale_and_a_part_of_a_pixel() -> None:
@@ -103,15 +98,7 @@ def test_sides_that_no_image_shows_make_all_volumes_less_sure() -> None:
     assert of_plant == pytest.approx(400 * 8.0 * error_model.UNSEEN, rel=0.05)
 
 
-def test_bolls_may_hide_behind_others_from_a_short_arc() -> None:
-    assert count_error(np.ones(16), 0, filming=Filming(gap_deg=160.0)) == 0
-    error = count_error(np.ones(16), 0, filming=Filming(gap_deg=280.0))
-    assert error == pytest.approx(np.sqrt(16 * error_model.BEHIND))
-    assert count_interval(15, error) == (14, 16)
-
-
 def test_of_a_plant_that_is_never_whole_in_view_no_error_is_known() -> None:
-    assert np.isnan(count_error(np.ones(9), 0, filming=Filming(whole=False)))
     bolls = [boll(8.0, 0.2)]
     assert np.isnan(plant_volume_error_cm3(bolls, np.array([np.inf]), scale(0.0), 0.3, filming=Filming(whole=False)))
 
@@ -154,43 +141,19 @@ def test_masks_by_colour_err_all_alike() -> None:
         plant_volume_error_cm3(bolls, apart, scale(0.0), 0.0, by_colour) for by_colour in (False, True)
     )
     assert colours == pytest.approx(np.hypot(networks, 160 * error_model.BY_COLOUR_VOLUME))
-    assert count_error(np.ones(20), 9, by_colour=True) == pytest.approx(
-        np.hypot(count_error(np.ones(20), 9), 9 * error_model.BY_COLOUR_MISCOUNTED)
-    )
 
 
-def test_the_count_errs_as_draws_of_its_parts_do() -> None:
-    confidences, n_touching = np.array([1.0, 0.9, 0.9, 0.6, 1.0]), 3
-    rng = np.random.default_rng(0)
-    real = (rng.random((20_000, 5)) < confidences).sum(axis=1)
-    lost = (rng.random((20_000, n_touching)) < error_model.MISCOUNTED).sum(axis=1)
-    assert count_error(confidences, n_touching) == pytest.approx((real - lost).std(), rel=0.03)
-    assert np.isnan(count_error(np.zeros(0), 0))
-    assert count_error(np.ones(8), 0) == 0
-
-
-@pytest.mark.parametrize(
-    ("count", "error", "ends"),
-    [(19, 0.25, (19, 19)), (19, 0.26, (18, 20)), (19, 0.8, (17, 21)), (1, 2.0, (0, 5)), (0, np.nan, None)],
-)
-def test_a_count_has_whole_ends(count, error, ends):
-    assert count_interval(count, error) == ends
+def test_an_interval_lies_about_what_is_expected_and_holds_what_is_stated():
+    assert interval(100.0, 10.0, 5.0) == pytest.approx((85.4, 124.6))
+    assert interval(100.0, 1.0, -20.0) == pytest.approx((78.04, 100.0))
 
 
 def test_an_interval_is_never_negative():
     assert interval(100.0, 10.0) == pytest.approx((80.4, 119.6))
     assert interval(10.0, 10.0) == pytest.approx((0.0, 29.6))
     assert interval(np.nan, 1.0) is None
+    assert interval(np.nan, 1.0, np.nan) is None
     assert interval(1.0, np.nan) is None
-
-
-def test_halves_that_count_differently_widen_the_error():
-    """Two counts drawn alike with a standard deviation of 1.5: the error that they state is right on average."""
-    rng = np.random.default_rng(0)
-    pairs = rng.normal(20, 1.5, (4000, 2))
-    stated = [count_error(np.ones(20), 0, (first, second)) ** 2 for first, second in pairs]
-    assert np.sqrt(np.mean(stated)) == pytest.approx(1.5, rel=0.05)
-    assert count_error(np.ones(20), 0, (20, 20)) == 0
 
 
 @pytest.mark.parametrize(("halves", "flagged"), [(None, False), ((9, 10), False), ((8, 10), True), ((49, 51), False)])

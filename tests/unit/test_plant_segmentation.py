@@ -344,7 +344,7 @@ def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
 
 def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     gaussians, labels = plant_scene()
-    bolls = bolls_of(gaussians, labels)[:2]
+    bolls = [replace(boll, confidence=1.0) for boll in bolls_of(gaussians, labels)[:2]]
     volumes = np.array([boll.volume_cm3 for boll in measured])
 
     def by_shape(bolls):
@@ -353,7 +353,7 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
 
     own = by_shape(measured)
     shared = 3 * SCALE.relative_error * volumes.sum()
-    by_scale = summarise_plant(measured, None, SCALE)
+    by_scale = summarise_plant([replace(boll, confidence=1.0) for boll in measured], None, SCALE)
     assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shared]))
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su

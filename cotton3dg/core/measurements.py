@@ -216,7 +216,7 @@ class PlantTraits:
     )
     boll_volume_error_cm3: float = column(
         "cm3",
-        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, sides that were not filmed and miscounted bolls",
+        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, unfilmed sides and miscounted bolls",
         2,
         blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
         later=True,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import Final, Self, TypeVar
 
 import numpy as np
@@ -31,7 +32,8 @@ LEAST_VIEWS: Final = 3
 """Views whose votes a middle needs ..."""
 LEAST_SUPPORT: Final = 0.02
 """... and their sum, in bolls seen whole, a view."""
-LARGEST_GRID: Final = 30_000_000
+BLOCK: Final = 64
+"""Cells along a side that are smoothed at a time; at least twice as many as the smoothing reaches."""
 SEEN: Final = 0.4
 """Least share of lint, by all views, in a pixel that votes ..."""
 HEARD: Final = 0.2
@@ -203,21 +205,43 @@ def _find_peaks(places: Float32, weights: Float32, usual: float, least: float) -
         usual: width of a boll, su.
         least: support of a boll.
     """
+    low, high = _extent(places, weights, usual)
+    inside = np.all((places >= low) & (places < high), axis=1)
+    pitch = PITCH * usual
+    cells = np.floor((places[inside] - low) / pitch).astype(int)
+    peaks, heights = _peaks_of_cells(cells, weights[inside], SPREAD / PITCH, 0.2 * least)
+    return inside, low + (peaks[np.lexsort((*peaks.T[::-1], -heights))] + 0.5) * pitch
+
+
+def _peaks_of_cells(
+    cells: NDArray[np.int64], weights: Float32, sigma: float, least: float
+) -> tuple[NDArray[np.int64], Float32]:
+    """Cells (P, 3) where the smoothed sum of the weights has a maximum of more than `least`, and its values (P,).
+
+    Only blocks with votes are smoothed, each with a margin as wide as the smoothing reaches: memory does not depend on
+    the size of the plant, nor does what is found depend on the blocks.
+
+    Args:
+        cells: (N, 3) of each vote. sigma: standard deviation of the smoothing, in cells.
+    """
     from scipy import ndimage
 
-    low, high = _extent(places, weights, usual)
-    pitch = max(PITCH * usual, float(np.cbrt((high - low).prod() / LARGEST_GRID)))
-    shape = np.ceil((high - low) / pitch).astype(int) + 1
-    cells = np.floor((places - low) / pitch).astype(int)
-    inside = np.all((cells >= 0) & (cells < shape), axis=1)
-    flat = np.ravel_multi_index(tuple(cells[inside].T), shape)
-    heat = np.bincount(flat, weights[inside], minlength=int(shape.prod())).reshape(shape).astype(np.float32)
-    sigma = SPREAD * usual / pitch
-    # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth of it is left.
-    heat = ndimage.gaussian_filter(heat, sigma) * np.float32((2 * np.pi) ** 1.5 * sigma**3)
-    peaks = np.argwhere((heat >= ndimage.maximum_filter(heat, 3)) & (heat > 0.2 * least))
-    order = np.argsort(-heat[tuple(peaks.T)], kind="stable")
-    return inside, low + (peaks[order] + 0.5) * pitch
+    # `gaussian_filter` reaches 4 standard deviations far, and a maximum is compared with the next cells.
+    margin = int(4 * sigma + 0.5) + 1
+    reached = [np.unique((cells + margin * np.array(corner)) // BLOCK, axis=0) for corner in product((-1, 1), repeat=3)]
+    found, heights = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.float32)]
+    for block in np.unique(np.concatenate(reached), axis=0):
+        first, side = block * BLOCK - margin, BLOCK + 2 * margin
+        here = np.all((cells >= first) & (cells < first + side), axis=1)
+        flat = np.ravel_multi_index(tuple((cells[here] - first).T), (side,) * 3)
+        heat = np.bincount(flat, weights[here], minlength=side**3).reshape((side,) * 3).astype(np.float32)
+        # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth is left.
+        heat = ndimage.gaussian_filter(heat, sigma) * np.float32((2 * np.pi) ** 1.5 * sigma**3)
+        is_peak = (heat >= ndimage.maximum_filter(heat, 3)) & (heat > least)
+        peaks = np.argwhere(is_peak[margin:-margin, margin:-margin, margin:-margin])
+        heights.append(heat[tuple((peaks + margin).T)])
+        found.append(peaks + block * BLOCK)
+    return np.concatenate(found), np.concatenate(heights)
 
 
 def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float, float, int]]) -> bool:

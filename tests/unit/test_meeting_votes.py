@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model, photos_of
 
+from cotton3dg.masks import meeting_votes
 from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_edges import open_edges
 from cotton3dg.masks.lint_in_space import gather_lint
@@ -153,6 +154,42 @@ def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unex
     order = np.argsort(middles.centres[:, 0])
     np.testing.assert_allclose(middles.centres[order], centres, atol=0.12)
     assert middles.support[order[0]] > middles.support[order[1]]
+
+
+def votes_for(centres: np.ndarray, views: int = 12, pixels: int = 200) -> list[Votes]:
+    """Of bolls that are one wide, seen from far away; noise is the same for a boll whatever other bolls there are."""
+    seen = []
+    for view, angle in enumerate(2 * np.pi * np.arange(views) / views):
+        eye = 500 * np.array([np.cos(angle), np.sin(angle), 0.3])
+        to = [
+            centre + np.random.default_rng((view, boll)).normal(0, 0.1, (pixels, 3)) - eye
+            for boll, centre in enumerate(centres)
+        ]
+        places = (np.concatenate(to) + eye).astype(np.float32)
+        rays = (np.concatenate(to) / np.linalg.norm(np.concatenate(to), axis=1, keepdims=True)).astype(np.float32)
+        ones = np.ones(len(places), np.float32)
+        seen.append(Votes(places, places - 0.4 * rays, rays, eye, ones, 0.9 * ones, ones / pixels))
+    return seen
+
+
+def test_bolls_of_a_large_plant_are_told_apart_like_those_of_a_small_one():
+    near = np.array([[0.0, 0, 0], [0.62, 0, 0], [0.1, 0.6, 0.2]])
+    far = np.array([[90.0, 80, 70], [-60, 20, -50], [40, -70, 90]])
+    alone, among = find_middles(votes_for(near)), find_middles(votes_for(np.concatenate([near, far])))
+    assert len(alone.centres) == 3 and len(among.centres) == 6
+    of_near = among.take(np.linalg.norm(among.centres, axis=1) < 2)
+    np.testing.assert_allclose(of_near.centres, alone.centres, atol=1e-3)
+
+
+@pytest.mark.parametrize("block", [20, 100])
+def test_votes_are_smoothed_in_blocks_without_a_trace(block, monkeypatch):
+    centres = np.random.default_rng(0).uniform(0, 5, (40, 3))
+    usual = find_middles(votes_for(centres, 6, 60))
+    assert len(usual.centres) > 20
+    monkeypatch.setattr(meeting_votes, "BLOCK", block)
+    other = find_middles(votes_for(centres, 6, 60))
+    for name in ("centres", "diameters", "support", "views"):
+        assert (getattr(usual, name) == getattr(other, name)).all()
 
 
 def test_rays_meet_where_they_were_sent_whatever_single_ones_do():

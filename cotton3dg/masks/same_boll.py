@@ -1,4 +1,4 @@
-"""The probability that two parts are one boll: a logistic score of the measures of the pair.
+"""The probability that two parts are one boll: a logistic score of the measures of the pair, and what splits a part.
 
 `same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.
 Further measures were tried and add nothing (docs/notes/same_boll.md).
@@ -53,10 +53,12 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Score:
-    """Log odds that add up."""
+    """Log odds that add up, for the parts that a split leaves."""
 
     constant: float
     terms: tuple[Term, ...]
+    split_gain: float
+    """Gain of a vote's mean log likelihood by two middles instead of one, from which a part is split (split_parts.py)."""
     one_boll: Calibration = Calibration()
     """Calibration of the probability that joined parts are one boll, as pairs are not independent of each other."""
 
@@ -84,4 +86,4 @@ def read_score(path: Path = SCORE_FILE) -> Score:
     """The fitted score."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
     terms = tuple(Term(**term) for term in content["terms"])
-    return Score(content["constant"], terms, Calibration(**content["one_boll"]))
+    return Score(content["constant"], terms, content["split_gain"], Calibration(**content["one_boll"]))

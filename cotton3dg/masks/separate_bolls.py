@@ -45,9 +45,9 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
         votes: of each view.
         cm_per_su: None = the plant's usual boll is taken for one of usual size.
     """
-    middles = find_parts(votes)
-    parts = gather_parts(middles, votes, lint)
-    return drop_unlikely(join_bolls(parts, cm_per_su or guess_scale(votes), read_score()), votes)
+    score = read_score()
+    parts = gather_parts(find_parts(votes, score.split_gain), votes, lint)
+    return drop_unlikely(join_bolls(parts, cm_per_su or guess_scale(votes), score), votes)
 
 
 def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:
@@ -70,13 +70,18 @@ def guess_scale(votes: Sequence[Votes]) -> float:
     return USUAL_CM / weighted_median(diameters, weights) if len(diameters) else 1.0
 
 
-def find_parts(votes: Sequence[Votes]) -> Middles:
+def find_parts(votes: Sequence[Votes], split_gain: float) -> Middles:
+    """The middles of what may be bolls or parts of them, split where two middles explain the votes much better."""
+    return split_parts(find_peaks(votes), votes, split_gain)
+
+
+def find_peaks(votes: Sequence[Votes]) -> Middles:
     """The middles where votes meet, and those where the votes meet that none of the others explains."""
     middles = find_middles(votes)
     others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
     away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
     hidden = (away > APART * 0.5 * (others.diameters[:, None] + middles.diameters)).all(axis=1)
-    return split_parts(middles.and_also(others.take(hidden)), votes)
+    return middles.and_also(others.take(hidden))
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:

@@ -18,9 +18,6 @@ from ..core.scene import Float32, Float64
 from .group_votes import weighted_median
 from .meeting_votes import APART, LEAST_VIEWS, Middles, Votes
 
-SPLIT_GAIN: Final = 0.2
-"""Gain of a vote's mean log likelihood by two middles instead of one, from which a part is split. On plants of touching
-bolls, parts of one boll had 0.05 to 0.17, those of two 0.24 to 0.48."""
 MOST_VOTES: Final = 600
 """Number of a part's votes that are used. More would not change a decision."""
 LEAST_VOTES: Final = 60
@@ -125,8 +122,12 @@ def fit_two(votes: PlacedVotes, diameter: float) -> tuple[Mixture, float]:
     return two, two.log_likelihood - one.log_likelihood
 
 
-def split_parts(middles: Middles, votes: Sequence[Votes]) -> Middles:
-    """The middles, with two in place of each whose votes two explain much better; but none where another is already."""
+def split_parts(middles: Middles, votes: Sequence[Votes], least_gain: float) -> Middles:
+    """The middles, with two in place of each whose votes two explain much better; but none where another is already.
+
+    Args:
+        least_gain: of a vote's mean log likelihood.
+    """
     names = ("surfaces", "places", "rays", "weights", "diameters")
     surfaces, places, rays, weights, diameters = (
         np.concatenate([getattr(view, name) for view in votes]) for name in names
@@ -138,7 +139,7 @@ def split_parts(middles: Middles, votes: Sequence[Votes]) -> Middles:
     for k, diameter in enumerate(middles.diameters):
         own = np.flatnonzero(owners == k + 1)
         own = own[:: -(-len(own) // MOST_VOTES) or 1]
-        two = _split(PlacedVotes.of(places[own], rays[own], weights[own]), float(diameter))
+        two = _split(PlacedVotes.of(places[own], rays[own], weights[own]), float(diameter), least_gain)
         members = [own[two.memberships[:, j] > 0.5] for j in range(2)] if two else []
         if two is None or min(len(np.unique(view_of[rows])) for rows in members) < LEAST_VIEWS:
             whole.append(k)
@@ -156,9 +157,9 @@ def split_parts(middles: Middles, votes: Sequence[Votes]) -> Middles:
     return middles.take(np.array(whole, np.intp)).and_also(both)
 
 
-def _split(votes: PlacedVotes, diameter: float) -> Mixture | None:
+def _split(votes: PlacedVotes, diameter: float, least_gain: float) -> Mixture | None:
     """Two middles, if they explain the votes much better than one."""
     if len(votes.weights) < LEAST_VOTES:
         return None
     two, gain = fit_two(votes, diameter)
-    return two if gain > SPLIT_GAIN else None
+    return two if gain > least_gain else None

@@ -8,15 +8,17 @@ is another; so the same command fits the score to a new network. --judge takes f
 
 The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together. Most
 of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the bolls of
-the fitted plants come out best (F1). Writes the score into the program (--dry: nowhere), and prints it with a row a
-plant: parts, true bolls, bolls found, and how many of these are true (`evaluate`'s distance).
+the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain that counts
+is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice; what of these plants'
+bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how many of these
+are true (`evaluate`'s distance). Writes the score into the program (--dry: nowhere).
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -33,8 +35,10 @@ from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
 from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.masks.boll_parts import Part, gather_parts, join_two, measure_pair
 from cotton3dg.masks.join_parts import REACH_CM, find_near
+from cotton3dg.masks.meeting_votes import Middles
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
-from cotton3dg.masks.separate_bolls import find_parts, guess_scale, join_bolls
+from cotton3dg.masks.separate_bolls import find_peaks, guess_scale, join_bolls
+from cotton3dg.masks.split_parts import split_parts
 from cotton3dg.workspace import Workspace
 
 FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
@@ -76,8 +80,22 @@ STIFFNESS = 1.0
 SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 """Log odds by which the constant may move."""
 
+GAINS = (0.15, 0.2, 0.25, 0.3, 0.4)
+"""Gains from which a part may be split."""
+GROUPS = 5
+"""Groups of bolls by what they state."""
+
 Example = tuple[PairMeasures, bool]
 """What was measured of two parts, and whether they are one boll."""
+
+
+class Seen(NamedTuple):
+    """A plant, by all views or by some."""
+
+    stored: StoredVotes
+    cm_per_su: float
+    peaks: Middles
+    """Where its votes meet, before any split."""
 
 
 class Begun(NamedTuple):
@@ -90,15 +108,24 @@ class Begun(NamedTuple):
     """True boll of each row, 0 = none's, -1 = of several."""
 
 
-def begin(stored: StoredVotes) -> Begun:
-    """Find the parts, and what they are of."""
-    middles, lint = find_parts(stored.votes), stored.lint.shares > 0.5
+Film = Sequence[Begun]
+"""A plant by all views, then by either half of them, as what half of the views say differs as another film would."""
+
+
+def see(stored: StoredVotes) -> Seen:
+    """Find where the votes meet."""
+    return Seen(stored, stored.cm_per_su or guess_scale(stored.votes), find_peaks(stored.votes))
+
+
+def begin(seen: Seen, split_gain: float) -> Begun:
+    """Split the parts, and find what they are of."""
+    stored = seen.stored
+    middles, lint = split_parts(seen.peaks, stored.votes, split_gain), stored.lint.shares > 0.5
     owners, names = middles.nearest(stored.lint.gaussians.means[lint]), []
     for k in range(len(middles.centres)):
         counts = np.bincount(stored.true_ids[lint][owners == k + 1], minlength=1)
         names.append(int(counts.argmax()) if counts.max() >= PURE * counts.sum() > 0 else -1)
-    parts = gather_parts(middles, stored.votes, stored.lint)
-    return Begun(stored, stored.cm_per_su or guess_scale(stored.votes), parts, names)
+    return Begun(stored, seen.cm_per_su, gather_parts(middles, stored.votes, stored.lint), names)
 
 
 def gather_examples(plant: Begun) -> Iterator[Example]:
@@ -118,7 +145,7 @@ def gather_examples(plant: Begun) -> Iterator[Example]:
         parts[a], changed = join_two(parts[a], parts.pop(b)), {a}
 
 
-def fit(plants: Sequence[Sequence[Example]]) -> Score:
+def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
     """Logistic regression whose weights have the signs that physics gives them; each plant has the same say."""
     from scipy.optimize import minimize
 
@@ -140,7 +167,7 @@ def fit(plants: Sequence[Sequence[Example]]) -> Score:
     bounds = [(None, None), *((0, None) if sign > 0 else (None, 0) for sign in TERMS.values())]
     found = minimize(loss, np.zeros(len(names) + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
     terms = zip(names, usual.tolist(), (found[1:] / spread).round(3).tolist(), strict=True)
-    return Score(round(float(found[0]), 3), tuple(Term(*term) for term in terms))
+    return Score(round(float(found[0]), 3), tuple(Term(*term) for term in terms), split_gain)
 
 
 def judge(plant: Begun, score: Score) -> dict[str, float]:
@@ -152,16 +179,16 @@ def judge(plant: Begun, score: Score) -> dict[str, float]:
     return {"bolls": bolls, "found": len(centres), "right": right, "F1": 2 * right / (bolls + len(centres))}
 
 
-def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, bool]]:
-    """Of each boll that a score makes: the probability that it is one, and whether it holds most lint of one true boll
-    and of no other."""
+def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, int]]:
+    """Of each boll that a score makes: the probability that it is one, and how many true bolls have most of their lint
+    in it. None has where it is a part of a boll, or nothing."""
     lint = plant.stored.lint.shares > 0.5
     owners = join_bolls(plant.parts, plant.cm_per_su, score)
     held = np.zeros((len(owners.centres) + 1, len(plant.stored.true_cm) + 1))
     np.add.at(held, (owners.nearest(plant.stored.lint.gaussians.means[lint]), plant.stored.true_ids[lint]), 1)
     most = 2 * held > held.sum(axis=0).clip(min=1)
     for stated, mine in zip(owners.one_boll, most[1:, 1:], strict=True):
-        yield float(stated), mine.sum() == 1
+        yield float(stated), int(mine.sum())
 
 
 def calibrate(score: Score, plants: Sequence[Begun]) -> Score:
@@ -170,7 +197,7 @@ def calibrate(score: Score, plants: Sequence[Begun]) -> Score:
 
     pairs = [pair for plant in plants for pair in outcomes(plant, replace(score, one_boll=Calibration()))]
     odds = np.array([log_odds(stated) for stated, _ in pairs])
-    true = np.array([1.0 if right else -1.0 for _, right in pairs])
+    true = np.array([1.0 if bolls == 1 else -1.0 for _, bolls in pairs])
 
     def loss(values: np.ndarray) -> float:
         return np.logaddexp(0, -true * (values[0] + values[1] * odds)).sum() + 0.5 * STIFFNESS * (values[1] - 1) ** 2
@@ -187,6 +214,51 @@ def move_constant(score: Score, plants: Sequence[Begun]) -> Score:
     return max(moved, key=lambda one: round(float(np.mean([judge(plant, one)["F1"] for plant in plants])), 4))
 
 
+def fit_score(films: Iterable[Film], split_gain: float) -> Score:
+    """The score of some films, with its constant and its calibration."""
+    films = list(films)
+    score = fit([[pair for plant in film for pair in gather_examples(plant)] for film in films], split_gain)
+    score = move_constant(score, [film[0] for film in films])
+    return calibrate(score, [plant for film in films for plant in film])
+
+
+def kind_of(name: str) -> str:
+    """The kind of a film's bolls."""
+    return name.rsplit("-", 1)[0]
+
+
+def leave_out(films: Mapping[str, Film], split_gain: float) -> dict[str, Score]:
+    """Kind -> the score of the films of all other kinds."""
+    kinds = sorted({kind_of(name) for name in films})
+    others = {kind: [film for name, film in films.items() if kind_of(name) != kind] for kind in kinds}
+    return {kind: fit_score(others[kind], split_gain) for kind in kinds}
+
+
+def judge_left_out(films: Mapping[str, Film], scores: Mapping[str, Score]) -> dict[str, float]:
+    """Kind -> mean F1 of its films by the score of the others."""
+    rows = {name: judge(film[0], scores[kind_of(name)])["F1"] for name, film in films.items()}
+    return {kind: float(np.mean([f1 for name, f1 in rows.items() if kind_of(name) == kind])) for kind in scores}
+
+
+def reliability(pairs: Sequence[tuple[float, int]]) -> pd.DataFrame:
+    """What comes true of what is stated, and which share is two bolls, in groups of equal size."""
+    stated, bolls = np.array(sorted(pairs)).T
+    groups = np.array_split(np.arange(len(stated)), GROUPS)
+    return pd.DataFrame(
+        {
+            "stated": [stated[rows].mean() for rows in groups],
+            "true": [(bolls[rows] == 1).mean() for rows in groups],
+            "two": [(bolls[rows] > 1).mean() for rows in groups],
+            "bolls": [len(rows) for rows in groups],
+        }
+    )
+
+
+def calibration_error(table: pd.DataFrame) -> float:
+    """Expected calibration error (Naeini et al. 2015)."""
+    return float(np.average((table["stated"] - table["true"]).abs(), weights=table["bolls"]))
+
+
 def is_measured(folder: Path) -> bool:
     """Whether a plant has its model and its scale."""
     if not folder.is_dir():
@@ -195,17 +267,18 @@ def is_measured(folder: Path) -> bool:
     return plant.gaussians_ply.is_file() and plant.scale_json.is_file()
 
 
-def write_score(path: Path, score: Score, plants: int, examples: Sequence[Example]) -> None:
+def write_score(path: Path, score: Score, films: int) -> None:
     """As a person reads it: a line a term."""
-    same = sum(so for _, so in examples)
     lines = [
         "# Whether two parts are one boll: log odds = constant + sum of weight * (measure - usual). A weight is per",
         "# unit of its measure, cm where its name says so; what the measures are stands in same_boll.py.",
-        f"# Fitted by `make same-boll` on {plants} plants: {same} pairs that are, {len(examples) - same} that are not.",
+        f"# Fitted by `make same-boll` on {films} plants.",
         f"constant = {score.constant}",
         "terms = [",
         *(f'  {{ name = "{t.name}", usual = {t.usual}, weight = {t.weight} }},' for t in score.terms),
         "]",
+        "# A part is split if two middles explain its votes so much better than one (mean log likelihood of a vote).",
+        f"split_gain = {score.split_gain}",
         "# Log odds of one boll of what was joined, by those that its pairs state.",
         f"one_boll = {{ constant = {score.one_boll.constant}, slope = {score.one_boll.slope} }}",
     ]
@@ -231,28 +304,38 @@ def main() -> None:
     plants = {name: true_plant(str(wanted.folder / name)) for name in films}
     plants |= {plant.run.plant_id: plant for plant in wanted.judge}
     stored = {name: open_votes(plant, wanted.folder / "votes") for name, plant in plants.items()}
-    begun = {name: begin(one) for name, one in stored.items()}
     fitted = [name for name in films if name in FITTED]
-    # What half of the views say differs as much as another film would.
-    halves = [[begin(replace(stored[name], votes=stored[name].votes[k::2])) for k in range(2)] for name in fitted]
-    examples = [
-        [pair for one in (begun[name], *both) for pair in gather_examples(one)]
-        for name, both in zip(fitted, halves, strict=True)
-    ]
-    score = move_constant(fit(examples), [begun[name] for name in fitted])
-    score = calibrate(score, [one for name, both in zip(fitted, halves, strict=True) for one in (begun[name], *both)])
-    rows = [
-        {
-            "plant": name,
-            "used": "to fit" if name in FITTED else "to judge",
-            "parts": len(one.parts),
-            **judge(one, score),
-        }
+    seen = {
+        name: [see(one), *(see(replace(one, votes=one.votes[k::2])) for k in range(2 if name in fitted else 0))]
+        for name, one in stored.items()
+    }
+    scores, rows = {}, {}
+    for gain in GAINS:
+        begun = {name: [begin(one, gain) for one in seen[name]] for name in fitted}
+        scores[gain] = leave_out(begun, gain)
+        rows[gain] = judge_left_out(begun, scores[gain])
+    mean = {gain: round(float(np.mean(list(row.values()))), 3) for gain, row in rows.items()}
+    gain = max(GAINS, key=lambda gain: mean[gain])
+    table = pd.DataFrame([{"split_gain": gain, **row, "mean": mean[gain]} for gain, row in rows.items()])
+    print("F1 of kinds that the fit left out:", markdown(table, 3), sep="\n")
+    begun = {name: [begin(one, gain) for one in views] for name, views in seen.items()}
+    left_out = {
+        kind: [pair for name in fitted if kind_of(name) == kind for pair in outcomes(begun[name][0], score)]
+        for kind, score in scores[gain].items()
+    }
+    left_out["all"] = [pair for pairs in left_out.values() for pair in pairs]
+    print("Bolls of these kinds:", markdown(reliability(left_out["all"]), 3), sep="\n")
+    for kind, pairs in left_out.items():
+        print(f"expected calibration error, {kind}: {calibration_error(reliability(pairs)):.3f}")
+    score = fit_score((begun[name] for name in fitted), gain)
+    by_plant = [
+        {"plant": name, "used": "to fit" if name in FITTED else "to judge", "parts": len(one[0].parts)}
+        | judge(one[0], score)
         for name, one in begun.items()
     ]
-    print(score, markdown(pd.DataFrame(rows), 3), sep="\n")
+    print(score, markdown(pd.DataFrame(by_plant), 3), sep="\n")
     if not wanted.dry:
-        write_score(SCORE_FILE, score, len(fitted), [pair for plant in examples for pair in plant])
+        write_score(SCORE_FILE, score, len(fitted))
 
 
 if __name__ == "__main__":

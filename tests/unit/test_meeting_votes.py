@@ -150,7 +150,7 @@ def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unex
         )
     first = find_middles(votes)
     assert len(first.centres) == 1
-    middles = find_parts(votes)
+    middles = find_parts(votes, 0.25)
     order = np.argsort(middles.centres[:, 0])
     np.testing.assert_allclose(middles.centres[order], centres, atol=0.12)
     assert middles.support[order[0]] > middles.support[order[1]]

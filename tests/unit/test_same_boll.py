@@ -90,16 +90,16 @@ def test_the_fitted_score_goes_where_physics_says(measure, sign):
 
 def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
     """Of what states 0.4 nine in ten come true, of what states 0.9 all but one in a hundred."""
-    stated = [(0.4, k % 10 > 0) for k in range(200)] + [(0.9, k % 100 > 0) for k in range(200)]
+    stated = [(0.4, int(k % 10 > 0)) for k in range(200)] + [(0.9, int(k % 100 > 0)) for k in range(200)]
     monkeypatch.setattr("same_boll.outcomes", lambda *_: stated)
-    one_boll = calibrate(Score(0.0, ()), [None]).one_boll
+    one_boll = calibrate(Score(0.0, (), 0.25), [None]).one_boll
     assert one_boll.probability(0.4) == pytest.approx(0.9, abs=0.01)
     assert one_boll.probability(0.9) == pytest.approx(0.99, abs=0.01)
 
 
 def test_a_score_is_read_as_it_was_written(tmp_path):
-    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), Calibration(0.25, 0.5))
-    write_score(tmp_path / "score.toml", score, 3, [])
+    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), 0.3, Calibration(0.25, 0.5))
+    write_score(tmp_path / "score.toml", score, 3)
     assert read_score(tmp_path / "score.toml") == score
 
 
@@ -107,7 +107,7 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
     """Of four balls in a row at 2, 3 and 6 cm: by distance alone, even at 3.5 cm."""
     balls = [Ball((x, 0, 0), 1.0) for x in (0, 2, 5, 11)]
     parts = parts_of(balls)
-    score = Score(0.0, (Term("apart_cm", 3.5, -1.0),))
+    score = Score(0.0, (Term("apart_cm", 3.5, -1.0),), 0.25)
     joined = join_parts(parts, 1.0, score.probability)
     assert sorted(joined.parts) == [0, 2, 3], "the nearest two are one, and that is farther from the third"
     middle = joined.parts[0].centre

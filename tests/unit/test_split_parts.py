@@ -8,9 +8,10 @@ from scenes.seen_balls import Ball, see
 
 from cotton3dg.masks.meeting_votes import find_middles
 from cotton3dg.masks.separate_bolls import find_parts
-from cotton3dg.masks.split_parts import SPLIT_GAIN, PlacedVotes, fit_mixture, fit_two, split_parts
+from cotton3dg.masks.split_parts import PlacedVotes, fit_mixture, fit_two, split_parts
 
 DIAMETER = 4.0
+GAIN = 0.25
 
 
 def scattered(*counts_and_centres: tuple[int, tuple[float, float, float]], spread: float = 0.6) -> PlacedVotes:
@@ -36,7 +37,7 @@ def test_two_middles_without_a_dip_between_them_are_found():
 
 def test_one_middle_with_heavy_tails_stays_one():
     _, gain = fit_two(scattered((600, (1, 2, 3))), DIAMETER)
-    assert 0 <= gain < 0.5 * SPLIT_GAIN
+    assert 0 <= gain < 0.5 * GAIN
 
 
 def test_a_fit_never_becomes_less_likely(monkeypatch):
@@ -62,7 +63,7 @@ def test_votes_that_agree_to_the_last_digit_have_finite_likelihoods(places, spli
         far = fit_mixture(votes, np.array([[0.0, 0, 0], [1e9, 0, 0]]), 1.0, DIAMETER)
     assert np.isfinite(two.centres).all() and np.isfinite(gain) and two.variance > 0
     assert np.isfinite(far.centres).all() and np.isfinite(far.log_likelihood)
-    assert (gain > SPLIT_GAIN) == split
+    assert (gain > GAIN) == split
 
 
 def test_the_place_that_rays_say_least_about_is_along_them():
@@ -81,7 +82,7 @@ def test_a_boll_deep_in_another_is_found(unit):
         for view in votes
     ]
     assert len(find_middles(scaled).centres) == 1, "a peak of its own would need no mixture"
-    parts = find_parts(scaled)
+    parts = find_parts(scaled, GAIN)
     assert len(parts.centres) == 2
     np.testing.assert_allclose(sorted(parts.centres[:, 0] / unit), [0, 2.0], atol=0.4)
     assert parts.support.sum() == pytest.approx(find_middles(scaled).support.sum(), rel=1e-3)
@@ -90,11 +91,11 @@ def test_a_boll_deep_in_another_is_found(unit):
 def test_a_lone_boll_is_not_split():
     votes, _ = see([Ball((0, 0, 0), 2.3)], scatter=0.8)
     middles = find_middles(votes)
-    assert len(split_parts(middles, votes).centres) == len(middles.centres) == 1
+    assert len(split_parts(middles, votes, GAIN).centres) == len(middles.centres) == 1
 
 
 def test_few_votes_split_nothing():
     votes, _ = see([Ball((0, 0, 0), 2.0), Ball((2.0, 0, 0), 1.6)], scatter=0.8)
     few = [view.take(np.arange(len(view.rays)) % 300 == 0) for view in votes]
     middles = find_middles(votes)
-    assert split_parts(middles, few) is middles
+    assert split_parts(middles, few, GAIN) is middles

@@ -6,12 +6,12 @@ Plants that are not in FOLDER yet are filmed and run up to their scale; the othe
 others than these). What the network says of them is kept in FOLDER/votes and asked anew when the network or the model
 is another; so the same command fits the score to a new network. --judge takes finished plants that the fit never sees.
 
-The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together. Most
-of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the bolls of
-the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain that counts
-is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice; what of these
-bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how many of them
-are true (`evaluate`'s distance). Writes the score into the program (--dry: nowhere).
+The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together.
+Most of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the
+bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain
+that counts is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice;
+what of these bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and
+how many of them are true (`evaluate`'s distance). Writes the score into the program (--dry: nowhere).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ on which they lie, and planes parallel to the floor, as the few things on a bare
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ LEAST_VIEWS: Final = 5
 
 
 def find_agreeing_places(
-    tracks: NDArray,
+    tracks: NDArray[Any],
     orbit: Orbit,
     cameras: Sequence[Camera],
     photos: Sequence[NDArray[np.uint8]],

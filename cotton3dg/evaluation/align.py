@@ -11,7 +11,7 @@ way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,7 @@ class Alignment:
     chance: float
     """Share of shuffled plants that fit as well; NaN if the user gave the turn."""
 
-    def apply(self, points_cm: NDArray) -> Float64:
+    def apply(self, points_cm: NDArray[Any]) -> Float64:
         """(N, 3) places of the other film in the frame of the first."""
         return np.reshape(points_cm, (-1, 3)) @ self.rotation.T + self.shift_cm
 
@@ -267,7 +267,7 @@ def _first_order(plant_map: PlantMap) -> dict[int, int]:
     return first
 
 
-def _from_stem(points: NDArray, layout: Layout, by_stem: bool) -> Float64:
+def _from_stem(points: NDArray[Any], layout: Layout, by_stem: bool) -> Float64:
     """(N, 3) points with x and y relative to the stem at their height or, above its tip, to the tip."""
     stem = layout.stem
     if not by_stem or not layout.plant_map.axes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class ViewQuality:
 
 
 def view_quality(
-    gaussians: Gaussians, view: View, plant: Orbit | NDArray[np.bool_], gains: NDArray | float = 1.0
+    gaussians: Gaussians, view: View, plant: Orbit | NDArray[np.bool_], gains: NDArray[Any] | float = 1.0
 ) -> ViewQuality:
     """Render `gaussians` through the camera of `view` and compare.
 
@@ -67,7 +67,7 @@ def mean_known(values: Iterable[float]) -> float:
     return float(np.mean(finite)) if finite else math.nan
 
 
-def to_uint8(image: NDArray) -> NDArray[np.uint8]:
+def to_uint8(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Rounded to 8 bits as it would be saved; values that are not finite become 0."""
     return np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
 
@@ -96,7 +96,7 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
 
     a, b = first.astype(np.float64), second.astype(np.float64)
 
-    def blurred(image: NDArray) -> NDArray[np.float64]:
+    def blurred(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT)
 
     mean_a, mean_b = blurred(a), blurred(b)
@@ -108,7 +108,7 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
     return similarity.mean(axis=2)
 
 
-def plant_region(camera: Camera, depth: NDArray, centre: NDArray, radius_su: float) -> NDArray[np.bool_]:
+def plant_region(camera: Camera, depth: NDArray[Any], centre: NDArray[Any], radius_su: float) -> NDArray[np.bool_]:
     """(H, W) pixels whose surface, at the rendered `depth`, lies within `radius_su` of `centre`."""
     y, x = np.mgrid[0.5 : camera.height, 0.5 : camera.width]
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)

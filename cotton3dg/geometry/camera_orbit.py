@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def _angles(offsets: Float64, axis: Float64) -> Float64:
     return angles
 
 
-def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
+def evenly_spaced(angles: NDArray[Any], count: int) -> NDArray[np.int64]:
     """Indices, ascending, of at most `count` angles (radians) spread as evenly around the circle as they allow.
 
     The first is kept and each next one is the farthest from all that are kept; ties go to the lower index.
@@ -109,7 +109,7 @@ def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
     return np.sort(np.array(chosen, np.int64))
 
 
-def find_out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
+def find_out_of_view(target: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     """Names of the images that do not show the (3,) `target`, su: the plant has left the frame."""
     lost = []
     for camera in cameras:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,7 +168,7 @@ def read_checked(path: Path) -> bytes:
     return content
 
 
-def decode(path: Path, content: bytes, flags: int) -> NDArray:
+def decode(path: Path, content: bytes, flags: int) -> NDArray[Any]:
     """An image as OpenCV decodes it with `flags`.
 
     Raises:
@@ -205,7 +205,7 @@ def is_whole(content: bytes) -> bool:
     return True
 
 
-def _write(path: Path, pixels: NDArray, settings: list[int]) -> None:
+def _write(path: Path, pixels: NDArray[Any], settings: list[int]) -> None:
     import cv2
 
     done, content = cv2.imencode(path.suffix, pixels, settings)

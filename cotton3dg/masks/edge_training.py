@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -190,5 +190,5 @@ def _logit(probability: Float32) -> Float32:
     return np.asarray(np.log(bounded / (1 - bounded)), np.float32)
 
 
-def _probability(logit: NDArray) -> Float32:
+def _probability(logit: NDArray[Any]) -> Float32:
     return np.asarray(1 / (1 + np.exp(-logit)), np.float32)

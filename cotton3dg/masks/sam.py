@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ class Prompts:
             return self.boxes.reshape(-1, 2, 2).mean(axis=1)
         return np.zeros((0, 2)) if self.points is None else self.points
 
-    def choose(self, rows: NDArray, offset: tuple[int, int]) -> Prompts:
+    def choose(self, rows: NDArray[Any], offset: tuple[int, int]) -> Prompts:
         """Some of the prompts, seen from another corner of the image (x, y)."""
         points = None if self.points is None else self.points[rows] - offset
         return Prompts(points, None if self.boxes is None else self.boxes[rows] - np.tile(offset, 2))

@@ -79,7 +79,7 @@ class _Walk:
     """Places of the end and of each step, (3,) cm."""
     heading: Float64
     """(3,) direction of the last step."""
-    steps: tuple[NDArray, ...] = ()
+    steps: tuple[Float64, ...] = ()
     """(2, V) evidence of each; zeros where hidden."""
     gain: float = 0.0
 
@@ -88,7 +88,7 @@ class _Walk:
         return _Walk(self.places[:-1], before / np.linalg.norm(before), self.steps[:-1])
 
     @property
-    def shown(self) -> list[NDArray]:
+    def shown(self) -> list[Float64]:
         """The steps for which photos give evidence."""
         return [step for step in self.steps if step[1].any()]
 
@@ -243,7 +243,7 @@ def _unfaded(walk: _Walk) -> int:
     return int(np.flatnonzero(coverages >= FADED * np.nanmedian(coverages))[-1]) + 1
 
 
-def _coverage(step: NDArray) -> float:
+def _coverage(step: Float64) -> float:
     """Coverage of a step; NaN if it was hidden."""
     above, below = step.sum(axis=1)
     return float(above / below) if below > 0 else np.nan

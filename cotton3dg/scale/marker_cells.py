@@ -57,7 +57,7 @@ def fit_to_cells(light: NDArray[np.float32], quad: Float64, dark: NDArray[np.boo
 
 
 def _find_edges(
-    light: NDArray[np.float32], to_photo: NDArray, dark: NDArray[np.bool_], axis: int
+    light: NDArray[np.float32], to_photo: Float64, dark: NDArray[np.bool_], axis: int
 ) -> tuple[Float64, Float64, Float64]:
     """Edges between cells of one row, inside the marker.
 

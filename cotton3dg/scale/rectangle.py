@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,22 +73,22 @@ class Rectangle:
         """(2,) place of the middle, su from the origin."""
         return np.array([self.sides[:2].mean(), self.sides[2:].mean()])
 
-    def points(self, xy: NDArray) -> Float64:
+    def points(self, xy: NDArray[Any]) -> Float64:
         """(..., 3) scene points of (..., 2) places on the table, su from the origin."""
         return self.origin + np.asarray(xy, np.float64) @ self.axes[:2]
 
-    def places(self, points: NDArray) -> Float64:
+    def places(self, points: NDArray[Any]) -> Float64:
         """(..., 3) places of (..., 3) scene points: x, y and height above the table, su from the origin."""
         return (np.asarray(points, np.float64) - self.origin) @ self.axes.T
 
-    def moved(self, change: NDArray) -> Rectangle:
+    def moved(self, change: Float64) -> Rectangle:
         """The rectangle after a small rotation about x, y, up (3, radian), a lift (1) and moves of its sides (4)."""
         from scipy.spatial.transform import Rotation
 
         turned = Rotation.from_rotvec(change[:3]).as_matrix().T @ self.axes
         return Rectangle(turned, self.origin + change[3] * self.axes[2], self.sides + change[4:])
 
-    def edge_places(self, edge: int, along: NDArray, outwards: NDArray | float = 0.0) -> Float64:
+    def edge_places(self, edge: int, along: NDArray[Any], outwards: NDArray[Any] | float = 0.0) -> Float64:
         """(..., 2) places on an edge: `along` in 0..1 from end to end, moved `outwards` from it, su."""
         low, high = self.sides[[2, 3] if edge < 2 else [0, 1]]
         other = low + np.asarray(along) * (high - low)

@@ -9,7 +9,7 @@ disagree there; identities are not taken from the masks, the stage cluster finds
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ def lift(
     views: Iterable[ViewWeights],
     allowed: NDArray[np.bool_],
     gaussians_sha256: str,
-    foreground: NDArray | None = None,
+    foreground: NDArray[Any] | None = None,
     least_foreground: float = FOREGROUND_SHARE,
 ) -> LiftedMasks:
     """Collect the views' weights into one selection of Gaussians a mask.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -94,7 +94,7 @@ def _distinct(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
     return (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
 
 
-def verify(first_px: NDArray, second_px: NDArray, rows: NDArray[np.uint32]) -> PairMatches | None:
+def verify(first_px: NDArray[Any], second_px: NDArray[Any], rows: NDArray[np.uint32]) -> PairMatches | None:
     """The matches that one fundamental matrix explains, by graph-cut RANSAC (Barath and Matas 2018), by OpenCV."""
     if len(rows) < MIN_MATCHES:
         return None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_options import SimulateOptions
 from ..core.scene import Camera
-from ..options import SimulateOptions
 from .grounds import GROUND_PX, paint_ground
 from .mesh import unit
 from .plant import grow_plant
@@ -71,7 +71,7 @@ def _fit(image: Image) -> Image:
     return cv2.resize(image, (BACKGROUND_PX, BACKGROUND_PX), interpolation=cv2.INTER_AREA)
 
 
-def _colour(rng: np.random.Generator) -> NDArray:
+def _colour(rng: np.random.Generator) -> NDArray[Any]:
     """Pale and hardly coloured half of the time."""
     if rng.random() < 0.5:
         return rng.uniform(0.6, 0.97) * rng.uniform(0.93, 1.0, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -128,7 +128,7 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
     shifted = affine.copy()
     shifted[:, 2] += matrix @ (0.5, 0.5) - 0.5
 
-    def warped(array: NDArray, flags: int) -> NDArray:
+    def warped(array: NDArray[Any], flags: int) -> NDArray[Any]:
         return cv2.warpAffine(array, shifted, (size, size), flags=flags)
 
     cover = warped(plate.cover.astype(np.float32) / 255, cv2.INTER_LINEAR)

@@ -11,8 +11,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from ..core.srgb import to_srgb
 from .textures import Canvas, Image
 
@@ -40,11 +40,11 @@ class _Relief:
 class _Pieces:
     """Pieces on the ground, in the order in which they cover each other."""
 
-    outlines: NDArray[np.float64]
+    outlines: Float64
     """(N, K, 2) x, y."""
-    thickness: NDArray[np.float64]
+    thickness: Float64
     """(N,) from the rim, which is round, to the top."""
-    round_px: NDArray[np.float64]
+    round_px: Float64
     """(N,) width of the round rim; below 0 the rim stands up, as in leaves that curl."""
     rough: float
     """Height of their bumps, relative to their thickness."""
@@ -60,7 +60,7 @@ def paint_ground(rng: np.random.Generator) -> Image:
     return to_srgb(exposed.clip(0, 1)).astype(np.float32)
 
 
-def _draw_colours(rng: np.random.Generator, palette: NDArray, count: int) -> NDArray[np.float64]:
+def _draw_colours(rng: np.random.Generator, palette: Float64, count: int) -> Float64:
     """(N, 3) of a mixture of two of the palette, all bleached alike, each a little darker or lighter."""
     first, second = palette[rng.integers(len(palette), size=2)]
     share = rng.random((count, 1))
@@ -124,7 +124,7 @@ def _count(cover: float, area: float) -> int:
     return int(np.clip(cover * GROUND_PX**2 / area, 4, MOST_PIECES))
 
 
-def _around(rng: np.random.Generator, radius: NDArray, shape: NDArray, slim: float) -> NDArray[np.float64]:
+def _around(rng: np.random.Generator, radius: Float64, shape: Float64, slim: float) -> Float64:
     """(N, K, 2) outlines about random middles, of radii (N, K) in `radius`, `slim` times as wide as long."""
     angles = np.linspace(0, 2 * np.pi, shape.shape[1], endpoint=False)
     points = radius[:, None, None] * shape[..., None] * np.stack([np.cos(angles), slim * np.sin(angles)], axis=-1)
@@ -133,7 +133,7 @@ def _around(rng: np.random.Generator, radius: NDArray, shape: NDArray, slim: flo
     return points @ rotations + rng.uniform(-0.05, 1.05, (len(radius), 1, 2)) * GROUND_PX
 
 
-def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette: NDArray) -> _Relief:
+def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette: Float64) -> _Relief:
     """The ground with pieces on it, each of its own colour and slope."""
     canvas = Canvas(rng, GROUND_PX, GROUND_PX, 1.0)
     x, y = canvas.metres()
@@ -145,7 +145,7 @@ def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette:
     inner[1:] &= owners[1:] == owners[:-1]
     from_rim = cv2.distanceTransform(inner, cv2.DIST_L2, 3) + np.float32(0.5)
 
-    def each(values: NDArray) -> Image:
+    def each(values: Float64) -> Image:
         """A value of each piece (N, ...) where it lies, 0 elsewhere."""
         return np.concatenate([np.zeros((1, *values.shape[1:])), values]).astype(np.float32)[owners]
 

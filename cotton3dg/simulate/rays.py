@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ class Rays(Protocol):
         """(N,) whether anything is nearer than `reach`, in lengths of the direction."""
 
 
-def build_rays(meshes: Sequence[tuple[NDArray, NDArray]]) -> Rays:
+def build_rays(meshes: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> Rays:
     """The ray tracer of meshes, each with (V, 3) vertices and (T, 3) triangles.
 
     Raises:
@@ -100,7 +100,7 @@ class _Open3d:
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
         return self.scene.test_occlusions(self._bundle(origins, directions), tfar=reach).numpy()
 
-    def _bundle(self, origins: Float32, directions: Float32):  # type: ignore[no-untyped-def]
+    def _bundle(self, origins: Float32, directions: Float32) -> Any:
         return self.tensor(np.concatenate(_rows(origins, directions), axis=1))
 
 

@@ -29,7 +29,7 @@ class PlantRegions:
     def __init__(self) -> None:
         self._known: dict[bytes, NDArray[np.bool_]] = {}
 
-    def of_held_out(self, views: Sequence[View], every: int, points: NDArray) -> list[NDArray[np.bool_]]:
+    def of_held_out(self, views: Sequence[View], every: int, points: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
         """Regions, (H, W) each, of the photos that `hold_out` holds out.
 
         Args:

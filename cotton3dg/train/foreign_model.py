@@ -85,7 +85,7 @@ def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     )
 
 
-def _after(quats: NDArray, rotation: Float64) -> NDArray[np.float32]:
+def _after(quats: NDArray[np.float32], rotation: Float64) -> NDArray[np.float32]:
     """(N, 4) wxyz of the orientations after a further rotation."""
     from scipy.spatial.transform import Rotation
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ def surface_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
     return kept & _not_above(distances, kept, floor=0.05) & _not_above(sizes, kept, floor=0.0)
 
 
-def sample_surface(gaussians: Gaussians, sigmas: float | NDArray, samples: int = SAMPLES) -> NDArray[np.float64]:
+def sample_surface(gaussians: Gaussians, sigmas: float | NDArray[Any], samples: int = SAMPLES) -> NDArray[np.float64]:
     """(N * samples, 3) su: points on the ellipsoids of `sigmas` (one or one each) standard deviations."""
     on_sphere = fibonacci_directions(samples)
     extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
@@ -74,7 +74,7 @@ def sample_surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.
     return sample_surface(gaussians, high)
 
 
-def _not_above(values: NDArray, among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:
+def _not_above(values: NDArray[Any], among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:
     """Which values are not more than 3.5 robust standard deviations above the median of those `among`."""
     median = np.median(values[among])
     spread = 1.4826 * np.median(np.abs(values[among] - median))

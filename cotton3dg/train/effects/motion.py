@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Tracks:
     xyz: Float64
     """(P, 3) su."""
 
-    def __getitem__(self, rows: NDArray) -> Tracks:
+    def __getitem__(self, rows: NDArray[Any]) -> Tracks:
         """The places at `rows` (indices or a mask)."""
         return Tracks(self.cameras, self.times, self.views[rows], self.points[rows], self.places_px[rows], self.xyz)
 

@@ -57,7 +57,8 @@ class _Rays:
 
     def depths(self, point: Float64, rows: NDArray[Any]) -> Float64:
         """How far along each line the point lies, su."""
-        return np.einsum("ij,ij->i", self.towards[rows], point - self.origin[rows])
+        depths: Float64 = np.einsum("ij,ij->i", self.towards[rows], point - self.origin[rows])
+        return depths
 
 
 def find_bolls_in_space(sights: Sequence[Sight], orbit: Orbit) -> list[FoundBoll]:

@@ -123,7 +123,8 @@ def _seed(points: Float64, count: int, first: int) -> NDArray[np.int64]:
     seeds = [first]
     while len(seeds) < count:
         seeds.append(int(cdist(points, points[seeds]).min(axis=1).argmax()))
-    return cdist(points, points[seeds]).argmin(axis=1)
+    nearest: NDArray[np.int64] = cdist(points, points[seeds]).argmin(axis=1)
+    return nearest
 
 
 def _lloyd(points: Float64, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:

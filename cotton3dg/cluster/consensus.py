@@ -122,7 +122,8 @@ def _evidence(verdicts: NDArray[np.int64], n_masks: int) -> Float32:
     says = (verdicts != -1).astype(np.float32)
     c, v = np.nonzero(verdicts >= 0)
     holds = sparse.csr_matrix((np.ones(len(c), np.float32), (c, verdicts[c, v])), shape=(len(verdicts), n_masks))
-    return (holds @ holds.T).toarray() - CONSENSUS * (says @ says.T)
+    evidence: Float32 = (holds @ holds.T).toarray() - CONSENSUS * (says @ says.T)
+    return evidence
 
 
 def contract(evidence: Float32) -> NDArray[np.int64]:
@@ -222,7 +223,8 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: Float64) 
     held = votes.held.tocsc()
     widths = np.array([_width(points[held.indices[held.indptr[m] : held.indptr[m + 1]]]) for m in range(len(rate))])
     usual = np.median(widths[widths > 0]) if (widths > 0).any() else np.inf
-    return (rate > 0.5) | ((rate > 0.12) & (widths > 1.15 * usual))
+    several: NDArray[np.bool_] = (rate > 0.5) | ((rate > 0.12) & (widths > 1.15 * usual))
+    return several
 
 
 def _width(points: Float64) -> float:

@@ -50,7 +50,8 @@ class Scale:
 
     def height_cm(self, points: NDArray[Any]) -> Float64:
         """(N,) height of (N, 3) scene points above the table top."""
-        return (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
+        heights: Float64 = (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
+        return heights
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,8 @@ class Gaussians:
     @property
     def colours(self) -> Float32:
         """(N, 3) RGB of the constant spherical harmonic, clipped to 0..1."""
-        return np.clip(0.5 + 0.28209479177387814 * self.sh[:, 0], 0.0, 1.0)
+        colours: Float32 = np.clip(0.5 + 0.28209479177387814 * self.sh[:, 0], 0.0, 1.0)
+        return colours
 
     @property
     def sh_degree(self) -> int:

@@ -178,7 +178,7 @@ class _Curves:
     def total(self, around_deg: float | None = None) -> Float64:
         """(T,) total at each turn that takes the second plant back; -1 at a turn more than half `APART_DEG` away from
         the one that takes back `around_deg`, or half a turn more."""
-        total = self.scores.sum(axis=0)
+        total: Float64 = self.scores.sum(axis=0)
         if self.backwards:
             total = np.roll(total[::-1], 1)
         if around_deg is not None:
@@ -284,7 +284,8 @@ def _item_scores(item: Float64, targets: Float64, angles: Float64) -> Float64:
     y = s[:, None] * item[:, 0] + c[:, None] * item[:, 1]
     turned = np.stack([x, y, np.broadcast_to(item[:, 2], x.shape)], axis=-1)
     squares = ((turned[:, :, None] - targets) ** 2).sum(axis=-1).min(axis=2)
-    return np.exp(-0.5 * squares / NEAR_CM**2).mean(axis=1)
+    scores: Float64 = np.exp(-0.5 * squares / NEAR_CM**2).mean(axis=1)
+    return scores
 
 
 # --------------------------------------------------- shift and lean

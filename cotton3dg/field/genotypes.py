@@ -151,7 +151,8 @@ def compare(trait: str, values: Float64, factors: Mapping[str, NDArray[np.str_]]
 def _dummies(labels: NDArray[np.str_]) -> Float64:
     """(N, L - 1) indicators of all L labels but the first for each row, minus their mean over the labels."""
     names = np.unique(labels)
-    return (labels[:, None] == names[1:]).astype(np.float64) - 1 / len(names)
+    centred: Float64 = (labels[:, None] == names[1:]).astype(np.float64) - 1 / len(names)
+    return centred
 
 
 def _least_squares(design: Float64, values: Float64) -> tuple[NDArray[Any], int, float]:

@@ -82,7 +82,8 @@ def measure_displacement(grey_a: Grey, grey_b: Grey) -> float:
     if tracked.mean() < 0.5:
         return float("nan")
     lengths = np.linalg.norm((moved - corners).reshape(-1, 2)[tracked], axis=1)
-    return float(np.percentile(lengths, 90)) / grey_a.shape[1]
+    displacement: float = float(np.percentile(lengths, 90)) / grey_a.shape[1]
+    return displacement
 
 
 def stands_still(displacements: tuple[float, ...]) -> bool:

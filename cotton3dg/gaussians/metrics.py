@@ -69,7 +69,8 @@ def mean_known(values: Iterable[float]) -> float:
 
 def to_uint8(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Rounded to 8 bits as it would be saved; values that are not finite become 0."""
-    return np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
+    levels: NDArray[np.uint8] = np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
+    return levels
 
 
 def psnr_db(first: NDArray[np.uint8], second: NDArray[np.uint8], region: NDArray[np.bool_] | None = None) -> float:
@@ -97,7 +98,8 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
     a, b = first.astype(np.float64), second.astype(np.float64)
 
     def blurred(image: NDArray[np.float64]) -> NDArray[np.float64]:
-        return cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT)
+        smooth: NDArray[np.float64] = cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT)
+        return smooth
 
     mean_a, mean_b = blurred(a), blurred(b)
     variance_a, variance_b = blurred(a * a) - mean_a**2, blurred(b * b) - mean_b**2
@@ -105,7 +107,8 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
     c1, c2 = (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
     similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
     similarity /= (mean_a**2 + mean_b**2 + c1) * (variance_a + variance_b + c2)
-    return similarity.mean(axis=2)
+    over_channels: NDArray[np.float64] = similarity.mean(axis=2)
+    return over_channels
 
 
 def plant_region(camera: Camera, depth: NDArray[Any], centre: NDArray[Any], radius_su: float) -> NDArray[np.bool_]:
@@ -114,4 +117,5 @@ def plant_region(camera: Camera, depth: NDArray[Any], centre: NDArray[Any], radi
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
     in_camera = camera.rotation @ np.asarray(centre, np.float64) + camera.cam_from_scene[:, 3]
     distance = np.linalg.norm(rays * np.asarray(depth, np.float64)[..., None] - in_camera, axis=-1)
-    return np.isfinite(distance) & (depth > 0) & (distance <= radius_su)
+    near: NDArray[np.bool_] = np.isfinite(distance) & (depth > 0) & (distance <= radius_su)
+    return near

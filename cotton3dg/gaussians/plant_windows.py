@@ -59,11 +59,12 @@ def find_plant_points(points: Float64, cameras: Sequence[Camera]) -> Float64:
         return np.zeros((0, 3))
     above = points @ table[:3] + table[3] > 3 * TOLERANCE * orbit.radius
     outward = np.linalg.norm(np.cross(points - orbit.centre, orbit.axis), axis=1)
-    plant = points[above & (outward < REACH * orbit.radius)]
+    plant: Float64 = points[above & (outward < REACH * orbit.radius)]
     if not len(plant):
         return plant
     low, high = np.quantile(plant, [STRAY_SHARE, 1 - STRAY_SHARE], axis=0)
-    return plant[((plant >= low) & (plant <= high)).all(axis=1)]
+    kept: Float64 = plant[((plant >= low) & (plant <= high)).all(axis=1)]
+    return kept
 
 
 def _window(camera: Camera, plant: Float64, margin: float) -> Window | None:

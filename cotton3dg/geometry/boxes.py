@@ -48,7 +48,8 @@ def nearly_least_rectangles(points: NDArray[Any], share: float) -> NDArray[np.fl
     more area than the least, as a share of it."""
     _, sides = _rectangles(_check(points, 2))
     areas = sides.prod(axis=1)
-    return sides[areas <= (1 + share) * areas.min()]
+    least: NDArray[np.float64] = sides[areas <= (1 + share) * areas.min()]
+    return least
 
 
 def oriented_box(points: NDArray[Any]) -> Box:
@@ -118,7 +119,8 @@ def _hull_rows(points: NDArray[np.float64]) -> NDArray[np.int64]:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return ConvexHull(points).vertices.astype(np.int64)
+        rows: NDArray[np.int64] = ConvexHull(points).vertices.astype(np.int64)
+        return rows
     except (QhullError, ValueError):
         if len(points) < 3:
             return np.arange(len(points))

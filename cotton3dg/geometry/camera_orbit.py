@@ -87,7 +87,7 @@ def _angles(offsets: Float64, axis: Float64) -> Float64:
     x = offsets[0] - axis * (offsets[0] @ axis)
     x /= max(float(np.linalg.norm(x)), 1e-12)
     y = np.cross(axis, x)
-    angles = np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
+    angles: Float64 = np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
     angles[0] = 0.0  # rounding could put it a hair before the beginning, at 2π
     return angles
 
@@ -131,7 +131,8 @@ def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: O
     ahead = np.median([(orbit.centre - camera.centre) @ camera.forward for camera in cameras])
     if not ahead > 0.5 * orbit.distance:
         return np.ones(len(means), bool)
-    return np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
+    near: NDArray[np.bool_] = np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
+    return near
 
 
 def _gap(angles: Float64, other: float) -> Float64:

@@ -51,4 +51,5 @@ def find_compact_part(points: NDArray[Any]) -> NDArray[np.bool_]:
     distances = np.linalg.norm(points - measure_extent(body)[0], axis=1)
     middle = np.median(distances[kept])
     spread = 1.4826 * np.median(np.abs(distances[kept] - middle))
-    return kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
+    compact: NDArray[np.bool_] = kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
+    return compact

@@ -50,7 +50,7 @@ def smoothed(points: NDArray[Any], sigma: float) -> Float64:
     # Mirrored about its ends, a curve keeps its ends and its directions there.
     pad = min(len(points) - 1, int(4 * sigma) + 1)
     before, after = 2 * points[0] - points[pad:0:-1], 2 * points[-1] - points[-2 : -pad - 2 : -1]
-    whole = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
+    whole: Float64 = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
     return whole[pad : pad + len(points)]
 
 

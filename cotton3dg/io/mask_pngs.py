@@ -108,4 +108,5 @@ def _pieces(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
     count, pieces = cv2.connectedComponents((ids > 0).astype(np.uint8))
     if count - 1 > np.iinfo(np.uint16).max:
         raise BadInput(f"a mask has {count - 1} pieces, so it is no mask of bolls; draw it again")
-    return pieces.astype(np.uint16)
+    numbered: NDArray[np.uint16] = pieces.astype(np.uint16)
+    return numbered

@@ -152,7 +152,8 @@ def _branch_places(plant_map: PlantMap) -> dict[int, tuple[Float64, Float64]]:
 
 def _way(side: int, rise: float) -> Float64:
     way = np.array([side, rise])
-    return way / np.linalg.norm(way)
+    unit: Float64 = way / np.linalg.norm(way)
+    return unit
 
 
 def _boll_place(boll: BollOnMap, places: dict[int, tuple[Float64, Float64]]) -> Float64:

@@ -66,7 +66,8 @@ def ffmpeg_binary() -> str:
     import imageio_ffmpeg
 
     try:
-        return imageio_ffmpeg.get_ffmpeg_exe()
+        bundled: str = imageio_ffmpeg.get_ffmpeg_exe()
+        return bundled
     except RuntimeError as error:
         raise EnvironmentUnusable("ffmpeg is missing; install ffmpeg or `pip install imageio-ffmpeg`") from error
 

@@ -252,7 +252,8 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
             network.head.bias.copy_(_as_tensor(constants["maps.b"], network.head.bias))
     except (KeyError, ValueError) as error:
         raise BadInput(f"{name} is no network of bolls; {REMEDY}") from error
-    return network.eval()
+    network.eval()
+    return network
 
 
 def _as_tensor(values: NDArray[Any], like: Tensor) -> Tensor:

@@ -172,7 +172,8 @@ def _hardly_covered(patches: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArra
     """The connected patches that lie almost wholly outside of the other mask."""
     count, labels = cv2.connectedComponents(patches.astype(np.uint8))
     all_px, shared_px = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[by], minlength=count)
-    return patches & (shared_px < FOUND * all_px)[labels]
+    alone: NDArray[np.bool_] = patches & (shared_px < FOUND * all_px)[labels]
+    return alone
 
 
 def _cut(lesson: _Lesson, rng: np.random.Generator) -> Float32:

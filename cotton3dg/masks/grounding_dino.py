@@ -75,4 +75,5 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
         boxes = np.hstack([middle - size / 2, middle + size / 2]) * np.tile([width, height], 2)
         return np.clip(boxes, 0, np.tile([width, height], 2)), scores
 
-    return find
+    finder: Finder = find
+    return finder

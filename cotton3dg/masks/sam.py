@@ -41,7 +41,8 @@ class Prompts:
     def centres(self) -> Float64:
         """(n, 2) x, y."""
         if self.boxes is not None:
-            return self.boxes.reshape(-1, 2, 2).mean(axis=1)
+            middles: Float64 = self.boxes.reshape(-1, 2, 2).mean(axis=1)
+            return middles
         return np.zeros((0, 2)) if self.points is None else self.points
 
     def choose(self, rows: NDArray[Any], offset: tuple[int, int]) -> Prompts:
@@ -172,4 +173,5 @@ def open_sam(folder: Path, *, trusted: bool) -> Segmenter:
             scores.append(told.iou_scores[0][rows, surest].clamp(0, 1).numpy())
         return np.concatenate(masks), np.concatenate(scores)
 
-    return segment
+    segmenter: Segmenter = segment
+    return segmenter

@@ -168,7 +168,8 @@ def _arcs(cameras: Sequence[Camera], orbit: Orbit) -> NDArray[np.bool_]:
     """(A, V) which views lie in each arc of the orbit; arcs with fewer than half of the views do not count."""
     sectors = (azimuths(cameras, orbit) * SECTORS / (2 * np.pi)).astype(np.int64) % SECTORS
     arcs = (sectors - np.arange(SECTORS)[:, None]) % SECTORS < ARC
-    return arcs[2 * arcs.sum(axis=1) >= len(cameras)]
+    counted: NDArray[np.bool_] = arcs[2 * arcs.sum(axis=1) >= len(cameras)]
+    return counted
 
 
 def _mean_scores(
@@ -223,7 +224,8 @@ def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
     weights = ndimage.gaussian_filter(allowed.astype(np.float32), 1.5)
     smooth = ndimage.gaussian_filter(smooth, 1.5) / np.maximum(weights, 1e-6)
     low = ndimage.minimum_filter(np.where(allowed, smooth, 1), 9)
-    return ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
+    usual: Float32 = ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
+    return usual
 
 
 def _map(points: Float32, affine: Float64) -> Float32:

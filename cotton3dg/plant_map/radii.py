@@ -66,7 +66,8 @@ def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Floa
         return np.full(len(curve), np.nan)
     # A neighbour's leaf or boll widens single places.
     calm = np.array([np.nanmedian(radii[max(0, i - 2) : i + 3]) if known[i] else np.nan for i in range(len(radii))])
-    return np.interp(lengths, places[known], calm[known])
+    along: Float64 = np.interp(lengths, places[known], calm[known])
+    return along
 
 
 def _width(means: Float64, covariances: Float64, opacities: NDArray[Any], tangent: Float64, opaque: float) -> float:

@@ -139,7 +139,8 @@ def _look_at(
     views = [_zoomed(cameras[number]) for number in chosen]
 
     def shrunk(view: Camera) -> NDArray[np.uint8]:
-        return cv2.resize(photo(view.name), (view.width, view.height), interpolation=cv2.INTER_AREA)
+        small: NDArray[np.uint8] = cv2.resize(photo(view.name), (view.width, view.height), interpolation=cv2.INTER_AREA)
+        return small
 
     placed, hidden = [], []
     for small in views:
@@ -215,7 +216,8 @@ def _is_borne_out(walk: _Walk, heading: Float64) -> bool:
     error = float(np.linalg.norm(groups[:, 0] - coverage * groups[:, 1])) / groups[:, 1].sum()
     each = groups[groups[:, 1] > 0]
     usual = np.median(each[:, 0] / each[:, 1])
-    return min(_coverage(walk.steps[-1]), usual) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
+    borne_out: bool = min(_coverage(walk.steps[-1]), usual) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
+    return borne_out
 
 
 def _meets_model(walk: _Walk, lines: PhotoLines, colours: Float64) -> bool:

@@ -157,7 +157,10 @@ def scale_to(rgb: Picture, side_px: int) -> Picture:
     import cv2
 
     factor = side_px / max(rgb.shape[:2])
-    return cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
+    scaled: Picture = cv2.resize(
+        rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+    )
+    return scaled
 
 
 def choose_views(

@@ -53,7 +53,8 @@ def fit_to_cells(light: NDArray[np.float32], quad: Float64, dark: NDArray[np.boo
         if fitted is None:
             return quad
         moved[:, axis] += np.column_stack([np.ones(4), square]) @ fitted
-    return cv2.perspectiveTransform(moved[None], to_photo)[0]
+    corners: Float64 = cv2.perspectiveTransform(moved[None], to_photo)[0]
+    return corners
 
 
 def _find_edges(

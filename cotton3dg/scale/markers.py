@@ -111,7 +111,8 @@ def marker_cells(dictionary: str, number: int) -> NDArray[np.bool_]:
 
     words = marker_dictionary(dictionary)
     cells = words.markerSize + 2
-    return np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
+    dark: NDArray[np.bool_] = np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
+    return dark
 
 
 def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:

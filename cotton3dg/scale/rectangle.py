@@ -229,7 +229,8 @@ def _shifted(rows: Float64, ways: Float64, step: float) -> Float64:
     before = np.minimum(places.astype(np.int64), last - 1)
     share = places - before
     row = np.arange(len(rows))[:, None]
-    return rows[row, before] * (1 - share) + rows[row, before + 1] * share
+    shifted: Float64 = rows[row, before] * (1 - share) + rows[row, before + 1] * share
+    return shifted
 
 
 def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Float64) -> Float64 | None:
@@ -340,7 +341,8 @@ def _distances(rectangle: Rectangle, edge: int, cameras: Sequence[Camera], found
     lenses = np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras])[found.view]
     in_camera = np.einsum("nij,nj->ni", poses[:, :, :3], points) + poses[:, :, 3]
     pixels = in_camera[:, :2] / in_camera[:, 2:] * lenses[:, :2] + lenses[:, 2:]
-    return np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
+    distances: Float64 = np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
+    return distances
 
 
 def _on_image(camera: Camera, points: Float64, ahead: Float64) -> tuple[Float64, Float64, NDArray[np.bool_]]:
@@ -371,7 +373,8 @@ def _difference(image: NDArray[np.uint8], pixels: Float64, normals: Float64) -> 
         rows = np.array_split(at, max(1, len(at) // 30_000))
         values = [cv2.remap(image, part[None, :, 0], part[None, :, 1], cv2.INTER_LINEAR)[0] for part in rows]
         sides.append(np.concatenate(values).astype(np.float64).reshape(len(at), -1))
-    return np.linalg.norm(sides[1] - sides[0], axis=1).reshape(pixels.shape[:-1])
+    difference: Float64 = np.linalg.norm(sides[1] - sides[0], axis=1).reshape(pixels.shape[:-1])
+    return difference
 
 
 def _along() -> Float64:

@@ -112,4 +112,5 @@ def distance_ratios(points_su: NDArray[Any], points_cm: NDArray[Any]) -> NDArray
     known = np.linalg.norm(np.asarray(points_cm)[first] - np.asarray(points_cm)[second], axis=1)
     measured = np.linalg.norm(np.asarray(points_su)[first] - np.asarray(points_su)[second], axis=1)
     long = (known >= 0.5 * known.max(initial=0.0)) & (measured > 0)
-    return known[long] / measured[long]
+    ratios: NDArray[np.float64] = known[long] / measured[long]
+    return ratios

@@ -138,7 +138,8 @@ def _points_on_table(points: NDArray[Any], table: Rectangle, radius: float) -> F
     x, y = places[:, 0], places[:, 1]
     inside = (x > table.sides[0] - rim) & (x < table.sides[1] + rim)
     inside &= (y > table.sides[2] - rim) & (y < table.sides[3] + rim)
-    return places[inside & (np.abs(places[:, 2]) < ON_PLANE * radius)]
+    on_table: Float64 = places[inside & (np.abs(places[:, 2]) < ON_PLANE * radius)]
+    return on_table
 
 
 def draw_sections(sections: TableSections, width_px: int = 960) -> NDArray[np.uint8]:
@@ -152,7 +153,9 @@ def draw_sections(sections: TableSections, width_px: int = 960) -> NDArray[np.ui
     px_per_su = (width_px - 1) / (2 * half[0])
 
     def pixels(points: NDArray[Any]) -> NDArray[np.int32]:
-        return np.round(((points - sections.box.centre) @ axes.T + half) * px_per_su).astype(np.int32)
+        from_corner = (points - sections.box.centre) @ axes.T + half
+        rounded: NDArray[np.int32] = np.round(from_corner * px_per_su).astype(np.int32)
+        return rounded
 
     canvas = np.full((max(2, round(2 * half[1] * px_per_su)), width_px, 3), 255, np.uint8)
     # Single pixels would hardly show.

@@ -88,7 +88,8 @@ def vote_foreground(views: Sequence[ViewWeights], seen: Float32) -> NDArray[np.f
     for view in views:
         inside = view.ids != RIM_ID
         held += np.bincount(view.rows[inside], view.weights[inside], len(held))
-    return np.minimum(held / np.maximum(seen.sum(axis=0, dtype=np.float64), 1e-12), 1.0)
+    shares: NDArray[np.float64] = np.minimum(held / np.maximum(seen.sum(axis=0, dtype=np.float64), 1e-12), 1.0)
+    return shares
 
 
 def lift(

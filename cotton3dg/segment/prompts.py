@@ -136,4 +136,5 @@ def _render_inner_features(gaussians: Gaussians, unit: Float32, view: PromptView
 
 def _normalise(features: NDArray[Any]) -> NDArray[Any]:
     """At unit length along the last axis; zero stays zero."""
-    return features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-6)
+    unit: NDArray[Any] = features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-6)
+    return unit

@@ -91,7 +91,8 @@ def match_descriptors(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> ND
 def _distinct(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Which rows have a nearest neighbour that is near, and much nearer than the next one."""
     best, second = np.arccos(np.clip(neighbours[:2] / ROOT_SIFT_NORM**2, 0, 1))
-    return (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
+    distinct: NDArray[np.bool_] = (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
+    return distinct
 
 
 def verify(first_px: NDArray[Any], second_px: NDArray[Any], rows: NDArray[np.uint32]) -> PairMatches | None:

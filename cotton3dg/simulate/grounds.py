@@ -66,7 +66,8 @@ def _draw_colours(rng: np.random.Generator, palette: Float64, count: int) -> Flo
     share = rng.random((count, 1))
     colours = share * first + (1 - share) * second
     colours += rng.beta(0.8, 1.2) * (PALE - colours)
-    return colours * np.exp(rng.normal(0, 0.15, (count, 1))).clip(0.5, 1.15)
+    varied: Float64 = colours * np.exp(rng.normal(0, 0.15, (count, 1))).clip(0.5, 1.15)
+    return varied
 
 
 def _sand(rng: np.random.Generator, scale: float) -> _Relief:
@@ -130,7 +131,8 @@ def _around(rng: np.random.Generator, radius: Float64, shape: Float64, slim: flo
     points = radius[:, None, None] * shape[..., None] * np.stack([np.cos(angles), slim * np.sin(angles)], axis=-1)
     turn = rng.uniform(0, 2 * np.pi, len(radius))
     rotations = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).transpose(2, 1, 0)
-    return points @ rotations + rng.uniform(-0.05, 1.05, (len(radius), 1, 2)) * GROUND_PX
+    outlines: Float64 = points @ rotations + rng.uniform(-0.05, 1.05, (len(radius), 1, 2)) * GROUND_PX
+    return outlines
 
 
 def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette: Float64) -> _Relief:
@@ -177,7 +179,8 @@ def _sunlit(relief: _Relief, azimuth: float, elevation: float, sky: float) -> Im
     sun = cosines.clip(0) * (highest - height < 0.3)
     hollow = cv2.GaussianBlur(height, (0, 0), 5) - height
     open_sky = np.exp(-hollow.clip(0) / (1 + height.std())) * np.float32(sky)
-    return relief.albedo * (sun[..., None] * SUN + open_sky[..., None] * SKY)
+    lit: Image = relief.albedo * (sun[..., None] * SUN + open_sky[..., None] * SKY)
+    return lit
 
 
 def _aslant(rng: np.random.Generator, image: Image) -> Image:
@@ -186,14 +189,17 @@ def _aslant(rng: np.random.Generator, image: Image) -> Image:
     margin = rng.uniform(0, 0.15) * last
     seen = np.array([[0, 0], [size, 0], [size - margin, last], [margin, last]], np.float32)
     corners = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32)
-    return cv2.warpPerspective(image, cv2.getPerspectiveTransform(seen, corners), (size, size))
+    aslant: Image = cv2.warpPerspective(image, cv2.getPerspectiveTransform(seen, corners), (size, size))
+    return aslant
 
 
 def _focused(rng: np.random.Generator, light: Image) -> Image:
     """In focus half of the time; else every bright spot is a disc, as the lens' aperture has it."""
     if rng.random() < 0.5:
-        return cv2.GaussianBlur(light, (0, 0), 0.6)
+        sharp: Image = cv2.GaussianBlur(light, (0, 0), 0.6)
+        return sharp
     radius = np.exp(rng.uniform(np.log(1.2), np.log(9.0)))
     y, x = np.mgrid[-9:10, -9:10]
     disc = (radius + 0.5 - np.hypot(x, y)).clip(0, 1).astype(np.float32)
-    return cv2.filter2D(light, -1, disc / disc.sum())
+    blurred: Image = cv2.filter2D(light, -1, disc / disc.sum())
+    return blurred

@@ -78,7 +78,8 @@ class _Embreex:
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
         starts, towards = _rows(origins, directions)
         limits = np.full(len(starts), reach, np.float32)
-        return self.scene.run(starts, towards, dists=limits, query="OCCLUDED") == 0
+        blocked: NDArray[np.bool_] = self.scene.run(starts, towards, dists=limits, query="OCCLUDED") == 0
+        return blocked
 
 
 class _Open3d:
@@ -98,7 +99,8 @@ class _Open3d:
         return Hits(found["t_hit"], meshes, triangles, found["primitive_uvs"])
 
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
-        return self.scene.test_occlusions(self._bundle(origins, directions), tfar=reach).numpy()
+        blocked: NDArray[np.bool_] = self.scene.test_occlusions(self._bundle(origins, directions), tfar=reach).numpy()
+        return blocked
 
     def _bundle(self, origins: Float32, directions: Float32) -> Any:
         return self.tensor(np.concatenate(_rows(origins, directions), axis=1))

@@ -76,7 +76,8 @@ def _paint(drawing: NDArray[np.uint8]) -> Image:
 
 
 def _ink(colour: Float64) -> list[float]:
-    return (255 * np.clip(colour, 0, 1)).tolist()
+    ink: list[float] = (255 * np.clip(colour, 0, 1)).tolist()
+    return ink
 
 
 def _tints(rng: np.random.Generator, shape: tuple[int, ...], spread: float) -> Image:

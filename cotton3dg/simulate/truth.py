@@ -159,7 +159,8 @@ def hull_centroid(hull: ConvexHull) -> Float64:
     inside = hull.points[hull.vertices].mean(axis=0)
     corners = hull.points[hull.simplices] - inside
     volumes = np.abs(np.linalg.det(corners))
-    return inside + (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
+    centroid: Float64 = inside + (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
+    return centroid
 
 
 def mean_width(hull: ConvexHull) -> float:

@@ -79,7 +79,7 @@ def find_worth_keeping(gaussians: Gaussians, centres: NDArray[np.float64], close
     from scipy.spatial import cKDTree
 
     faintest_logit = np.log(FAINTEST_OPACITY / (1 - FAINTEST_OPACITY))
-    keep = (gaussians.opacity_logits >= faintest_logit) & gaussians.finite_rows
+    keep: NDArray[np.bool_] = (gaussians.opacity_logits >= faintest_logit) & gaussians.finite_rows
     distances, _ = cKDTree(centres).query(gaussians.means[keep])
     keep[keep] = distances >= closest_su
     return keep

@@ -103,7 +103,8 @@ def nearest_neighbours(centres: Float64, diameters: Float64) -> Float64:
         return np.zeros(0)
     away = np.linalg.norm(centres[:, None] - centres, axis=2) / (0.5 * (diameters[:, None] + diameters))
     np.fill_diagonal(away, np.inf)
-    return np.where(np.isnan(away), np.inf, away).min(axis=1)
+    nearest: Float64 = np.where(np.isnan(away), np.inf, away).min(axis=1)
+    return nearest
 
 
 def find_touching(nearest: Float64) -> NDArray[np.bool_]:

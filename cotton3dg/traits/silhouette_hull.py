@@ -61,7 +61,8 @@ def opaque_hull(gaussians: Gaussians) -> Float64:
     support = np.maximum(support, 1e-3 * support.max())
     half_spaces = np.column_stack([np.concatenate(directions), -support])
     try:
-        return HalfspaceIntersection(half_spaces, np.zeros(3)).intersections + middle
+        corners: Float64 = HalfspaceIntersection(half_spaces, np.zeros(3)).intersections + middle
+        return corners
     except QhullError:
         return np.zeros((0, 3))
 

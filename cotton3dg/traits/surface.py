@@ -53,7 +53,8 @@ def sample_surface(gaussians: Gaussians, sigmas: float | NDArray[Any], samples: 
     on_sphere = fibonacci_directions(samples)
     extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
     offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), extents[:, None, :] * on_sphere)
-    return (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
+    points: NDArray[np.float64] = (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
+    return points
 
 
 def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
@@ -78,4 +79,5 @@ def _not_above(values: NDArray[Any], among: NDArray[np.bool_], floor: float) -> 
     """Which values are not more than 3.5 robust standard deviations above the median of those `among`."""
     median = np.median(values[among])
     spread = 1.4826 * np.median(np.abs(values[among] - median))
-    return values <= median + 3.5 * max(spread, floor * abs(median))
+    low: NDArray[np.bool_] = values <= median + 3.5 * max(spread, floor * abs(median))
+    return low

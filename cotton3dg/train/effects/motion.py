@@ -84,7 +84,8 @@ def measure_velocities(tracks: Tracks) -> Float64:
 def in_cameras(tracks: Tracks, views: Int64) -> Float64:
     """(K, 3) su: the point of each place in the axes of the camera `views` (K,)."""
     poses = np.array([camera.cam_from_scene for camera in tracks.cameras])[views]
-    return np.einsum("kij,kj->ki", poses[:, :, :3], tracks.xyz[tracks.points]) + poses[:, :, 3]
+    in_camera: Float64 = np.einsum("kij,kj->ki", poses[:, :, :3], tracks.xyz[tracks.points]) + poses[:, :, 3]
+    return in_camera
 
 
 def _project(tracks: Tracks, views: Int64) -> Float64:

@@ -260,4 +260,5 @@ def help_text(item: Field[Any]) -> str:
     notes = [unit] if unit else []
     notes += [" | ".join(choices)] if choices else []
     notes += [f"paper: {paper}"] if paper else []
-    return item.metadata["help"] + (f" ({'; '.join(notes)})" if notes else "")
+    text: str = item.metadata["help"]
+    return text + (f" ({'; '.join(notes)})" if notes else "")

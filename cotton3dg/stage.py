@@ -50,12 +50,14 @@ class Work:
     @property
     def images(self) -> int:
         """Number of images taken from the capture."""
-        return min(self.options["frames"].count, self.source.frames)
+        asked: int = self.options["frames"].count
+        return min(asked, self.source.frames)
 
     @property
     def views(self) -> int:
         """Number of images that get masks."""
-        return min(self.options["masks"].views, self.images)
+        asked: int = self.options["masks"].views
+        return min(asked, self.images)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -69,7 +71,8 @@ class Work:
 
     @property
     def million_gaussians(self) -> float:
-        return self.options["train"].max_gaussians / 1e6
+        most: int = self.options["train"].max_gaussians
+        return most / 1e6
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +55,10 @@ class _Rays:
     diameter_px: Float64
     focal_px: Float64
 
-    def depths(self, point: NDArray, rows: NDArray) -> Float64:
+    def depths(self, point: Float64, rows: NDArray[Any]) -> Float64:
         """How far along each line the point lies, su."""
-        return np.einsum("ij,ij->i", self.towards[rows], point - self.origin[rows])
+        depths: Float64 = np.einsum("ij,ij->i", self.towards[rows], point - self.origin[rows])
+        return depths
 
 
 def find_bolls_in_space(sights: Sequence[Sight], orbit: Orbit) -> list[FoundBoll]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def find_cut_plants(bolls: Sequence[FoundBoll], sights: Sequence[Sight]) -> dict
     return cut
 
 
-def corners_in_view(corners: NDArray, cameras: Sequence[Camera]) -> Float64:
+def corners_in_view(corners: NDArray[Any], cameras: Sequence[Camera]) -> Float64:
     """(4,) share of the images that show each of (4, 3) corners."""
     seen = []
     for camera in cameras:

@@ -8,7 +8,7 @@ on which they lie, and planes parallel to the floor, as the few things on a bare
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ LEAST_VIEWS: Final = 5
 
 
 def find_agreeing_places(
-    tracks: NDArray,
+    tracks: NDArray[Any],
     orbit: Orbit,
     cameras: Sequence[Camera],
     photos: Sequence[NDArray[np.uint8]],
@@ -58,7 +58,8 @@ def _shrink(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
     """The photo, small and a little blurred, so that places need not fit to the pixel."""
     factor = min(1.0, SIDE_PX / max(photo.shape[:2]))
     small = cv2.resize(photo, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    return cv2.GaussianBlur(small, (0, 0), 1.5).astype(np.float32)
+    blurred: NDArray[np.float32] = cv2.GaussianBlur(small, (0, 0), 1.5).astype(np.float32)
+    return blurred
 
 
 def _grid(plane: Float64, orbit: Orbit) -> Float64:
@@ -87,4 +88,5 @@ def _agreeing(
     enough = np.isfinite(colours[..., 0]).sum(axis=0) >= LEAST_VIEWS
     points, colours = points[enough], colours[:, enough]
     away = np.abs(colours - np.nanmedian(colours, axis=0)).max(axis=2)
-    return points[np.nanmedian(away, axis=0) < tolerance]
+    agreeing: Float64 = points[np.nanmedian(away, axis=0) < tolerance]
+    return agreeing

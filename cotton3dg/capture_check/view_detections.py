@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -44,7 +44,7 @@ class Sight:
     plant: NDArray[np.int32]
     """(h, w) numbers of the connected parts that look like a plant; 0 = none."""
 
-    def parts_of(self, places_px: NDArray) -> set[int]:
+    def parts_of(self, places_px: NDArray[Any]) -> set[int]:
         """The parts of the plant on which, or next to which, (N, 2) places lie."""
         scale = self.plant.shape[1] / self.camera.width
         x, y = np.floor(np.asarray(places_px).reshape(-1, 2) * scale).astype(int).T

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from ..options import (
-    STAGE_OPTIONS,
+from ..command_options import (
     CardsOptions,
     MarkersOptions,
     MasksTrainOptions,
     RenderOptions,
     SimulateOptions,
 )
+from ..options import STAGE_OPTIONS
 from ..process import orderly
 from . import accuracy, field, install, stages
 from .arguments import CardFiles, ModelDir, NewFile, NewFolder, PlantDir, add_flags

@@ -18,10 +18,11 @@ from ..core.progress import Progress as StageProgress
 from ..core.state import State
 from ..io.tables import read_rows
 from ..options import STANDARD
-from ..pipeline import STAGES, Step, Watcher
+from ..pipeline import Step, Watcher
 from ..schemas.corrections import RULER
 from ..schemas.record import Record
 from ..schemas.scale import ScaleInfo
+from ..stage import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

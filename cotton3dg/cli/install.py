@@ -28,8 +28,9 @@ def demo(
     """A simulated plant from its film to its row, and that beside the truth: simulate, run, evaluate."""
     from .. import pipeline
     from ..choices import Asked, choose
+    from ..command_options import SimulateOptions
     from ..commands.simulate import film_once
-    from ..options import SimulateOptions
+    from ..stage import STAGES
     from ..workspace import Workspace
     from . import display
 
@@ -39,7 +40,7 @@ def demo(
             workspace = Workspace(folder)
             chosen = choose(workspace, Asked(preset))
             display.tell_options(chosen)
-            choices = chosen.to_keep(pipeline.STAGES)
+            choices = chosen.to_keep(STAGES)
             pipeline.run(workspace, chosen.options, watcher=watcher, report=True, choices=choices)
         display.print_traits(workspace)
         display.print_comparison(workspace, workspace.truth_json)

@@ -51,15 +51,16 @@ def run(
     """From the video to traits.csv; only what is stale is made again."""
     from .. import pipeline
     from ..choices import Asked
+    from ..stage import STAGES
     from . import display
 
     with report_errors(plant_dir):
         asked, stages = Asked(preset, reset, parse_overrides(set_)), pipeline.selected(from_, until)
-        if repeat and stages != pipeline.STAGES:
+        if repeat and stages != STAGES:
             raise BadUsage("--repeat is for whole runs; leave out --from and --until")
-        if time_budget and (preset or stages != pipeline.STAGES):
+        if time_budget and (preset or stages != STAGES):
             raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
-        workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == pipeline.STAGES[0] and not dry_run)
+        workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == STAGES[0] and not dry_run)
         budget = _budget(workspace, time_budget, asked) if time_budget else None
         chosen = budget.chosen if budget else chosen
         display.tell_options(chosen, stages)
@@ -125,8 +126,9 @@ def batch(
 ) -> None:
     """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
     from .. import slurm
-    from ..batch import TABLE, Batch, default_jobs, find_plants, require_named, saved_results
+    from ..batch import Batch, default_jobs, find_plants, require_named, saved_results
     from ..choices import Asked, choose
+    from ..field.tables import TABLE
     from . import display
 
     with report_errors(folder):
@@ -236,11 +238,12 @@ def stage_command(stage: str) -> Callable[..., None]:
     def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, **flags: Any) -> None:
         from .. import pipeline
         from ..choices import Asked
+        from ..stage import STAGES
         from . import display
 
         with report_errors(plant_dir):
             asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
-            workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == pipeline.STAGES[0])
+            workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == STAGES[0])
             display.tell_options(chosen, stages)
             with display.ProgressDisplay() as watcher:
                 pipeline.run(

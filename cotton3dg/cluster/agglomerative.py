@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, LiftedMasks
+from ..core.scene import Float32, Float64
 from ..geometry.point_sets import measure_extent
 from .view_objects import bolls_of_groups, find_objects, join_nearest
 
@@ -22,7 +22,7 @@ boll."""
 LEAST_VIEWS: Final = 2
 
 
-def join_objects(lifted: LiftedMasks, means: NDArray, up: NDArray, reach: float = 0.6) -> list[BollInstance]:
+def join_objects(lifted: LiftedMasks, means: Float32, up: Float64, reach: float = 0.6) -> list[BollInstance]:
     """Bolls as clusters of nearby objects of different views.
 
     Args:

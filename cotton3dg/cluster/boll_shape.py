@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance
+from ..core.scene import Float64
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 
@@ -26,7 +27,7 @@ SEEDINGS: Final = 6
 """Starts for each number of pieces, because now and then one of a heap's farthest points is not a good start."""
 
 
-def split_heap(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
+def split_heap(points: Float64, usual_width: float) -> NDArray[np.int64] | None:
     """Divide a set that is several bolls in a row or heap.
 
     Gaussians lie on the surface of bolls, which shows the number of bolls. A number of pieces is possible if each piece
@@ -52,7 +53,7 @@ def split_heap(points: NDArray, usual_width: float) -> NDArray[np.int64] | None:
     return best
 
 
-def number_bolls(bolls: list[BollInstance], up: NDArray) -> list[BollInstance]:
+def number_bolls(bolls: list[BollInstance], up: Float64) -> list[BollInstance]:
     """The bolls from the top downwards with ids 1, 2, ..."""
     ordered = sorted(bolls, key=lambda boll: (-float(boll.centre @ up), *boll.centre))
     return [replace(boll, boll_id=boll_id) for boll_id, boll in enumerate(ordered, 1)]
@@ -71,7 +72,7 @@ def flag_close(bolls: list[BollInstance]) -> list[BollInstance]:
     ]
 
 
-def _most_pieces(points: NDArray, usual_width: float) -> int:
+def _most_pieces(points: Float64, usual_width: float) -> int:
     """Largest number of bolls in a set: as many as its hull has room for, and half as many again."""
     # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
     if measure_extent(points)[1][0] <= 1.7 * usual_width:
@@ -80,7 +81,7 @@ def _most_pieces(points: NDArray, usual_width: float) -> int:
     return min(MOST_PIECES, max(2, int(1.5 * volume / (np.pi / 6 * usual_width**3)))) if volume > 0 else 2
 
 
-def _like_bolls(points: NDArray, labels: NDArray[np.int64], usual_width: float) -> bool:
+def _like_bolls(points: Float64, labels: NDArray[np.int64], usual_width: float) -> bool:
     """Whether the pieces are each of ordinary size and lie as far apart as touching bolls do."""
     count = int(labels.max()) + 1
     # A touching boll of half the width still has a fifth of the pair's surface; smaller pieces are stragglers.
@@ -93,7 +94,7 @@ def _like_bolls(points: NDArray, labels: NDArray[np.int64], usual_width: float) 
     return bool(apart.min() > SEPARATION and longest.max() < 1.4 * usual_width and longest.min() > 0.5 * usual_width)
 
 
-def _roughness(points: NDArray, labels: NDArray[np.int64]) -> float:
+def _roughness(points: Float64, labels: NDArray[np.int64]) -> float:
     """Sum over the points of the squared distance from their piece's shell, in its radii."""
     total = 0.0
     for k in range(labels.max() + 1):
@@ -103,7 +104,7 @@ def _roughness(points: NDArray, labels: NDArray[np.int64]) -> float:
     return total
 
 
-def _part(points: NDArray, count: int) -> NDArray[np.int64]:
+def _part(points: Float64, count: int) -> NDArray[np.int64]:
     """The tightest of the parts that Lloyd's algorithm makes from several seedings; a pair needs but one."""
     outermost = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[::-1]
     firsts = outermost[np.linspace(0, len(points) // 2, SEEDINGS if count > 2 else 1).astype(int)]
@@ -111,21 +112,22 @@ def _part(points: NDArray, count: int) -> NDArray[np.int64]:
     return min(trials, key=lambda labels: _spread(points, labels))
 
 
-def _spread(points: NDArray, labels: NDArray[np.int64]) -> float:
+def _spread(points: Float64, labels: NDArray[np.int64]) -> float:
     """Sum of the squared distances from the means of the parts."""
     parts = [points[labels == k] for k in np.unique(labels)]
     return float(sum(((part - part.mean(axis=0)) ** 2).sum() for part in parts))
 
 
-def _seed(points: NDArray, count: int, first: int) -> NDArray[np.int64]:
+def _seed(points: Float64, count: int, first: int) -> NDArray[np.int64]:
     """Nearest seed of each point; the seeds are each farthest from those before, so nothing is left to chance."""
     seeds = [first]
     while len(seeds) < count:
         seeds.append(int(cdist(points, points[seeds]).min(axis=1).argmax()))
-    return cdist(points, points[seeds]).argmin(axis=1)
+    nearest: NDArray[np.int64] = cdist(points, points[seeds]).argmin(axis=1)
+    return nearest
 
 
-def _lloyd(points: NDArray, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
+def _lloyd(points: Float64, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
     """Lloyd's algorithm from given pieces.
 
     Plain, it distinguishes one ball from two. Sized, with distances in units of each piece's radius, it puts the cut

@@ -17,6 +17,7 @@ from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
+from ..core.scene import Float64
 from ..geometry.point_sets import find_compact_part, measure_extent
 from .boll_shape import number_bolls, split_heap
 
@@ -121,7 +122,8 @@ def _evidence(verdicts: NDArray[np.int64], n_masks: int) -> Float32:
     says = (verdicts != -1).astype(np.float32)
     c, v = np.nonzero(verdicts >= 0)
     holds = sparse.csr_matrix((np.ones(len(c), np.float32), (c, verdicts[c, v])), shape=(len(verdicts), n_masks))
-    return (holds @ holds.T).toarray() - CONSENSUS * (says @ says.T)
+    evidence: Float32 = (holds @ holds.T).toarray() - CONSENSUS * (says @ says.T)
+    return evidence
 
 
 def contract(evidence: Float32) -> NDArray[np.int64]:
@@ -181,7 +183,7 @@ def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -
     return groups
 
 
-def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool = False) -> list[BollInstance]:
+def merge_views(lifted: LiftedMasks, means: Float32, up: Float64, together: bool = False) -> list[BollInstance]:
     """Bolls on which several views agree.
 
     Args:
@@ -213,7 +215,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: NDArray, together: bool
     return number_bolls(_make_instances(lifted, votes, usable, labels, flags, points), up)
 
 
-def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) -> NDArray[np.bool_]:
+def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: Float64) -> NDArray[np.bool_]:
     """(M,) masks that hold more than one boll: most other views split them, or some do and they are large as well."""
     splits = (verdicts == -2).sum(axis=1)
     others = np.maximum((verdicts != -1).sum(axis=1) - 1, 1)
@@ -221,10 +223,11 @@ def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: NDArray) 
     held = votes.held.tocsc()
     widths = np.array([_width(points[held.indices[held.indptr[m] : held.indptr[m + 1]]]) for m in range(len(rate))])
     usual = np.median(widths[widths > 0]) if (widths > 0).any() else np.inf
-    return (rate > 0.5) | ((rate > 0.12) & (widths > 1.15 * usual))
+    several: NDArray[np.bool_] = (rate > 0.5) | ((rate > 0.12) & (widths > 1.15 * usual))
+    return several
 
 
-def _width(points: NDArray) -> float:
+def _width(points: Float64) -> float:
     """Longest width of the Gaussians that a mask holds; 0 if they are too few."""
     return float(measure_extent(points)[1][0]) if len(points) >= LEAST_GAUSSIANS else 0.0
 
@@ -249,7 +252,7 @@ def _vote(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64], sh
 
 
 def _reconcile(
-    votes: _Votes, usable: NDArray[np.bool_], nodes: NDArray[np.int64], groups: NDArray[np.int64], points: NDArray
+    votes: _Votes, usable: NDArray[np.bool_], nodes: NDArray[np.int64], groups: NDArray[np.int64], points: Float64
 ) -> NDArray[np.int64]:
     """Join groups that are parts of one boll, by the Gaussians of all views of each group.
 
@@ -282,7 +285,7 @@ def _claim(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -
     return np.where((labels < 0) & np.isin(edge, labels[labels >= 0]), edge, labels)
 
 
-def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:
+def _find_fitting(parts: list[Float64]) -> NDArray[np.bool_]:
     """(C, C) which pairs of point sets together are no wider than an ordinary boll."""
     widths = np.array([measure_extent(part)[1][0] for part in parts])
     order = np.argsort(widths)
@@ -298,7 +301,7 @@ def _find_fitting(parts: list[NDArray]) -> NDArray[np.bool_]:
     return fits
 
 
-def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np.int64], dict[int, str]]:
+def _split_large(labels: NDArray[np.int64], points: Float64) -> tuple[NDArray[np.int64], dict[int, str]]:
     """The labels without stragglers and crumbs, with sets of several bolls divided; and flags of the doubtful ones."""
     shaped = np.full(len(labels), -1)
     widths = {}
@@ -323,7 +326,7 @@ def _split_large(labels: NDArray[np.int64], points: NDArray) -> tuple[NDArray[np
     return shaped, flags
 
 
-def join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: NDArray) -> None:
+def join_halves(labels: NDArray[np.int64], flags: dict[int, str], points: Float64) -> None:
     """Join, in place, sets that lie too deep in each other to be two bolls; sets divided by shape stay divided.
 
     Votes do not help here: a method that separates a boll's locks in space masks them separately in every view.
@@ -352,7 +355,7 @@ def _make_instances(
     usable: NDArray[np.bool_],
     labels: NDArray[np.int64],
     flags: dict[int, str],
-    points: NDArray,
+    points: Float64,
 ) -> list[BollInstance]:
     """The labelled sets as bolls, with their size and with the views' votes on each set as a whole."""
     names = np.unique(labels[labels >= 0])

@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..core.bolls import BollInstance, LiftedMasks
 from ..core.libraries import import_open3d
+from ..core.scene import Float32, Float64
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import measure_extent
 from .view_objects import ViewObject, bolls_of_groups, find_objects, join_nearest
@@ -37,7 +37,7 @@ NOISE: Final = -1
 
 
 def cluster_objects(
-    lifted: LiftedMasks, means: NDArray, up: NDArray, eps: float = 0.4, min_samples: int = 10
+    lifted: LiftedMasks, means: Float32, up: Float64, eps: float = 0.4, min_samples: int = 10
 ) -> list[BollInstance]:
     """Bolls as density-connected objects of different views.
 
@@ -63,7 +63,7 @@ def cluster_objects(
     return bolls_of_groups(groups, lifted, points, up, least_views=1)
 
 
-def drop_large(objects: list[ViewObject], points: NDArray) -> list[ViewObject]:
+def drop_large(objects: list[ViewObject], points: Float64) -> list[ViewObject]:
     """The objects whose convex hull is at most `VOLUME_CAP` medians; flat objects do not have a hull."""
     volumes = np.array([convex_volume(points[item.rows]).value for item in objects])
     if not np.isfinite(volumes).any():
@@ -79,7 +79,7 @@ class Member:
     cluster: int
 
 
-def find_clusters(objects: list[ViewObject], points: NDArray, eps_su: float, min_samples: int) -> list[Member]:
+def find_clusters(objects: list[ViewObject], points: Float64, eps_su: float, min_samples: int) -> list[Member]:
     """DBSCAN over the points of all objects; objects that are all noise are left out."""
     o3d = import_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate([points[item.rows] for item in objects])))
@@ -93,7 +93,7 @@ def find_clusters(objects: list[ViewObject], points: NDArray, eps_su: float, min
     return members
 
 
-def part_cluster(objects: list[ViewObject], points: NDArray, eps_su: float) -> list[list[ViewObject]]:
+def part_cluster(objects: list[ViewObject], points: Float64, eps_su: float) -> list[list[ViewObject]]:
     """One group if all objects come from different views, else several groups without two objects of a view."""
     view_of = np.array([item.view for item in objects])
     if len(np.unique(view_of)) == len(objects):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
+from ..core.scene import Float64
 from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_extent
 from .boll_shape import number_bolls
 
@@ -31,7 +32,7 @@ class ViewObject:
     """(n,) px."""
 
 
-def find_objects(lifted: LiftedMasks, points: NDArray) -> list[ViewObject]:
+def find_objects(lifted: LiftedMasks, points: Float64) -> list[ViewObject]:
     """One object for each mask: the Gaussians with half of their weight in it, without stragglers, if there are 10.
 
     Args:
@@ -51,7 +52,10 @@ def find_objects(lifted: LiftedMasks, points: NDArray) -> list[ViewObject]:
 
 
 def join_nearest(
-    centres: NDArray, view_of: NDArray, may_join: Callable[[list[int], list[int]], bool], reach: float = np.inf
+    centres: Float64,
+    view_of: NDArray[np.int64],
+    may_join: Callable[[list[int], list[int]], bool],
+    reach: float = np.inf,
 ) -> list[list[int]]:
     """Members of each group. The two nearest groups join, again and again, unless they share a view.
 
@@ -80,7 +84,7 @@ def join_nearest(
 
 
 def bolls_of_groups(
-    groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: NDArray, up: NDArray, least_views: int
+    groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: Float64, up: Float64, least_views: int
 ) -> list[BollInstance]:
     """One boll for each group, numbered from the top downwards.
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from ..command_options import CardsOptions
 from ..core.card import PAPER_CM
 from ..errors import BadInput, BadUsage
 from ..identity.card import Picture, draw_card
@@ -14,7 +15,6 @@ from ..identity.fonts import unprintable
 from ..identity.names import card_text, id_problem
 from ..io.fieldbook import FieldBook, read_fieldbook
 from ..io.sheet import pdf_of
-from ..options import CardsOptions
 from ..outputs import made_of, saving
 
 DOTS_PER_CM: Final = 100

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from ..command_options import MarkersOptions
 from ..errors import BadUsage
 from ..io.sheet import write_sheet
 from ..option_rules import as_dict
-from ..options import MarkersOptions
 from ..outputs import made_of, saving
 from ..scale.markers import MarkerKind, board_squares, draw_sheet
 

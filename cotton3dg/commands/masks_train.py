@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_options import MasksTrainOptions
 from ..core.bolls import MaskSet
 from ..core.progress import Progress, silent
 from ..core.training_picture import TrainingPicture
@@ -32,7 +33,6 @@ from ..masks.photometric_augmentation import augment
 from ..masks.test_time_augmentation import see_at_all_looks
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
-from ..options import MasksTrainOptions
 from ..simulate.backgrounds import paint_backgrounds
 from ..simulate.compositing import compose
 from ..simulate.plates import Plate, load_plates, render_plates, save_plates

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from ..command_options import RenderOptions
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
@@ -33,7 +34,7 @@ from ..io.images import fit_size, write_image
 from ..io.ply import read_gaussians
 from ..io.saving import json_text
 from ..option_rules import as_dict
-from ..options import RenderOptions, TrainOptions
+from ..options import TrainOptions
 from ..schemas.bolls import boll_labels, read_bolls
 from ..schemas.frames import FramesInfo
 from ..schemas.scale import read_scale
@@ -175,7 +176,7 @@ def _find_plant_rows(workspace: Workspace, n: int, required: bool) -> NDArray[np
     raise BadInput("no plant was found on the table (is there a scale?); render without --plant-only")
 
 
-def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray) -> tuple[Float64, Float64]:
+def _target_and_up(workspace: Workspace, cameras: list[Camera], plant: NDArray[Any]) -> tuple[Float64, Float64]:
     """The point that the camera circles: the middle of the plant, else of the orbit; and up by the table or orbit.
 
     Args:

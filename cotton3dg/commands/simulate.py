@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_options import SimulateOptions
 from ..core.card import PAPER_CM, printed_reflectance
 from ..core.progress import Progress, silent
 from ..core.srgb import to_srgb
@@ -25,7 +26,6 @@ from ..identity.names import card_text, id_problem
 from ..io.encode import video_encoder
 from ..io.images import write_ids
 from ..io.saving import explain_disk_errors, json_text, write_text_atomically
-from ..options import SimulateOptions
 from ..plants import has_results
 from ..schemas.truth import TrueMasks, TruthOrigin
 from ..simulate.camera import Orbit, orbit

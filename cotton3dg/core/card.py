@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ PAPER: Final = 0.86
 """Reflectance of black toner and of office paper."""
 
 
-def printed_reflectance(levels: NDArray) -> NDArray[np.float32]:
+def printed_reflectance(levels: NDArray[Any]) -> NDArray[np.float32]:
     """Reflectance of printed grey levels, 0..255, as a printer that keeps to sRGB makes them."""
     return np.float32(INK) + np.float32(PAPER - INK) * to_linear(np.asarray(levels, np.float32) / 255)
 

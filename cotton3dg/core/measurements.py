@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,9 +48,10 @@ class Scale:
         x /= np.linalg.norm(x)
         return np.stack([x, np.cross(self.up, x), self.up])
 
-    def height_cm(self, points: NDArray) -> Float64:
+    def height_cm(self, points: NDArray[Any]) -> Float64:
         """(N,) height of (N, 3) scene points above the table top."""
-        return (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
+        heights: Float64 = (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
+        return heights
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class PlantFrame:
     foot: Float64
     """(3,) su, its origin: where the stem meets the table."""
 
-    def cm(self, places_su: NDArray) -> Float64:
+    def cm(self, places_su: NDArray[Any]) -> Float64:
         """(..., 3) places of the scene in this frame."""
         return np.asarray((places_su - self.foot) @ self.scale.table_frame.T * self.scale.cm_per_su, np.float64)
 

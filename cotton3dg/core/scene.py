@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Camera:
             self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
         )
 
-    def project(self, points: NDArray) -> tuple[Float64, Float64]:
+    def project(self, points: NDArray[Any]) -> tuple[Float64, Float64]:
         """Project scene points.
 
         Args:
@@ -99,7 +100,7 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.means)
 
-    def __getitem__(self, rows: NDArray | slice) -> Gaussians:
+    def __getitem__(self, rows: NDArray[Any] | slice) -> Gaussians:
         """The Gaussians at `rows` (indices, a mask or a slice)."""
         return Gaussians(
             self.means[rows], self.quats[rows], self.log_scales[rows], self.opacity_logits[rows], self.sh[rows]
@@ -118,7 +119,8 @@ class Gaussians:
     @property
     def colours(self) -> Float32:
         """(N, 3) RGB of the constant spherical harmonic, clipped to 0..1."""
-        return np.clip(0.5 + 0.28209479177387814 * self.sh[:, 0], 0.0, 1.0)
+        colours: Float32 = np.clip(0.5 + 0.28209479177387814 * self.sh[:, 0], 0.0, 1.0)
+        return colours
 
     @property
     def sh_degree(self) -> int:
@@ -141,7 +143,7 @@ class Gaussians:
         return digest.hexdigest()
 
 
-def rotations(quats: NDArray) -> Float64:
+def rotations(quats: NDArray[Any]) -> Float64:
     """(N, 3, 3) rotation matrices of (N, 4) wxyz quaternions of any non-zero length."""
     q = np.asarray(quats, np.float64)
     w, x, y, z = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-12)).T

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Float32 = NDArray[np.float32]
 
 
-def to_linear(srgb: NDArray) -> Float32:
+def to_linear(srgb: NDArray[Any]) -> Float32:
     """Linear light of sRGB values."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def to_srgb(light: NDArray) -> Float32:
+def to_srgb(light: NDArray[Any]) -> Float32:
     """sRGB values of linear light."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055).astype(np.float32)

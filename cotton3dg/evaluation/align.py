@@ -11,7 +11,7 @@ way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,7 @@ class Alignment:
     chance: float
     """Share of shuffled plants that fit as well; NaN if the user gave the turn."""
 
-    def apply(self, points_cm: NDArray) -> Float64:
+    def apply(self, points_cm: NDArray[Any]) -> Float64:
         """(N, 3) places of the other film in the frame of the first."""
         return np.reshape(points_cm, (-1, 3)) @ self.rotation.T + self.shift_cm
 
@@ -178,7 +178,7 @@ class _Curves:
     def total(self, around_deg: float | None = None) -> Float64:
         """(T,) total at each turn that takes the second plant back; -1 at a turn more than half `APART_DEG` away from
         the one that takes back `around_deg`, or half a turn more."""
-        total = self.scores.sum(axis=0)
+        total: Float64 = self.scores.sum(axis=0)
         if self.backwards:
             total = np.roll(total[::-1], 1)
         if around_deg is not None:
@@ -267,7 +267,7 @@ def _first_order(plant_map: PlantMap) -> dict[int, int]:
     return first
 
 
-def _from_stem(points: NDArray, layout: Layout, by_stem: bool) -> Float64:
+def _from_stem(points: NDArray[Any], layout: Layout, by_stem: bool) -> Float64:
     """(N, 3) points with x and y relative to the stem at their height or, above its tip, to the tip."""
     stem = layout.stem
     if not by_stem or not layout.plant_map.axes:
@@ -284,7 +284,8 @@ def _item_scores(item: Float64, targets: Float64, angles: Float64) -> Float64:
     y = s[:, None] * item[:, 0] + c[:, None] * item[:, 1]
     turned = np.stack([x, y, np.broadcast_to(item[:, 2], x.shape)], axis=-1)
     squares = ((turned[:, :, None] - targets) ** 2).sum(axis=-1).min(axis=2)
-    return np.exp(-0.5 * squares / NEAR_CM**2).mean(axis=1)
+    scores: Float64 = np.exp(-0.5 * squares / NEAR_CM**2).mean(axis=1)
+    return scores
 
 
 # --------------------------------------------------- shift and lean

@@ -43,7 +43,7 @@ class BollAlignment:
     chance: float
 
 
-def align_by_bolls(a: NDArray, b: NDArray) -> BollAlignment | None:
+def align_by_bolls(a: Float64, b: Float64) -> BollAlignment | None:
     """Lay (B, 3) centres b on (A, 3) centres a, cm; None if too few bolls support it."""
     a, b = (centres[np.isfinite(centres).all(axis=1)] for centres in (a, b))
     fewer = min(len(a), len(b))

@@ -137,7 +137,7 @@ def _boll_changes(
     rows += [(GONE, a, None) for a in range(len(first.ids)) if a not in pairs[:, 0]]
     rows += [(NEW, None, b) for b in range(len(other.ids)) if b not in pairs[:, 1]]
 
-    def at(values: Sequence[float] | NDArray, row: int | None) -> float:
+    def at(values: Sequence[float] | NDArray[np.float64], row: int | None) -> float:
         return math.nan if row is None else float(values[row])
 
     changes = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,9 @@ class CloudTraits:
     """Stem and branches, and the marked bolls on them."""
 
 
-def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_height_cm: float = 4.0) -> CloudTraits:
+def measure_cloud(
+    points_cm: NDArray[Any], labels: NDArray[Any] | None = None, clamp_height_cm: float = 4.0
+) -> CloudTraits:
     """Traits of a cloud whose z points up.
 
     If the cloud has a table, which is the fullest level layer of its lower half, the plant is everything connected with
@@ -77,7 +79,7 @@ def measure_cloud(points_cm: NDArray, labels: NDArray | None = None, clamp_heigh
     return CloudTraits(size, np.array(volumes), level is not None, plant_map)
 
 
-def find_foot(points: NDArray, lint: NDArray[np.bool_]) -> Float64:
+def find_foot(points: Float64, lint: NDArray[np.bool_]) -> Float64:
     """(3,) where a plant without a table stands: below the middle of its lowest wood, at its lowest point.
 
     Args:
@@ -88,7 +90,7 @@ def find_foot(points: NDArray, lint: NDArray[np.bool_]) -> Float64:
     return np.append(np.median(low[:, :2], axis=0), points[:, 2].min())
 
 
-def find_table_height(heights: NDArray) -> float | None:
+def find_table_height(heights: Float64) -> float | None:
     """Height of the table top: the median of the fullest layer of the lower half; None if no layer is that full."""
     low = float(np.min(heights))
     layers = np.floor((heights - low) / LAYER_CM).astype(np.int64)

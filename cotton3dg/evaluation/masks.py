@@ -24,6 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from ..errors import BadInput
 from ..io.annotations import read_whole_masks, undistort_ids
 from ..io.colmap import read_cameras
@@ -117,7 +118,7 @@ def score_masks(pairs: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint16]]]) 
     return counts.scores, counts.miou_hits
 
 
-def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[NDArray, NDArray, NDArray]:
+def match_ious(found: NDArray[np.uint16], true: NDArray[np.uint16]) -> tuple[Float64, Float64, Float64]:
     """One entry per pair or mask without a partner: IoU (0 without), and pixels of the found and of the true mask."""
     found_px, true_px = np.bincount(found.ravel()), np.bincount(true.ravel())
     together, both_px = np.unique(np.stack([found.ravel(), true.ravel()], 1), axis=0, return_counts=True)

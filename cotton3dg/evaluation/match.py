@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 
-def match_bolls(centres_a: NDArray, centres_b: NDArray, max_distance: float) -> NDArray[np.int64]:
+def match_bolls(centres_a: NDArray[Any], centres_b: NDArray[Any], max_distance: float) -> NDArray[np.int64]:
     """The most pairs of centres no farther apart than `max_distance`, and among such sets the nearest on the whole.
 
     Args:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.measurements import is_counted
+from ..core.scene import Float64
 from ..errors import BadInput, MissingInput
 from ..io.cloud import read_cloud
 from ..io.tables import flags_of, parse_number, read_rows
@@ -149,7 +149,7 @@ def evaluate_cloud(
     return [TraitError(trait, parse_number(row.get(trait)), value) for trait, value in truth.items()]
 
 
-def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray, true_cm3: NDArray) -> BollMatches:
+def compare_bolls(measured_cm: Float64, measured_cm3: Float64, true_cm: Float64, true_cm3: Float64) -> BollMatches:
     """Match bolls one to one by the distance of their centres in the plant frame.
 
     A table looks the same after half a turn: the function tries both directions of x and keeps the better one.
@@ -175,7 +175,7 @@ def compare_bolls(measured_cm: NDArray, measured_cm3: NDArray, true_cm: NDArray,
     )
 
 
-def _true_bolls(truth: Truth) -> tuple[NDArray, NDArray]:
+def _true_bolls(truth: Truth) -> tuple[Float64, Float64]:
     """Centres (T, 3) in cm in the plant frame, and volumes (T,) in cm³."""
     centres_m = np.array([boll.centre_xyz_m for boll in truth.bolls], np.float64).reshape(-1, 3)
     volumes_cm3 = np.array([boll.convex_volume_cm3 for boll in truth.bolls], np.float64)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..core.scene import Float64
@@ -142,7 +141,7 @@ def true_map(truth: Truth) -> PlantMap | None:
 
 
 def compare_maps(
-    measured: PlantMap, centres_cm: NDArray, ids: list[int], true: PlantMap, true_cm: NDArray, clamp_cm: float = 4.0
+    measured: PlantMap, centres_cm: Float64, ids: list[int], true: PlantMap, true_cm: Float64, clamp_cm: float = 4.0
 ) -> MapScores:
     """Scores of a map.
 
@@ -159,7 +158,7 @@ def compare_maps(
 
 
 def _scores(
-    measured: PlantMap, centres_cm: Float64, ids: list[int], true: PlantMap, true_cm: NDArray, clamp_cm: float
+    measured: PlantMap, centres_cm: Float64, ids: list[int], true: PlantMap, true_cm: Float64, clamp_cm: float
 ) -> MapScores:
     pairs = match_branches(measured.branches, true.branches)
     true_of = {measured.branches[i].rank: true.branches[j] for i, j in pairs}
@@ -224,7 +223,7 @@ def match_branches(measured: tuple[Axis, ...], true: tuple[Axis, ...]) -> list[t
     return [(int(i), int(j)) for i, j in zip(*linear_sum_assignment(padded), strict=True) if np.isfinite(costs[i, j])]
 
 
-def _turned(plant_map: PlantMap, turn: NDArray) -> PlantMap:
+def _turned(plant_map: PlantMap, turn: Float64) -> PlantMap:
     axes = tuple(Axis(a.rank, a.kind, a.parent, a.curve * turn, a.radii, a.confidence, a.bolls) for a in plant_map.axes)
     return PlantMap(axes, plant_map.bolls, plant_map.reason)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import column
+from ..core.scene import Float64
 from ..errors import BadInput, BadUsage, Cotton3dgError
 from ..io.listing import folders_in, is_there
 from ..workspace import Workspace
@@ -83,10 +84,10 @@ class PlantFilms:
     films: tuple[Filmed, ...]
     rows: NDArray[np.int64]
     """(R, F) row of each boll in each film; -1 = not found."""
-    places_cm: NDArray[np.float64]
+    places_cm: Float64
     """(R, F, 3) in the first film's plant frame; NaN if not found."""
 
-    def values(self, name: str) -> NDArray[np.float64]:
+    def values(self, name: str) -> Float64:
         """(R, F) of an array of `Filmed`, e.g. `volumes_cm3`; NaN where not found."""
         columns = [
             np.append(getattr(film, name), np.nan)[rows] for film, rows in zip(self.films, self.rows.T, strict=True)
@@ -186,7 +187,7 @@ def _plant_films(films: Sequence[Filmed], reach_cm: float, turn_deg: float | Non
 
 
 def _summarise(plants: list[PlantFilms], refused: tuple[str, ...]) -> Repeats:
-    values: dict[tuple[str, str], tuple[NDArray, NDArray]] = {}
+    values: dict[tuple[str, str], tuple[Float64, Float64]] = {}
     for trait in comparable_traits():
         found = np.array([[film.value(trait.name) for film in plant.films] for plant in plants])
         errors = np.array([[film.error(trait.name) for film in plant.films] for plant in plants])
@@ -209,14 +210,14 @@ def _summarise(plants: list[PlantFilms], refused: tuple[str, ...]) -> Repeats:
     return Repeats(plants, refused, [row for plant in plants for row in _boll_rows(plant)], traits, bias)
 
 
-def _scatter(name: str, unit: str, values: NDArray, errors: NDArray) -> TraitRepeat:
+def _scatter(name: str, unit: str, values: Float64, errors: Float64) -> TraitRepeat:
     """Scatter of (N, F) values; each row belongs to one thing."""
     mean, sd = float(values.mean()), float(np.sqrt(values.var(axis=1, ddof=1).mean()))
     cv = 100 * sd / abs(mean) if mean else math.nan
     return TraitRepeat(name, unit, len(values), mean, sd, cv, float(np.sqrt((errors**2).mean())))
 
 
-def find_bias(film: str, trait: str, unit: str, first: NDArray, other: NDArray) -> Bias:
+def find_bias(film: str, trait: str, unit: str, first: Float64, other: Float64) -> Bias:
     """Paired t test of N pairs, N > 2, and the limits of agreement."""
     from scipy.stats import t as t_distribution
 

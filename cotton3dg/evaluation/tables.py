@@ -12,12 +12,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import Column
+from ..core.scene import Float64
 from ..errors import BadInput, MissingInput
 from ..io.saving import explain_disk_errors
 from ..io.scatter import write_scatter
@@ -63,7 +64,7 @@ class TableEvaluation:
     """The comparison of two tables."""
 
     scores: list[TraitScore]
-    pairs: dict[str, tuple[NDArray, NDArray]]
+    pairs: dict[str, tuple[Float64, Float64]]
     """Trait -> true and measured values of the plants that have both."""
     missing: tuple[str, ...]
     """Plants of the truth that were not measured."""
@@ -77,7 +78,7 @@ class TableEvaluation:
     """Mean over plants of the absolute error of the boll weight, predicted from the other plants; NaN if unknown."""
 
 
-def score(trait: str, true: NDArray, measured: NDArray) -> TraitScore:
+def score(trait: str, true: NDArray[Any], measured: NDArray[Any]) -> TraitScore:
     """Error measures of N plants."""
     true, measured = np.asarray(true, np.float64), np.asarray(measured, np.float64)
     error = measured - true
@@ -96,7 +97,7 @@ def score(trait: str, true: NDArray, measured: NDArray) -> TraitScore:
     )
 
 
-def predict_left_out(volumes: NDArray, weights: NDArray) -> NDArray:
+def predict_left_out(volumes: NDArray[Any], weights: NDArray[Any]) -> Float64:
     """(N,) weight of each plant by the straight line through the volumes and weights of all others; NaN for N < 3."""
     volumes, weights = np.asarray(volumes, np.float64), np.asarray(weights, np.float64)
     predictions = np.full(len(volumes), np.nan)
@@ -183,7 +184,7 @@ def is_boll_table(path: Path) -> bool:
 
 def _compare(
     truth: Table, measured: Table, places: dict[str, tuple[int, int]]
-) -> tuple[list[TraitScore], dict[str, tuple[NDArray, NDArray]], dict[str, tuple[str, ...]]]:
+) -> tuple[list[TraitScore], dict[str, tuple[Float64, Float64]], dict[str, tuple[str, ...]]]:
     """Scores, pairs of values and blanks of all names with a row in both tables: name -> the places of those rows."""
     scores, pairs, blank = [], {}, {}
     of_truth, of_measured = np.array(list(places.values())).T
@@ -209,7 +210,7 @@ def _is_numeric(table: Table, column: str) -> bool:
         return False
 
 
-def _centres_cm(table: Table) -> NDArray[np.float64]:
+def _centres_cm(table: Table) -> Float64:
     """(N, 3) centre of each row's boll; NaN if the table does not have its place."""
     if not {*PLACE} <= {*table.columns}:
         return np.full((len(table.rows), 3), np.nan)
@@ -308,7 +309,7 @@ class PlantTable:
     twice: tuple[str, ...]
     """Plants that have several rows."""
 
-    def numbers(self, column: str, plants: Sequence[str]) -> NDArray[np.float64]:
+    def numbers(self, column: str, plants: Sequence[str]) -> Float64:
         """(N,) values of these plants; NaN if a cell is blank, or the table does not have the column.
 
         Raises:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from ..errors import BadInput
 from ..io.saving import explain_disk_errors
 from ..io.scatter import write_fit
@@ -23,7 +24,7 @@ LEAST_PLANTS: Final = 3
 """A line through two plants has no scatter that would give an interval."""
 
 
-def fit_line(predictor: str, values: NDArray, weights_g: NDArray) -> Line:
+def fit_line(predictor: str, values: NDArray[Any], weights_g: NDArray[Any]) -> Line:
     """The straight line of least squares through N >= 3 plants with different values."""
     x, y = np.asarray(values, np.float64), np.asarray(weights_g, np.float64)
     slope, intercept = (float(value) for value in np.polyfit(x, y, 1))
@@ -43,7 +44,7 @@ def fit_line(predictor: str, values: NDArray, weights_g: NDArray) -> Line:
     )
 
 
-def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[str, tuple[NDArray, NDArray]]]:
+def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[str, tuple[Float64, Float64]]]:
     """A line for each predictor, and predictor -> its values and the weights, g, of the fitted plants.
 
     Args:
@@ -72,7 +73,7 @@ def fit_weights(measured_csv: Path, truth_csv: Path) -> tuple[WeightModel, dict[
     return WeightModel(tuple(lines), float(shares.mean()) if len(shares) else None), points
 
 
-def write_weights(folder: Path, model: WeightModel, points: dict[str, tuple[NDArray, NDArray]]) -> None:
+def write_weights(folder: Path, model: WeightModel, points: dict[str, tuple[Float64, Float64]]) -> None:
     """Save weights.json, and a weights_<predictor>.png with the line and its prediction interval."""
     with explain_disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import Column
+from ..core.scene import Float64
 from ..io.tables import parse_number
 from .columns import find_roles
 
@@ -95,7 +96,7 @@ def compare_genotypes(
             row for row in rows if str(row[roles["genotype"]]).strip() and np.isfinite(parse_number(row.get(trait)))
         ]
         values = np.array([parse_number(row[trait]) for row in known])
-        factors: dict[str, NDArray] = {
+        factors: dict[str, NDArray[np.str_]] = {
             role: np.array([str(row[roles[role]]) for row in known])
             for role in ("genotype", "block", "treatment")
             if role in roles
@@ -107,7 +108,7 @@ def compare_genotypes(
     return means, fits
 
 
-def compare(trait: str, values: NDArray, factors: Mapping[str, NDArray]) -> tuple[list[Mean], Fit]:
+def compare(trait: str, values: Float64, factors: Mapping[str, NDArray[np.str_]]) -> tuple[list[Mean], Fit]:
     """One trait.
 
     Least squares of genotype + block + treatment as fixed effects gives the adjusted means and F. For the heritability
@@ -147,19 +148,20 @@ def compare(trait: str, values: NDArray, factors: Mapping[str, NDArray]) -> tupl
     ], fit  # fmt: skip
 
 
-def _dummies(labels: NDArray) -> NDArray[np.float64]:
+def _dummies(labels: NDArray[np.str_]) -> Float64:
     """(N, L - 1) indicators of all L labels but the first for each row, minus their mean over the labels."""
     names = np.unique(labels)
-    return (labels[:, None] == names[1:]).astype(np.float64) - 1 / len(names)
+    centred: Float64 = (labels[:, None] == names[1:]).astype(np.float64) - 1 / len(names)
+    return centred
 
 
-def _least_squares(design: NDArray, values: NDArray) -> tuple[NDArray, int, float]:
+def _least_squares(design: Float64, values: Float64) -> tuple[NDArray[Any], int, float]:
     """Solution, rank and sum of the squared residuals."""
     solution, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
     return solution, int(rank), float(((values - design @ solution) ** 2).sum())
 
 
-def _variances(values: NDArray, nuisance: NDArray, group: NDArray) -> tuple[float, float]:
+def _variances(values: Float64, nuisance: Float64, group: NDArray[np.int64]) -> tuple[float, float]:
     """Variances of genotypes and of the rest by REML; NaN if statsmodels is not installed or finds none."""
     try:
         from statsmodels.regression.mixed_linear_model import MixedLM

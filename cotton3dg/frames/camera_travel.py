@@ -74,7 +74,8 @@ class WayMeter:
             return math.nan
         self._chosen, self._now = self._chosen[followed], moved[followed]
         ways = np.linalg.norm((self._now - self._chosen).reshape(-1, 2), axis=1)
-        return float(np.percentile(ways, PERCENTILE)) / max(small.shape)
+        travelled: float = float(np.percentile(ways, PERCENTILE)) / max(small.shape)
+        return travelled
 
     def _choose(self, small: NDArray[np.uint8]) -> None:
         import cv2

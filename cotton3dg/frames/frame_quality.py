@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float64
+
 Grey = NDArray[np.uint8]
 
 STILL_DISPLACEMENT: Final = 0.002
@@ -80,7 +82,8 @@ def measure_displacement(grey_a: Grey, grey_b: Grey) -> float:
     if tracked.mean() < 0.5:
         return float("nan")
     lengths = np.linalg.norm((moved - corners).reshape(-1, 2)[tracked], axis=1)
-    return float(np.percentile(lengths, 90)) / grey_a.shape[1]
+    displacement: float = float(np.percentile(lengths, 90)) / grey_a.shape[1]
+    return displacement
 
 
 def stands_still(displacements: tuple[float, ...]) -> bool:
@@ -115,7 +118,7 @@ def change(before: Grey | None, grey: Grey) -> float:
     return float("inf") if before is None else float(cv2.mean(cv2.absdiff(before, grey))[0])
 
 
-def find_blank_and_repeated(contrasts: NDArray, changes: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def find_blank_and_repeated(contrasts: Float64, changes: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which of n frames show nothing, and which of the others only repeat the frame before.
 
     What holds for most frames is not a defect of single frames: then it is dark or the camera stands still, and the

@@ -103,4 +103,5 @@ def select_keyframes(ways: NDArray[np.float64], scores: NDArray[np.float64], cou
         worth = near[1] / np.maximum(near.max(axis=0), 1e-12)
         gaps = (ways[kept[2:]] - ways[kept[:-2]]) * worth
         kept = np.delete(kept, 1 + int(np.argmin(gaps)))
-    return kept[:count].tolist()
+    chosen: list[int] = kept[:count].tolist()
+    return chosen

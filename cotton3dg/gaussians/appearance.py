@@ -46,4 +46,7 @@ def depth_colours(
 
     nearness = np.clip((far_su - depth) / (far_su - near_su), 0.0, 1.0)
     bgr = cv2.applyColorMap(np.rint(nearness * 255).astype(np.uint8), cv2.COLORMAP_TURBO)
-    return bgr[..., ::-1] / 255.0 * (1 - transmittance[..., None]) + background * transmittance[..., None]
+    colours: NDArray[np.float64] = (
+        bgr[..., ::-1] / 255.0 * (1 - transmittance[..., None]) + background * transmittance[..., None]
+    )
+    return colours

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
 from ..geometry.boxes import fibonacci_directions
@@ -39,7 +38,7 @@ def basis(directions: Float64, n_coefficients: int) -> Float64:
     return np.stack(functions[:n_coefficients], axis=1)
 
 
-def turned(sh: Float32, rotation: NDArray) -> Float32:
+def turned(sh: Float32, rotation: Float64) -> Float32:
     """(N, K, 3) coefficients in a frame x of the colour that (N, K, 3) coefficients have in the frame `rotation` @ x.
 
     Functions of one degree turn into each other, so their values at turned directions are a linear map of those at the

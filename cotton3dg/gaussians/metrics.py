@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class ViewQuality:
 
 
 def view_quality(
-    gaussians: Gaussians, view: View, plant: Orbit | NDArray[np.bool_], gains: NDArray | float = 1.0
+    gaussians: Gaussians, view: View, plant: Orbit | NDArray[np.bool_], gains: NDArray[Any] | float = 1.0
 ) -> ViewQuality:
     """Render `gaussians` through the camera of `view` and compare.
 
@@ -67,9 +67,10 @@ def mean_known(values: Iterable[float]) -> float:
     return float(np.mean(finite)) if finite else math.nan
 
 
-def to_uint8(image: NDArray) -> NDArray[np.uint8]:
+def to_uint8(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Rounded to 8 bits as it would be saved; values that are not finite become 0."""
-    return np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
+    levels: NDArray[np.uint8] = np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
+    return levels
 
 
 def psnr_db(first: NDArray[np.uint8], second: NDArray[np.uint8], region: NDArray[np.bool_] | None = None) -> float:
@@ -96,8 +97,9 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
 
     a, b = first.astype(np.float64), second.astype(np.float64)
 
-    def blurred(image: NDArray) -> NDArray[np.float64]:
-        return cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT)
+    def blurred(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        smooth: NDArray[np.float64] = cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT)
+        return smooth
 
     mean_a, mean_b = blurred(a), blurred(b)
     variance_a, variance_b = blurred(a * a) - mean_a**2, blurred(b * b) - mean_b**2
@@ -105,13 +107,15 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
     c1, c2 = (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
     similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
     similarity /= (mean_a**2 + mean_b**2 + c1) * (variance_a + variance_b + c2)
-    return similarity.mean(axis=2)
+    over_channels: NDArray[np.float64] = similarity.mean(axis=2)
+    return over_channels
 
 
-def plant_region(camera: Camera, depth: NDArray, centre: NDArray, radius_su: float) -> NDArray[np.bool_]:
+def plant_region(camera: Camera, depth: NDArray[Any], centre: NDArray[Any], radius_su: float) -> NDArray[np.bool_]:
     """(H, W) pixels whose surface, at the rendered `depth`, lies within `radius_su` of `centre`."""
     y, x = np.mgrid[0.5 : camera.height, 0.5 : camera.width]
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
     in_camera = camera.rotation @ np.asarray(centre, np.float64) + camera.cam_from_scene[:, 3]
     distance = np.linalg.norm(rays * np.asarray(depth, np.float64)[..., None] - in_camera, axis=-1)
-    return np.isfinite(distance) & (depth > 0) & (distance <= radius_su)
+    near: NDArray[np.bool_] = np.isfinite(distance) & (depth > 0) & (distance <= radius_su)
+    return near

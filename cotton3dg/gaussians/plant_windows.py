@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.scene import Camera
+from ..core.scene import Camera, Float64
 from ..geometry.camera_orbit import fit_orbit
 from ..geometry.planes import TOLERANCE, table_plane
 from .rasterizer import Window
@@ -37,7 +36,7 @@ GRID_PX: Final = 16
 """Windows begin and end at tiles of the core."""
 
 
-def find_plant_windows(points: NDArray, cameras: Sequence[Camera], margin: float = MARGIN) -> list[Window | None]:
+def find_plant_windows(points: Float64, cameras: Sequence[Camera], margin: float = MARGIN) -> list[Window | None]:
     """The part of each image that shows the plant; None where that is most of the image, or where it is unknown.
 
     Args:
@@ -51,7 +50,7 @@ def find_plant_windows(points: NDArray, cameras: Sequence[Camera], margin: float
     return [_window(camera, plant, margin) for camera in cameras]
 
 
-def find_plant_points(points: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float64]:
+def find_plant_points(points: Float64, cameras: Sequence[Camera]) -> Float64:
     """(M, 3) su, those of the (N, 3) points that stand on the table: above the highest large level surface and near the
     axis of the cameras' orbit, strays left out. Empty without a table."""
     orbit, points = fit_orbit(cameras), points[np.isfinite(points).all(axis=1)]
@@ -60,14 +59,15 @@ def find_plant_points(points: NDArray[np.float64], cameras: Sequence[Camera]) ->
         return np.zeros((0, 3))
     above = points @ table[:3] + table[3] > 3 * TOLERANCE * orbit.radius
     outward = np.linalg.norm(np.cross(points - orbit.centre, orbit.axis), axis=1)
-    plant = points[above & (outward < REACH * orbit.radius)]
+    plant: Float64 = points[above & (outward < REACH * orbit.radius)]
     if not len(plant):
         return plant
     low, high = np.quantile(plant, [STRAY_SHARE, 1 - STRAY_SHARE], axis=0)
-    return plant[((plant >= low) & (plant <= high)).all(axis=1)]
+    kept: Float64 = plant[((plant >= low) & (plant <= high)).all(axis=1)]
+    return kept
 
 
-def _window(camera: Camera, plant: NDArray[np.float64], margin: float) -> Window | None:
+def _window(camera: Camera, plant: Float64, margin: float) -> Window | None:
     pixels, depths = camera.project(plant)
     if not (depths > 0).all():
         return None

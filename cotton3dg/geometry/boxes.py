@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class Box:
         return self.centre + signs * self.sides @ self.axes
 
 
-def min_area_rectangle(points: NDArray) -> Box:
+def min_area_rectangle(points: NDArray[Any]) -> Box:
     """The rectangle of least area around (N, 2) points, N > 0 (Freeman and Shapira 1975).
 
     One of its sides lies on a side of the convex hull, so those directions are tried, all at once. The first of equally
@@ -43,15 +43,16 @@ def min_area_rectangle(points: NDArray) -> Box:
     return _box_along(points, axes[int(np.argmin(sides.prod(axis=1)))])
 
 
-def nearly_least_rectangles(points: NDArray, share: float) -> NDArray[np.float64]:
+def nearly_least_rectangles(points: NDArray[Any], share: float) -> NDArray[np.float64]:
     """(K, 2) sides of the rectangles around (N, 2) points, N > 0, that have a side on their hull's and at most so much
     more area than the least, as a share of it."""
     _, sides = _rectangles(_check(points, 2))
     areas = sides.prod(axis=1)
-    return sides[areas <= (1 + share) * areas.min()]
+    least: NDArray[np.float64] = sides[areas <= (1 + share) * areas.min()]
+    return least
 
 
-def oriented_box(points: NDArray) -> Box:
+def oriented_box(points: NDArray[Any]) -> Box:
     """Box of (N, 3) points, N > 0, along the principal axes of their convex hull.
 
     The hull's corners instead of all points keep dense parts from turning the box, as in Open3D's oriented bounding
@@ -62,7 +63,7 @@ def oriented_box(points: NDArray) -> Box:
     return _box_along(points, _principal_axes(corners))
 
 
-def standing_box(points: NDArray) -> Box:
+def standing_box(points: NDArray[Any]) -> Box:
     """The box around (N, 3) points, N > 0, that has a side along z and else the least area seen along it.
 
     Of a flat and level cloud this is the tightest box. Principal axes of its hull's corners turn where one corner of
@@ -118,7 +119,8 @@ def _hull_rows(points: NDArray[np.float64]) -> NDArray[np.int64]:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return ConvexHull(points).vertices.astype(np.int64)
+        rows: NDArray[np.int64] = ConvexHull(points).vertices.astype(np.int64)
+        return rows
     except (QhullError, ValueError):
         if len(points) < 3:
             return np.arange(len(points))
@@ -136,7 +138,7 @@ def _principal_axes(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.svd(np.linalg.qr(points - points.mean(axis=0), mode="r"), full_matrices=True)[2]
 
 
-def _check(points: NDArray, dimensions: int) -> NDArray[np.float64]:
+def _check(points: NDArray[Any], dimensions: int) -> NDArray[np.float64]:
     points = np.asarray(points, np.float64)
     if points.ndim != 2 or points.shape[1] != dimensions or not len(points) or not np.isfinite(points).all():
         raise ValueError(f"a box needs finite points (N > 0, {dimensions}), got {points.shape}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,12 +87,12 @@ def _angles(offsets: Float64, axis: Float64) -> Float64:
     x = offsets[0] - axis * (offsets[0] @ axis)
     x /= max(float(np.linalg.norm(x)), 1e-12)
     y = np.cross(axis, x)
-    angles = np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
+    angles: Float64 = np.mod(np.arctan2(offsets @ y, offsets @ x), 2 * np.pi)
     angles[0] = 0.0  # rounding could put it a hair before the beginning, at 2π
     return angles
 
 
-def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
+def evenly_spaced(angles: NDArray[Any], count: int) -> NDArray[np.int64]:
     """Indices, ascending, of at most `count` angles (radians) spread as evenly around the circle as they allow.
 
     The first is kept and each next one is the farthest from all that are kept; ties go to the lower index.
@@ -109,7 +109,7 @@ def evenly_spaced(angles: NDArray, count: int) -> NDArray[np.int64]:
     return np.sort(np.array(chosen, np.int64))
 
 
-def find_out_of_view(target: NDArray, cameras: Sequence[Camera]) -> list[str]:
+def find_out_of_view(target: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     """Names of the images that do not show the (3,) `target`, su: the plant has left the frame."""
     lost = []
     for camera in cameras:
@@ -131,7 +131,8 @@ def within_orbit(means: NDArray[np.float32], cameras: Sequence[Camera], orbit: O
     ahead = np.median([(orbit.centre - camera.centre) @ camera.forward for camera in cameras])
     if not ahead > 0.5 * orbit.distance:
         return np.ones(len(means), bool)
-    return np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
+    near: NDArray[np.bool_] = np.linalg.norm(means - orbit.centre, axis=1) < 0.8 * orbit.distance
+    return near
 
 
 def _gap(angles: Float64, other: float) -> Float64:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
@@ -15,7 +14,7 @@ SMOOTHING: Final = 2.0
 """Standard deviation in images: a hand shakes from one image to the next, a walk turns over many."""
 
 
-def turntable(cameras: Sequence[Camera], target: NDArray, up: NDArray, count: int) -> list[Camera]:
+def turntable(cameras: Sequence[Camera], target: Float64, up: Float64, count: int) -> list[Camera]:
     """An even circle around the axis `up` through `target`, looking at it, as high and as far as the cameras' medians.
 
     The first view is from the first camera's side; seen from above the circle goes counter-clockwise. It does not
@@ -77,7 +76,7 @@ def reframe(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _look(centre: Float64, target: NDArray, up: NDArray) -> Float64:
+def _look(centre: Float64, target: Float64, up: Float64) -> Float64:
     """(3, 3) rotation of a camera at `centre` that sees `target` in the middle of an upright image."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, up)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ class Measured(NamedTuple):
     reason: str = ""
 
 
-def convex_volume(points: NDArray) -> Measured:
+def convex_volume(points: NDArray[Any]) -> Measured:
     """Volume of the convex hull of (N, 3) points."""
     centred, reason = solid_points(points)
     if reason:
@@ -30,7 +30,7 @@ def convex_volume(points: NDArray) -> Measured:
     return Measured(float(ConvexHull(centred).volume))
 
 
-def projected_area(points: NDArray) -> Measured:
+def projected_area(points: NDArray[Any]) -> Measured:
     """Area of the shadow of the convex hull of (N, 3) points, mean over all directions.
 
     Cauchy: a quarter of a convex body's surface.
@@ -43,7 +43,7 @@ def projected_area(points: NDArray) -> Measured:
     return Measured(float(ConvexHull(centred).area) / 4)
 
 
-def alpha_volume(points: NDArray, alpha: float) -> Measured:
+def alpha_volume(points: NDArray[Any], alpha: float) -> Measured:
     """Volume that a ball of radius `alpha`, rolled over (N, 3) points from outside, cannot enter.
 
     This is the alpha shape (Edelsbrunner and Mücke 1994) with its cavities filled: Gaussians lie on the surface of a
@@ -75,7 +75,7 @@ def alpha_volume(points: NDArray, alpha: float) -> Measured:
     return Measured(float(volumes[parts[:n] != parts[n]].sum()))
 
 
-def calliper_diameter(points: NDArray) -> Measured:
+def calliper_diameter(points: NDArray[Any]) -> Measured:
     """Mean calliper width of the convex hull of (N, 3) points over all directions."""
     centred, reason = solid_points(points)
     if reason:
@@ -86,7 +86,7 @@ def calliper_diameter(points: NDArray) -> Measured:
     return Measured(float(np.ptp(corners @ fibonacci_directions(256).T, axis=0).mean()))
 
 
-def solid_points(points: NDArray) -> tuple[NDArray[np.float64], str]:
+def solid_points(points: NDArray[Any]) -> tuple[NDArray[np.float64], str]:
     """The points in float64, centred, and why they span no volume ('' when they do)."""
     points = np.asarray(points, np.float64).reshape(-1, 3)
     if not np.isfinite(points).all():

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from numpy.typing import NDArray
-
 from ..core.scene import Camera, Float64
 from .triangulation import triangulate
 
@@ -27,7 +25,7 @@ class PickedPoint:
     """Standard error of its place, mean of three axes."""
 
 
-def point_of_picks(cameras: Sequence[Camera], pixels: NDArray) -> PickedPoint | None:
+def point_of_picks(cameras: Sequence[Camera], pixels: Float64) -> PickedPoint | None:
     """The point that picks show; None where they do not meet in space.
 
     Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ MIN_GAUSSIANS: Final = 10
 """Least number of Gaussians in an object (the seed paper's min_samples)."""
 
 
-def measure_extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def measure_extent(points: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Middle and size of a point set along its principal axes.
 
     Returns:
@@ -25,7 +25,7 @@ def measure_extent(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.flo
     return mean + (low + high) / 2 @ axes, np.sort(high - low)[::-1]
 
 
-def find_compact_part(points: NDArray) -> NDArray[np.bool_]:
+def find_compact_part(points: NDArray[Any]) -> NDArray[np.bool_]:
     """Which points form the body: the largest connected part without far-off stragglers.
 
     Points are connected within the larger of 2.5 times the median distance to the third neighbour and a tenth of the
@@ -51,4 +51,5 @@ def find_compact_part(points: NDArray) -> NDArray[np.bool_]:
     distances = np.linalg.norm(points - measure_extent(body)[0], axis=1)
     middle = np.median(distances[kept])
     spread = 1.4826 * np.median(np.abs(distances[kept] - middle))
-    return kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
+    compact: NDArray[np.bool_] = kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
+    return compact

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,31 +14,31 @@ TOGETHER: Final = 100_000
 """Number of pairs of a place and a piece of a polyline that are computed at once."""
 
 
-def path_lengths(points: NDArray) -> Float64:
+def path_lengths(points: NDArray[Any]) -> Float64:
     """(N,) length along a polyline (N, 3) from its first point to each."""
     lengths = np.zeros(max(len(points), 1))
     np.cumsum(np.sqrt(_squared(*(points[1:] - points[:-1]).T)), out=lengths[1:])
     return lengths
 
 
-def length_of(points: NDArray) -> float:
+def length_of(points: NDArray[Any]) -> float:
     return float(path_lengths(points)[-1])
 
 
-def place_at(points: NDArray, length: float) -> Float64:
+def place_at(points: NDArray[Any], length: float) -> Float64:
     """(3,) the place at a path length from the start; beyond an end, that end."""
     lengths = path_lengths(points)
     return np.array([np.interp(length, lengths, axis) for axis in np.asarray(points, np.float64).T])
 
 
-def resampled(points: NDArray, spacing: float) -> Float64:
+def resampled(points: NDArray[Any], spacing: float) -> Float64:
     """(M, 3) points evenly along the polyline, about `spacing` apart; both ends stay."""
     lengths = path_lengths(points)
     wanted = np.linspace(0, lengths[-1], max(2, round(lengths[-1] / spacing) + 1))
     return np.column_stack([np.interp(wanted, lengths, axis) for axis in np.asarray(points, np.float64).T])
 
 
-def smoothed(points: NDArray, sigma: float) -> Float64:
+def smoothed(points: NDArray[Any], sigma: float) -> Float64:
     """(N, 3) points of an evenly spaced polyline, averaged over neighbours; both ends stay.
 
     Args:
@@ -50,24 +50,24 @@ def smoothed(points: NDArray, sigma: float) -> Float64:
     # Mirrored about its ends, a curve keeps its ends and its directions there.
     pad = min(len(points) - 1, int(4 * sigma) + 1)
     before, after = 2 * points[0] - points[pad:0:-1], 2 * points[-1] - points[-2 : -pad - 2 : -1]
-    whole = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
+    whole: Float64 = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
     return whole[pad : pad + len(points)]
 
 
-def direction(points: NDArray, start: float, stop: float) -> Float64:
+def direction(points: NDArray[Any], start: float, stop: float) -> Float64:
     """(3,) unit vector of the chord between two path lengths; NaN where they are one place."""
     chord = place_at(points, stop) - place_at(points, start)
     length = float(np.linalg.norm(chord))
     return chord / length if length > 0 else np.full(3, np.nan)
 
 
-def angle_deg(a: NDArray, b: NDArray) -> float:
+def angle_deg(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Angle between two directions, degrees."""
     cosine = (a @ b) / (np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def nearest_on(points: NDArray, places: NDArray, within: float = np.inf) -> tuple[Float64, Float64]:
+def nearest_on(points: NDArray[Any], places: NDArray[Any], within: float = np.inf) -> tuple[Float64, Float64]:
     """Distance (M,) of each of (M, 3) places to a polyline (N, 3), and the path length (M,) of the nearest point.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Sighting:
 
 
 def triangulate(
-    cameras: Sequence[Camera], pixels: NDArray, *, tolerance_px: float = 1.0, least_views: int = 2, seed: int = 0
+    cameras: Sequence[Camera], pixels: NDArray[Any], *, tolerance_px: float = 1.0, least_views: int = 2, seed: int = 0
 ) -> Sighting | None:
     """The point that most views see within `tolerance_px`.
 

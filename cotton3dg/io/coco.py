@@ -129,7 +129,7 @@ def coco_document(masks: Mapping[str, NDArray[np.uint16]]) -> dict[str, Any]:
     return {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "boll"}]}
 
 
-def _bounding_box(polygons: Sequence[NDArray]) -> list[float]:
+def _bounding_box(polygons: Sequence[NDArray[Any]]) -> list[float]:
     """Left, top, width, height."""
     corners = np.concatenate(polygons)
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -6,7 +6,7 @@ import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class _Reader:
         except (FileNotFoundError, IsADirectoryError) as error:
             raise MissingInput(f"{path.name} is missing; run `cotton3dg sfm` first") from error
 
-    def fields(self, layout: str) -> tuple:
+    def fields(self, layout: str) -> tuple[Any, ...]:
         try:
             values = struct.unpack_from(f"<{layout}", self.content, self.at)
         except struct.error as error:
@@ -48,7 +48,7 @@ class _Reader:
 
     def count(self, least_bytes: int) -> int:
         """A number of entries that fit, at `least_bytes` each, into the rest of the file."""
-        (n,) = self.fields("Q")
+        n: int = self.fields("Q")[0]
         if n * least_bytes > len(self.content) - self.at:
             raise self.bad(f"claims {n} entries")
         return n

@@ -43,7 +43,7 @@ def nerfstudio_transforms(cameras: list[Camera], image_folder: str) -> dict[str,
     }
 
 
-def llff_poses_bounds(cameras: list[Camera], points: NDArray) -> NDArray[np.float64]:
+def llff_poses_bounds(cameras: list[Camera], points: NDArray[Any]) -> NDArray[np.float64]:
     """Content of LLFF's poses_bounds.npy, in the order of `cameras`.
 
     A row is a (3, 5) matrix, flattened, and the near and far depth of the scene in that view. The matrix holds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,8 @@ def has_transparency(path: Path) -> bool:
     with Image.open(path) as image:
         if "A" not in image.getbands() and "transparency" not in image.info:
             return False
-        return image.convert("RGBA").getextrema()[3][0] < 255
+        least: int = image.convert("RGBA").getextrema()[3][0]
+        return least < 255
 
 
 def natural_key(name: str) -> list[tuple[bool, int, str]]:
@@ -76,7 +77,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
     content = read_checked(path)
     pixels = decode(path, content, cv2.IMREAD_COLOR)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    rgb: NDArray[np.uint8] = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    return rgb
 
 
 def exif_focal_length_px(path: Path) -> float | None:
@@ -168,7 +170,7 @@ def read_checked(path: Path) -> bytes:
     return content
 
 
-def decode(path: Path, content: bytes, flags: int) -> NDArray:
+def decode(path: Path, content: bytes, flags: int) -> NDArray[Any]:
     """An image as OpenCV decodes it with `flags`.
 
     Raises:
@@ -177,7 +179,7 @@ def decode(path: Path, content: bytes, flags: int) -> NDArray:
     import cv2
 
     try:
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+        pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error as error:
         raise BadInput(f"{path.name} cannot be decoded; copy it again or remove it") from error
     if pixels is None:
@@ -205,7 +207,7 @@ def is_whole(content: bytes) -> bool:
     return True
 
 
-def _write(path: Path, pixels: NDArray, settings: list[int]) -> None:
+def _write(path: Path, pixels: NDArray[Any], settings: list[int]) -> None:
     import cv2
 
     done, content = cv2.imencode(path.suffix, pixels, settings)

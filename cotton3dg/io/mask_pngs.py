@@ -72,11 +72,11 @@ def read_drawn_ids(path: Path) -> NDArray[np.uint16]:
     return ids
 
 
-def _without_colours(path: Path, pixels: NDArray) -> NDArray:
+def _without_colours(path: Path, pixels: NDArray[Any]) -> NDArray[Any]:
     """(H, W) grey values as they are, or the rank of each pixel's colour; 0 where it is transparent."""
     if pixels.ndim == 2:
         return pixels
-    values: NDArray = pixels[..., 0]
+    values: NDArray[Any] = pixels[..., 0]
     if (pixels[..., :3] != values[..., None]).any():
         found, values = np.unique(
             pixels[..., :3].astype(np.uint64) @ np.array([1, 2**16, 2**32], np.uint64), return_inverse=True
@@ -108,4 +108,5 @@ def _pieces(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
     count, pieces = cv2.connectedComponents((ids > 0).astype(np.uint8))
     if count - 1 > np.iinfo(np.uint16).max:
         raise BadInput(f"a mask has {count - 1} pieces, so it is no mask of bolls; draw it again")
-    return pieces.astype(np.uint16)
+    numbered: NDArray[np.uint16] = pieces.astype(np.uint16)
+    return numbered

@@ -8,7 +8,7 @@ natural logarithms, rotations are wxyz. Other tools refuse extra columns, so non
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ def _read_table(path: Path) -> Gaussians:
     return gaussians
 
 
-def recolour(gaussians: Gaussians, colours: NDArray) -> Gaussians:
+def recolour(gaussians: Gaussians, colours: NDArray[Any]) -> Gaussians:
     """The same Gaussians in the given colours, (N, 3) RGB in 0..1, which do not depend on the viewing direction."""
     sh = (np.asarray(colours, np.float32)[:, None] - np.float32(0.5)) / np.float32(SH_CONSTANT)
     return Gaussians(gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits, sh)

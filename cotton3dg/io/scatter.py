@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_scatter(path: Path, title: str, true: NDArray, measured: NDArray, notes: list[str]) -> None:
+def write_scatter(path: Path, title: str, true: NDArray[Any], measured: NDArray[Any], notes: list[str]) -> None:
     """Save the plot.
 
     Args:
@@ -21,11 +21,13 @@ def write_scatter(path: Path, title: str, true: NDArray, measured: NDArray, note
     plot_scatter(title, true, measured, notes).savefig(path, format="png")
 
 
-Band = tuple[NDArray, NDArray, NDArray]
+Band = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """Places along x, the line there, and half of the interval around it."""
 
 
-def write_fit(path: Path, title: str, name: str, x: NDArray, y: NDArray, band: Band, notes: list[str]) -> None:
+def write_fit(
+    path: Path, title: str, name: str, x: NDArray[Any], y: NDArray[Any], band: Band, notes: list[str]
+) -> None:
     """Save points with a fitted line and its prediction interval.
 
     Args:
@@ -45,7 +47,7 @@ def write_fit(path: Path, title: str, name: str, x: NDArray, y: NDArray, band: B
     figure.savefig(path, format="png")
 
 
-def plot_scatter(title: str, true: NDArray, measured: NDArray, notes: list[str]) -> Figure:
+def plot_scatter(title: str, true: NDArray[Any], measured: NDArray[Any], notes: list[str]) -> Figure:
     """The plot; both axes have the same scale, so that the 1:1 line is a diagonal."""
     from matplotlib.figure import Figure  # without pyplot, which would look for a screen
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, BollOnMap, PlantMap
+from ..core.scene import Float64
 from ..geometry.polylines import length_of
 from .labels import Labels, Spot, around, beside, text_box
 
@@ -32,7 +32,7 @@ def skeleton_ply(plant_map: PlantMap) -> str:
 
     Vertices have a radius (0 where unknown), the rank of their branch (0 = stem) and, on the stalk of a boll, its id.
     """
-    lines: list[tuple[NDArray, NDArray, int, int]] = [
+    lines: list[tuple[Float64, Float64, int, int]] = [
         (axis.curve, np.nan_to_num(axis.radii), axis.rank, 0) for axis in plant_map.axes
     ]
     lines += [(boll.stalk, np.zeros(len(boll.stalk)), boll.branch, boll.boll_id) for boll in plant_map.bolls]
@@ -65,7 +65,7 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
     left, right = ends[:, 0].min() * PX_PER_CM - MARGIN_PX, ends[:, 0].max() * PX_PER_CM + MARGIN_PX
     high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX
 
-    def at(point: NDArray) -> Px:
+    def at(point: Float64) -> Px:
         return float(point[0] * PX_PER_CM - left), float(high - point[1] * PX_PER_CM)
 
     width, height = right - left, high + 40
@@ -123,9 +123,9 @@ def _label(
     return [*svg, _text((spot.x, spot.y), text, spot.anchor, colour, size)]
 
 
-def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
+def _branch_places(plant_map: PlantMap) -> dict[int, tuple[Float64, Float64]]:
     """Rank -> start and end on the drawing, cm; a branch of a branch leaves it downwards and keeps its side."""
-    places: dict[int, tuple[NDArray, NDArray]] = {}
+    places: dict[int, tuple[Float64, Float64]] = {}
     side = 1
     waiting: Sequence[Axis] = [axis for axis in plant_map.branches if axis.parent == 0]
     for axis in waiting:
@@ -150,12 +150,13 @@ def _branch_places(plant_map: PlantMap) -> dict[int, tuple[NDArray, NDArray]]:
     return places
 
 
-def _way(side: int, rise: float) -> NDArray:
+def _way(side: int, rise: float) -> Float64:
     way = np.array([side, rise])
-    return way / np.linalg.norm(way)
+    unit: Float64 = way / np.linalg.norm(way)
+    return unit
 
 
-def _boll_place(boll: BollOnMap, places: dict[int, tuple[NDArray, NDArray]]) -> NDArray:
+def _boll_place(boll: BollOnMap, places: dict[int, tuple[Float64, Float64]]) -> Float64:
     """(2,) cm on the drawing."""
     if not boll.branch:
         return np.array([0.0, float(boll.stalk[0, 2])])

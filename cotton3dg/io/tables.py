@@ -58,7 +58,8 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]], *, ex
     # Cells are text already: each column has digits of its own, and pandas would write formulas unchanged.
     cells = [[_cell(row[column.name], column.digits) for column in columns] for row in rows]
     table = pd.DataFrame(cells, columns=[column.name for column in columns], dtype=object)
-    return (BYTE_ORDER_MARK if excel else "") + table.to_csv(index=False, lineterminator="\r\n")
+    text: str = table.to_csv(index=False, lineterminator="\r\n")
+    return (BYTE_ORDER_MARK if excel else "") + text
 
 
 def columns_text(tables: Mapping[str, Sequence[Column]], *, excel: bool = False) -> str:

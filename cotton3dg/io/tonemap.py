@@ -39,14 +39,16 @@ def tone_map(rgb: NDArray[np.uint16], transfer: str) -> NDArray[np.uint8]:
     light = np.maximum(cv2.transform(light, _BT709_FROM_BT2020), 0.0)
     peak = light.max(axis=2, keepdims=True)
     light *= _compress(peak) / np.maximum(peak, 1e-6)
-    return np.take(_srgb_table(), np.minimum(light * 65535.0 + 0.5, 65535.0).astype(np.uint16))
+    levels: NDArray[np.uint8] = np.take(_srgb_table(), np.minimum(light * 65535.0 + 0.5, 65535.0).astype(np.uint16))
+    return levels
 
 
 def _compress(peak: NDArray[np.float32]) -> NDArray[np.float32]:
     """Identity up to 0.8; above it a rational curve of slope 1 there that approaches 1."""
     knee = np.float32(0.8)
     over = np.maximum(peak - knee, 0.0) / (1.0 - knee)
-    return np.minimum(peak, knee) + (1.0 - knee) * over / (1.0 + over)
+    compressed: NDArray[np.float32] = np.minimum(peak, knee) + (1.0 - knee) * over / (1.0 + over)
+    return compressed
 
 
 @cache
@@ -63,7 +65,8 @@ def _linear_table(transfer: str) -> NDArray[np.float32]:
         scene = np.where(v <= 0.5, v**2 / 3, (np.exp((v - c) / a) + b) / 12)
         # Diffuse white sits at 75 % signal. The display's gamma of 1.2 is applied per channel here.
         white = (np.exp((0.75 - c) / a) + b) / 12
-        return ((scene / white) ** 1.2).astype(np.float32)
+        table: NDArray[np.float32] = ((scene / white) ** 1.2).astype(np.float32)
+        return table
     raise ValueError(f"unknown transfer function {transfer!r}")
 
 

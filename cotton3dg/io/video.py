@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Final, Generic, TypeVar
+from typing import IO, Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,8 @@ def ffmpeg_binary() -> str:
     import imageio_ffmpeg
 
     try:
-        return imageio_ffmpeg.get_ffmpeg_exe()
+        bundled: str = imageio_ffmpeg.get_ffmpeg_exe()
+        return bundled
     except RuntimeError as error:
         raise EnvironmentUnusable("ffmpeg is missing; install ffmpeg or `pip install imageio-ffmpeg`") from error
 
@@ -214,14 +215,14 @@ def _input_arguments() -> list[str]:
     return ["-protocol_whitelist", "file", "-format_whitelist", DEMUXERS]
 
 
-def _stream(path: Path, facts: VideoFacts):  # type: ignore[no-untyped-def]
+def _stream(path: Path, facts: VideoFacts) -> Any:
     """The film as an ffmpeg-python node."""
     import ffmpeg
 
     return ffmpeg.input(_url(path), protocol_whitelist="file", format_whitelist=DEMUXERS)[str(facts.stream)]
 
 
-def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-def]
+def _in_step(stream: Any, n_frames: int | None = None) -> tuple[Any, dict[str, Any]]:
     """Output exactly the frames that come in.
 
     ffmpeg repeats and drops frames to keep a constant rate, and the option against that has another name in every
@@ -233,7 +234,7 @@ def _in_step(stream, n_frames: int | None = None):  # type: ignore[no-untyped-de
 
 @contextmanager
 def _decoding(
-    stream_and_settings: tuple, pixel_format: str, numbers: NDArray
+    stream_and_settings: tuple[Any, dict[str, Any]], pixel_format: str, numbers: NDArray[Any]
 ) -> Iterator[tuple[Iterator[None], Callable[[], str]]]:
     """Run ffmpeg: an iterator that fills `numbers` with the next raw frame, and a function for the whole log."""
     stream, settings = stream_and_settings

@@ -99,7 +99,7 @@ def _enlarge(chroma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     place it a quarter of its width to the left, which nobody sees."""
     import cv2
 
-    twice = cv2.resize(chroma, (2 * chroma.shape[1], 2 * chroma.shape[0]), interpolation=cv2.INTER_LINEAR)
+    twice: NDArray[Any] = cv2.resize(chroma, (2 * chroma.shape[1], 2 * chroma.shape[0]), interpolation=cv2.INTER_LINEAR)
     return twice[: size[1], : size[0]]
 
 
@@ -108,7 +108,8 @@ def _shrink(luma: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     import cv2
 
     step = 2 if luma.shape[1] >= 4 * size[0] else 1
-    return cv2.resize(luma[::step, ::step], size, interpolation=cv2.INTER_AREA)
+    smaller: NDArray[Any] = cv2.resize(luma[::step, ::step], size, interpolation=cv2.INTER_AREA)
+    return smaller
 
 
 def _to_rgb(coding: Coding) -> NDArray[np.float64]:

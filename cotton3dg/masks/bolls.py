@@ -49,7 +49,8 @@ class Maps:
     @property
     def lint(self) -> Float32:
         """(h, w) probability of lint."""
-        return self.probabilities[LINT]
+        lint: Float32 = self.probabilities[LINT]
+        return lint
 
 
 def seen_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -87,7 +87,7 @@ class _Conv(nn.Module):
         bias = norm.bias - norm.running_mean * scale
         return weight.detach().cpu().numpy(), bias.detach().cpu().numpy()
 
-    def unfold(self, weight: NDArray, bias: NDArray) -> None:
+    def unfold(self, weight: NDArray[Any], bias: NDArray[Any]) -> None:
         """Take over the weights of a folded convolution, as one whose normalisation changes nothing."""
         norm = self.norm
         assert norm.running_var is not None and norm.running_mean is not None
@@ -114,7 +114,7 @@ class _Stem(_Conv):
         weight = weight / np.float32(GREY_RANGE)
         return weight, bias - np.float32(MIDDLE_GREY) * weight.sum(axis=(1, 2, 3))
 
-    def unfold(self, weight: NDArray, bias: NDArray) -> None:
+    def unfold(self, weight: NDArray[Any], bias: NDArray[Any]) -> None:
         super().unfold(weight * GREY_RANGE, bias + MIDDLE_GREY * weight.sum(axis=(1, 2, 3)))
 
 
@@ -252,10 +252,11 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
             network.head.bias.copy_(_as_tensor(constants["maps.b"], network.head.bias))
     except (KeyError, ValueError) as error:
         raise BadInput(f"{name} is no network of bolls; {REMEDY}") from error
-    return network.eval()
+    network.eval()
+    return network
 
 
-def _as_tensor(values: NDArray, like: Tensor) -> Tensor:
+def _as_tensor(values: NDArray[Any], like: Tensor) -> Tensor:
     """The values as a tensor of the shape of `like`; ValueError if they have another shape or are not finite."""
     if values.shape != tuple(like.shape) or not np.isfinite(values).all():
         raise ValueError(f"{values.shape} instead of {tuple(like.shape)}, or not finite")
@@ -267,10 +268,10 @@ class _Graph:
     """An ONNX graph as it grows."""
 
     nodes: list[bytes]
-    constants: dict[str, NDArray]
+    constants: dict[str, NDArray[Any]]
     half: bool
 
-    def constant(self, name: str, values: NDArray) -> str:
+    def constant(self, name: str, values: NDArray[Any]) -> str:
         self.constants[name] = values.astype(np.float16) if self.half else values.astype(np.float32)
         return name
 
@@ -287,8 +288,8 @@ class _Graph:
     def plain_conv(
         self,
         x: str,
-        weight: NDArray,
-        bias: NDArray,
+        weight: NDArray[Any],
+        bias: NDArray[Any],
         target: str,
         name: str,
         stride: int,

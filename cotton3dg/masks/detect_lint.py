@@ -125,7 +125,8 @@ def lint_score(image: NDArray[np.uint8]) -> Float32:
     lab = cv2.cvtColor(np.minimum(linear / np.float32(white), 1), cv2.COLOR_LRGB2LAB)
     chroma = np.hypot(lab[..., 1], lab[..., 2])
     bright = np.clip((luminance / white - SHADE[0]) / (SHADE[1] - SHADE[0]), 0, 1)
-    return (bright * np.clip((CHROMA[1] - chroma) / (CHROMA[1] - CHROMA[0]), 0, 1)).astype(np.float32)
+    score: Float32 = (bright * np.clip((CHROMA[1] - chroma) / (CHROMA[1] - CHROMA[0]), 0, 1)).astype(np.float32)
+    return score
 
 
 def draw_overlay(image: NDArray[np.uint8], ids: NDArray[np.uint16]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -172,7 +172,8 @@ def _hardly_covered(patches: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArra
     """The connected patches that lie almost wholly outside of the other mask."""
     count, labels = cv2.connectedComponents(patches.astype(np.uint8))
     all_px, shared_px = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[by], minlength=count)
-    return patches & (shared_px < FOUND * all_px)[labels]
+    alone: NDArray[np.bool_] = patches & (shared_px < FOUND * all_px)[labels]
+    return alone
 
 
 def _cut(lesson: _Lesson, rng: np.random.Generator) -> Float32:
@@ -190,5 +191,5 @@ def _logit(probability: Float32) -> Float32:
     return np.asarray(np.log(bounded / (1 - bounded)), np.float32)
 
 
-def _probability(logit: NDArray) -> Float32:
+def _probability(logit: NDArray[Any]) -> Float32:
     return np.asarray(1 / (1 + np.exp(-logit)), np.float32)

@@ -24,7 +24,7 @@ SAME_BOX: Final = 0.7
 LARGEST: Final = 0.5
 """Share of the image above which a box is the plant or the scene, not one boll."""
 
-Finder = Callable[[NDArray[np.uint8]], tuple[Float64, NDArray]]
+Finder = Callable[[NDArray[np.uint8]], tuple[Float64, Float64]]
 """From an image (H, W, 3) to boxes (n, 4) left, top, right, bottom px and scores (n,)."""
 
 
@@ -65,7 +65,7 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
         ) from error
 
     @torch.inference_mode()
-    def find(image: NDArray[np.uint8]) -> tuple[Float64, NDArray]:
+    def find(image: NDArray[np.uint8]) -> tuple[Float64, Float64]:
         height, width = image.shape[:2]
         factor = min(SHORT_SIDE_PX / min(height, width), LONG_SIDE_PX / max(height, width))
         pixels = normalise(image, max(round(height * factor), 1), max(round(width * factor), 1))
@@ -75,4 +75,5 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
         boxes = np.hstack([middle - size / 2, middle + size / 2]) * np.tile([width, height], 2)
         return np.clip(boxes, 0, np.tile([width, height], 2)), scores
 
-    return find
+    finder: Finder = find
+    return finder

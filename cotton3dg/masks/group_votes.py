@@ -72,7 +72,8 @@ def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float
 def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
     """Values summed over their neighbourhood, (H, W): those that agree give their sum at the peak."""
     part = np.bincount(cells, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
-    return cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
+    gathered: Float32 = cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
+    return gathered
 
 
 def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:

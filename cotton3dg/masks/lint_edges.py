@@ -106,7 +106,8 @@ class EdgeNetwork:
         size = max(round(image.shape[1] * factor), 1), max(round(image.shape[0] * factor), 1)
         smaller = [cv2.resize(whole, size, interpolation=cv2.INTER_AREA) for whole in (image, share, likely)]
         logits = self._logits_where(smaller[1] > SHOWN, describe(*smaller))
-        return shown & (cv2.resize(logits, image.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0)
+        lint: NDArray[np.bool_] = shown & (cv2.resize(logits, image.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0)
+        return lint
 
     def _logits_where(self, asked: NDArray[np.bool_], told: Float32) -> Float32:
         """Logits (H, W) of the inputs from `describe`, in all tiles that hold pixels of `asked`; elsewhere -1."""

@@ -44,4 +44,5 @@ class ModelProximity:
 
     def bolls(self, places: Float32) -> NDArray[np.int32]:
         """(n,) the boll that each of the places (n, 3) is nearest to."""
-        return self._bolls[self._tree.query(places)[1]]
+        nearest: NDArray[np.int32] = self._bolls[self._tree.query(places)[1]]
+        return nearest

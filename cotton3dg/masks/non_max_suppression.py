@@ -104,7 +104,8 @@ def _starts(length: int, side: int) -> list[int]:
     if length <= side:
         return [0]
     count = int(np.ceil((length - side) / (side * (1 - TILE_OVERLAP)))) + 1
-    return np.round(np.linspace(0, length - side, count)).astype(int).tolist()
+    starts: list[int] = np.round(np.linspace(0, length - side, count)).astype(int).tolist()
+    return starts
 
 
 def _touching(one: Candidate, others: Sequence[Candidate]) -> list[tuple[Candidate, int]]:

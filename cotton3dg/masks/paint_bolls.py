@@ -95,7 +95,8 @@ def sure_pixels(score: Float32, expected: NDArray[np.uint16], pitch_px: float) -
     import cv2
 
     inside = cv2.distanceTransform((expected > 0).astype(np.uint8), cv2.DIST_L2, 5)
-    return (score > SURELY) & (inside > max(CORE * pitch_px, SHARP_PX))
+    sure: NDArray[np.bool_] = (score > SURELY) & (inside > max(CORE * pitch_px, SHARP_PX))
+    return sure
 
 
 def lint_pixels(

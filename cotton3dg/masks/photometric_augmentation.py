@@ -55,7 +55,8 @@ def _dapples(rng: np.random.Generator, height: int, width: int) -> Float32:
     field = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
     lit = 1 / (1 + np.exp(-rng.uniform(1, 8) * (field - rng.normal(0, 0.5))))
     shade = rng.uniform(0.15, 0.8)
-    return (shade + (rng.uniform(1.0, 1.4) - shade) * lit).astype(np.float32)
+    dapples: Float32 = (shade + (rng.uniform(1.0, 1.4) - shade) * lit).astype(np.float32)
+    return dapples
 
 
 def _recolour(rng: np.random.Generator, image: Float32) -> Float32:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +41,11 @@ class Prompts:
     def centres(self) -> Float64:
         """(n, 2) x, y."""
         if self.boxes is not None:
-            return self.boxes.reshape(-1, 2, 2).mean(axis=1)
+            middles: Float64 = self.boxes.reshape(-1, 2, 2).mean(axis=1)
+            return middles
         return np.zeros((0, 2)) if self.points is None else self.points
 
-    def choose(self, rows: NDArray, offset: tuple[int, int]) -> Prompts:
+    def choose(self, rows: NDArray[Any], offset: tuple[int, int]) -> Prompts:
         """Some of the prompts, seen from another corner of the image (x, y)."""
         points = None if self.points is None else self.points[rows] - offset
         return Prompts(points, None if self.boxes is None else self.boxes[rows] - np.tile(offset, 2))
@@ -172,4 +173,5 @@ def open_sam(folder: Path, *, trusted: bool) -> Segmenter:
             scores.append(told.iou_scores[0][rows, surest].clamp(0, 1).numpy())
         return np.concatenate(masks), np.concatenate(scores)
 
-    return segment
+    segmenter: Segmenter = segment
+    return segmenter

@@ -55,7 +55,8 @@ class PlacedVotes:
     def distances2(self, centre: Float64) -> Float64:
         """(N,) squared distances of a centre from each vote, su²; a distance along the ray counts less."""
         away = self.places - centre
-        return np.einsum("ni,ni->n", away, away) - _ALONG * np.einsum("ni,ni->n", away, self.rays) ** 2
+        squares: Float64 = np.einsum("ni,ni->n", away, away) - _ALONG * np.einsum("ni,ni->n", away, self.rays) ** 2
+        return squares
 
     def mean(self, weights: Float64) -> Float64:
         """(3,) the place with the least mean of `distances2`, with other weights (N,)."""

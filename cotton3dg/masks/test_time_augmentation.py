@@ -63,7 +63,10 @@ def mix_looks(looks: Sequence[Maps]) -> Maps:
     trust = (trust + 1e-6) / (trust + 1e-6).sum(axis=0)
 
     def mean(parts: Iterable[Float32]) -> Float32:
-        return np.sum([share * part for share, part in zip(trust, parts, strict=True)], axis=0, dtype=np.float32)
+        averaged: Float32 = np.sum(
+            [share * part for share, part in zip(trust, parts, strict=True)], axis=0, dtype=np.float32
+        )
+        return averaged
 
     return replace(
         first,
@@ -79,7 +82,7 @@ def _resize_maps(maps: Maps, height: int, width: int) -> Maps:
         return maps
 
     def resize(part: Float32) -> Float32:
-        resized = cv2.resize(part.transpose(1, 2, 0), (width, height))
+        resized: Float32 = cv2.resize(part.transpose(1, 2, 0), (width, height))
         return resized.reshape(height, width, -1).transpose(2, 0, 1)  # OpenCV drops a single channel
 
     scale = maps.image_shape[1] / width

@@ -6,9 +6,9 @@ import shutil
 from pathlib import Path
 from typing import Any, Final
 
+from ..command_options import MasksTrainOptions
 from ..core.progress import Progress
 from ..errors import BadUsage, EnvironmentUnusable, MissingInput, StageFailed
-from ..options import MasksTrainOptions
 from .pickle_guard import demand_trust
 from .yolo_networks import ultralytics_model
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class LintVolume:
 
 
 def find_bolls(
-    scores: Sequence[NDArray], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None = None
+    scores: Sequence[NDArray[Any]], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None = None
 ) -> LintVolume:
     """Find the lint inside the orbit and divide it into bolls.
 
@@ -91,7 +91,7 @@ def find_bolls(
     return LintVolume(voxels, scene_from_voxel, labels[where], contrasts[where])
 
 
-def refine_bolls(volume: LintVolume, masks: Sequence[NDArray], cameras: Sequence[Camera]) -> LintVolume:
+def refine_bolls(volume: LintVolume, masks: Sequence[NDArray[Any]], cameras: Sequence[Camera]) -> LintVolume:
     """The same bolls in the shape on which their first masks agree.
 
     Unlike colours alone, masks know what is near a boll: they follow lint into its shade and leave out the white wall
@@ -121,7 +121,7 @@ def refine_bolls(volume: LintVolume, masks: Sequence[NDArray], cameras: Sequence
 
 
 def vote(
-    scores: Sequence[NDArray], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None
+    scores: Sequence[NDArray[Any]], cameras: Sequence[Camera], orbit: Orbit, table: Float64 | None
 ) -> tuple[Float32, Float64]:
     """Contrasts (X, Y, Z) of fine voxels, 0 where nothing is to be expected, and the affine map (3, 4) of their indices
     into the scene. Arguments as of `find_bolls`.
@@ -168,11 +168,12 @@ def _arcs(cameras: Sequence[Camera], orbit: Orbit) -> NDArray[np.bool_]:
     """(A, V) which views lie in each arc of the orbit; arcs with fewer than half of the views do not count."""
     sectors = (azimuths(cameras, orbit) * SECTORS / (2 * np.pi)).astype(np.int64) % SECTORS
     arcs = (sectors - np.arange(SECTORS)[:, None]) % SECTORS < ARC
-    return arcs[2 * arcs.sum(axis=1) >= len(cameras)]
+    counted: NDArray[np.bool_] = arcs[2 * arcs.sum(axis=1) >= len(cameras)]
+    return counted
 
 
 def _mean_scores(
-    points: Float32, scores: Sequence[NDArray], cameras: Sequence[Camera], arcs: NDArray[np.bool_]
+    points: Float32, scores: Sequence[NDArray[Any]], cameras: Sequence[Camera], arcs: NDArray[np.bool_]
 ) -> tuple[Float32, Float32]:
     """(A, N) mean score of (N, 3) points over the views of each arc that have them in their image, and the (N,) share
     of all views that do.
@@ -189,7 +190,7 @@ def _mean_scores(
     return (total / np.maximum(seen, 1)).astype(np.float32), in_view / np.float32(max(len(cameras), 1))
 
 
-def mean_score(points: Float32, scores: Sequence[NDArray], cameras: Sequence[Camera]) -> tuple[Float32, Float32]:
+def mean_score(points: Float32, scores: Sequence[NDArray[Any]], cameras: Sequence[Camera]) -> tuple[Float32, Float32]:
     """Mean score of (N, 3) points over the views that have them in their image, and the share of views that do."""
     total, seen = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
     for score, camera in zip(scores, cameras, strict=True):
@@ -199,7 +200,7 @@ def mean_score(points: Float32, scores: Sequence[NDArray], cameras: Sequence[Cam
     return (total / np.maximum(seen, 1)).astype(np.float32), seen / np.float32(max(len(cameras), 1))
 
 
-def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray, NDArray, NDArray, Float32]:
+def pixels_of(points: Float32, camera: Camera) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], Float32]:
     """Columns and lines of the pixels that (N, 3) points fall on, whether these are in the image, and depths in su."""
     x, y, z = (points @ row[:3] + row[3] for row in camera.cam_from_scene.astype(np.float32))
     ahead = z > 0
@@ -223,7 +224,8 @@ def _usual_share(shares: Float32, allowed: NDArray[np.bool_]) -> Float32:
     weights = ndimage.gaussian_filter(allowed.astype(np.float32), 1.5)
     smooth = ndimage.gaussian_filter(smooth, 1.5) / np.maximum(weights, 1e-6)
     low = ndimage.minimum_filter(np.where(allowed, smooth, 1), 9)
-    return ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
+    usual: Float32 = ndimage.maximum_filter(np.where(allowed, low, 0), 9)[allowed]
+    return usual
 
 
 def _map(points: Float32, affine: Float64) -> Float32:

@@ -76,4 +76,5 @@ def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
         return shown
     usual, usual_plant = (weighted_median(means[shown], support[shown]) for means in (lint, plant))
     beside = plant.clip(LITTLE, ENOUGH) if usual_plant > SILENT else np.full(len(plant), ENOUGH)
-    return shown & (lint + beside < usual - LESS)
+    white: NDArray[np.bool_] = shown & (lint + beside < usual - LESS)
+    return white

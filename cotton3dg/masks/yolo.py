@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,7 @@ def fit_image(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
     return np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]), Fit(scale, left, top)
 
 
-def check_answer(predictions: NDArray, prototypes: NDArray) -> tuple[Float32, Float32]:
+def check_answer(predictions: NDArray[Any], prototypes: NDArray[Any]) -> tuple[Float32, Float32]:
     """Predictions (C, A) and prototypes (M, h, w) of one image.
 
     Raises:
@@ -134,7 +134,7 @@ def decode(
     return np.hstack([middle - half, middle + half]), scores[order], predictions[4 + n_classes :, order].T
 
 
-def suppress(boxes: Float64, scores: NDArray, iou: float) -> list[int]:
+def suppress(boxes: Float64, scores: NDArray[Any], iou: float) -> list[int]:
     """Indices of boxes (n, 4), the surest first, without those that overlap a surer one by more than `iou`."""
     import cv2
 

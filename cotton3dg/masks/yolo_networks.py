@@ -30,7 +30,7 @@ SWITCHES: Final = {"YOLO_OFFLINE": "1", "YOLO_AUTOINSTALL": "0", "YOLO_VERBOSE":
 class Network:
     """A network that is ready to run."""
 
-    forward: Callable[[Float32], tuple[NDArray, NDArray]]
+    forward: Callable[[Float32], tuple[NDArray[Any], NDArray[Any]]]
     """From a square of pixels (1, 3, s, s) to predictions (1, C, A) and prototypes (1, M, s / 4, s / 4)."""
     class_names: Mapping[int, str] = field(default_factory=dict)
     """Names of the classes, where the file holds them."""
@@ -73,7 +73,7 @@ def onnx_network(weights: Path) -> Network:
             "export a YOLO11-seg model with nms=False"
         )
 
-    def forward(pixels: Float32) -> tuple[NDArray, NDArray]:
+    def forward(pixels: Float32) -> tuple[NDArray[Any], NDArray[Any]]:
         try:
             net.setInput(pixels)
             first, second = net.forward(outputs)
@@ -99,7 +99,7 @@ def ultralytics_network(weights: Path, *, trusted: bool) -> Network:
     model.model[-1].export = True  # plain predictions and prototypes, the same as in an ONNX export
 
     @torch.inference_mode()
-    def forward(pixels: Float32) -> tuple[NDArray, NDArray]:
+    def forward(pixels: Float32) -> tuple[NDArray[Any], NDArray[Any]]:
         predictions, prototypes = model(torch.from_numpy(pixels))
         return predictions.numpy(), prototypes.numpy()
 

@@ -9,7 +9,7 @@ thin by a third of a pixel (docs/notes/plant_map.md). This is not in the papers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ def edge_opacity(wood: Gaussians, behind: Gaussians, cameras: Sequence[Camera]) 
     return opacity_at_half(*(np.concatenate(side) for side in zip(*views, strict=True)))
 
 
-def opacity_at_half(front: NDArray, behind: NDArray) -> float:
+def opacity_at_half(front: NDArray[Any], behind: NDArray[Any]) -> float:
     """For colours (N, 3) of both sides of an edge, sRGB in 0..1: least squares over all of b - c = a (b - f), with c
     the sRGB value of half of the light of each."""
     half = to_srgb((to_linear(front) + to_linear(behind)) / 2)
@@ -51,7 +51,7 @@ def opacity_at_half(front: NDArray, behind: NDArray) -> float:
     return float(np.clip(((behind - half) * contrast).sum() / power, *LIKELY))
 
 
-def _colours(wood: Gaussians, behind: Gaussians, camera: Camera) -> tuple[NDArray, ...]:
+def _colours(wood: Gaussians, behind: Gaussians, camera: Camera) -> tuple[NDArray[Any], ...]:
     """(N, 3) of wood and of its background, in the pixels that wood fills."""
     zoom = min(1.0, LONGER_PX / max(camera.width, camera.height))
     small = camera.resized(max(1, round(zoom * camera.width)), max(1, round(zoom * camera.height)))

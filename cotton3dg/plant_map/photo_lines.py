@@ -46,11 +46,11 @@ class PhotoLines:
     def __len__(self) -> int:
         return len(self.pictures)
 
-    def colours(self, places: NDArray) -> Float64:
+    def colours(self, places: Float64) -> Float64:
         """(V, 3) median colour of each photo over places (N, 3); hidden places count, too."""
         return np.array([self._colour(view, places) for view in range(len(self))])
 
-    def evidence(self, places: NDArray, directions: NDArray, colours: NDArray) -> tuple[Float64, Float64]:
+    def evidence(self, places: Float64, directions: Float64, colours: Float64) -> tuple[Float64, Float64]:
         """Sums over colours, weighted by their variance, whose quotient is the share that is covered.
 
         Args:
@@ -63,7 +63,7 @@ class PhotoLines:
             self.pictures, self.views, at, along, wood, ASIDE_PX, NOISE, COLOUR_SHARE, threads=0
         )
 
-    def _colour(self, view: int, places: NDArray) -> Float64:
+    def _colour(self, view: int, places: Float64) -> Float64:
         picture, pixels = self.pictures[view], self.cameras[view].project(places)[0]
         shown = pixels[((pixels >= 0) & (pixels < picture.shape[1::-1])).all(axis=1)].astype(int)
         return np.median(picture[shown[:, 1], shown[:, 0], :3], axis=0) if len(shown) else np.zeros(3)

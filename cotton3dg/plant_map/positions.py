@@ -146,7 +146,8 @@ def _empty_evidence(bends: Float64, bolls: list[int]) -> Float64:
     n = round(APART_CM / STEP_CM)
     for boll in bolls:
         evidence[max(0, boll - n) : boll + n + 1] = -MOST_EVIDENCE
-    return evidence + np.log(EMPTY)
+    of_empty: Float64 = evidence + np.log(EMPTY)
+    return of_empty
 
 
 def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> Float64:
@@ -196,7 +197,8 @@ def _position_weights(evidence: Float64, bolls: list[int], first_cm: float) -> F
 def _log_of_sum(logs: Float64) -> Float64:
     """(C,) logarithm of the sum of each column's exponentials (R, C), all finite."""
     top = logs.max(axis=0)
-    return top + np.log(np.exp(logs - top).sum(axis=0))
+    of_sum: Float64 = top + np.log(np.exp(logs - top).sum(axis=0))
+    return of_sum
 
 
 def _shares(weights: Float64) -> Float64:

@@ -6,7 +6,7 @@ Wood ends where the model's opacity is that of a pixel that wood half covers (`e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,10 +66,11 @@ def _along(curve: Float64, means: Float64, covariances: Float64, opacities: Floa
         return np.full(len(curve), np.nan)
     # A neighbour's leaf or boll widens single places.
     calm = np.array([np.nanmedian(radii[max(0, i - 2) : i + 3]) if known[i] else np.nan for i in range(len(radii))])
-    return np.interp(lengths, places[known], calm[known])
+    along: Float64 = np.interp(lengths, places[known], calm[known])
+    return along
 
 
-def _width(means: Float64, covariances: Float64, opacities: NDArray, tangent: Float64, opaque: float) -> float:
+def _width(means: Float64, covariances: Float64, opacities: NDArray[Any], tangent: Float64, opaque: float) -> float:
     """Median over the sides of the width, cm, of the opaque run nearest to the middle."""
     first = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
     first /= np.linalg.norm(first)

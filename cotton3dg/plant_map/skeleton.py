@@ -188,7 +188,8 @@ def _meetings(
 def _feet(tree: WoodTree, axes: list[RawAxis]) -> Float64:
     """(A,) path length from the clamp to the foot of each axis."""
     rows = cKDTree(tree.places).query(np.array([axis.curve[0] for axis in axes]))[1]
-    return tree.lengths[rows]
+    feet: Float64 = tree.lengths[rows]
+    return feet
 
 
 def _foot_on_stem(axes: list[RawAxis], feet: Float64, way: int) -> float:

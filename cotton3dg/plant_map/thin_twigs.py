@@ -79,7 +79,7 @@ class _Walk:
     """Places of the end and of each step, (3,) cm."""
     heading: Float64
     """(3,) direction of the last step."""
-    steps: tuple[NDArray, ...] = ()
+    steps: tuple[Float64, ...] = ()
     """(2, V) evidence of each; zeros where hidden."""
     gain: float = 0.0
 
@@ -88,7 +88,7 @@ class _Walk:
         return _Walk(self.places[:-1], before / np.linalg.norm(before), self.steps[:-1])
 
     @property
-    def shown(self) -> list[NDArray]:
+    def shown(self) -> list[Float64]:
         """The steps for which photos give evidence."""
         return [step for step in self.steps if step[1].any()]
 
@@ -139,7 +139,8 @@ def _look_at(
     views = [_zoomed(cameras[number]) for number in chosen]
 
     def shrunk(view: Camera) -> NDArray[np.uint8]:
-        return cv2.resize(photo(view.name), (view.width, view.height), interpolation=cv2.INTER_AREA)
+        small: NDArray[np.uint8] = cv2.resize(photo(view.name), (view.width, view.height), interpolation=cv2.INTER_AREA)
+        return small
 
     placed, hidden = [], []
     for small in views:
@@ -215,7 +216,8 @@ def _is_borne_out(walk: _Walk, heading: Float64) -> bool:
     error = float(np.linalg.norm(groups[:, 0] - coverage * groups[:, 1])) / groups[:, 1].sum()
     each = groups[groups[:, 1] > 0]
     usual = np.median(each[:, 0] / each[:, 1])
-    return min(_coverage(walk.steps[-1]), usual) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
+    borne_out: bool = min(_coverage(walk.steps[-1]), usual) > LEAST_COVERAGE and coverage > LEAST_EVIDENCE * error
+    return borne_out
 
 
 def _meets_model(walk: _Walk, lines: PhotoLines, colours: Float64) -> bool:
@@ -243,7 +245,7 @@ def _unfaded(walk: _Walk) -> int:
     return int(np.flatnonzero(coverages >= FADED * np.nanmedian(coverages))[-1]) + 1
 
 
-def _coverage(step: NDArray) -> float:
+def _coverage(step: Float64) -> float:
     """Coverage of a step; NaN if it was hidden."""
     above, below = step.sum(axis=1)
     return float(above / below) if below > 0 else np.nan

@@ -139,4 +139,5 @@ def _blades(places: Float64) -> NDArray[np.bool_]:
     thin, breadths = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, :2], 0)).T
     broad = (breadths > LEAF_BREADTH_CM) & (thin < LEAF_FLATNESS * breadths)
     share = np.bincount(rows, broad[near]) / counts
-    return (share > 0.5) & (counts >= LEAF_PLACES)
+    blades: NDArray[np.bool_] = (share > 0.5) & (counts >= LEAF_PLACES)
+    return blades

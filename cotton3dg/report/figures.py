@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import Scale
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float64, Gaussians
 from ..gaussians import rasterizer
 from ..gaussians.appearance import boll_colours
 from ..gaussians.metrics import to_uint8
@@ -65,7 +65,7 @@ def outline_masks(photo: Picture, ids: NDArray[np.uint16], owners: Mapping[int, 
     return drawn
 
 
-def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
+def box_around(pixels: NDArray[Any], width: int, height: int) -> tuple[slice, slice]:
     """Rows and columns of a square around most of (N, 2) pixels, cut to the image; the whole image without pixels."""
     inside = pixels[np.isfinite(pixels).all(axis=1)]
     if not len(inside):
@@ -78,7 +78,7 @@ def box_around(pixels: NDArray, width: int, height: int) -> tuple[slice, slice]:
 
 
 def number_bolls(
-    photo: Picture, camera: Camera, centres: Mapping[int, NDArray], seen: set[int], size_px: int, beside_px: float
+    photo: Picture, camera: Camera, centres: Mapping[int, Float64], seen: set[int], size_px: int, beside_px: float
 ) -> Picture:
     """The photo with the number of each boll to the right of it, or lower if another number stands there. Numbers of
     bolls without a mask in this view are grey.
@@ -110,7 +110,7 @@ def number_bolls(
     return drawn
 
 
-def draw_ruler(photo: Picture, camera: Camera, scale: Scale, foot: NDArray, height_cm: float) -> Picture:
+def draw_ruler(photo: Picture, camera: Camera, scale: Scale, foot: Float64, height_cm: float) -> Picture:
     """The photo with the table's outline and a ruler that stands on it: a tick every 10 cm, a cross bar at the top.
 
     Args:
@@ -121,7 +121,7 @@ def draw_ruler(photo: Picture, camera: Camera, scale: Scale, foot: NDArray, heig
     drawn = photo.copy()
     width_px = max(1, round(photo.shape[1] / 640))
 
-    def line(start: NDArray, end: NDArray, colour: tuple[int, int, int], thickness_px: int) -> None:
+    def line(start: Float64, end: Float64, colour: tuple[int, int, int], thickness_px: int) -> None:
         pixels, depths = camera.project(np.stack([start, end]))
         if (depths > 0).all() and np.abs(pixels).max() < 1e5:
             (x0, y0), (x1, y1) = np.rint(pixels).astype(int).tolist()
@@ -157,7 +157,10 @@ def scale_to(rgb: Picture, side_px: int) -> Picture:
     import cv2
 
     factor = side_px / max(rgb.shape[:2])
-    return cv2.resize(rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
+    scaled: Picture = cv2.resize(
+        rgb, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+    )
+    return scaled
 
 
 def choose_views(

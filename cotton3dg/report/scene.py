@@ -34,7 +34,7 @@ class Frame:
     """(3,) in the page's unit."""
     unit: str
 
-    def places(self, points: NDArray) -> Float64:
+    def places(self, points: NDArray[Any]) -> Float64:
         """(N, 3) of (N, 3) scene points."""
         return np.asarray(points, np.float64) @ self.page_from_scene.T + self.offset
 
@@ -44,7 +44,7 @@ class Frame:
         return np.linalg.inv(self.page_from_scene) @ -self.offset
 
 
-def plant_frame(scale: Scale | None, orbit: Orbit, centres: NDArray, centres_cm: NDArray, plant: NDArray) -> Frame:
+def plant_frame(scale: Scale | None, orbit: Orbit, centres: Float64, centres_cm: Float64, plant: NDArray[Any]) -> Frame:
     """Coordinates for the page.
 
     Args:

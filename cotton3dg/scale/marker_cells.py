@@ -53,11 +53,12 @@ def fit_to_cells(light: NDArray[np.float32], quad: Float64, dark: NDArray[np.boo
         if fitted is None:
             return quad
         moved[:, axis] += np.column_stack([np.ones(4), square]) @ fitted
-    return cv2.perspectiveTransform(moved[None], to_photo)[0]
+    corners: Float64 = cv2.perspectiveTransform(moved[None], to_photo)[0]
+    return corners
 
 
 def _find_edges(
-    light: NDArray[np.float32], to_photo: NDArray, dark: NDArray[np.bool_], axis: int
+    light: NDArray[np.float32], to_photo: Float64, dark: NDArray[np.bool_], axis: int
 ) -> tuple[Float64, Float64, Float64]:
     """Edges between cells of one row, inside the marker.
 

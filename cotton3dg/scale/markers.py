@@ -111,7 +111,8 @@ def marker_cells(dictionary: str, number: int) -> NDArray[np.bool_]:
 
     words = marker_dictionary(dictionary)
     cells = words.markerSize + 2
-    return np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
+    dark: NDArray[np.bool_] = np.asarray(cv2.aruco.generateImageMarker(words, number, cells)) == 0
+    return dark
 
 
 def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
@@ -230,7 +231,9 @@ def fit_bodies(
     return MarkerFit(Reference(source, cm_per_su, max(error, LEAST_ERROR), evidence), sightings)
 
 
-def draw_sheet(kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm: int, first_id: int = 0) -> NDArray:
+def draw_sheet(
+    kind: MarkerKind, width_cm: float, height_cm: float, dots_per_cm: int, first_id: int = 0
+) -> NDArray[np.uint8]:
     """(H, W) uint8: a sheet of paper with as many markers as fit, or the board, and a ruler of 10 cm to check it by.
 
     Raises:
@@ -291,7 +294,7 @@ def outline_markers(
     return draw_crosses(image, camera, np.array([sighting.point for sighting in sightings.values()]))
 
 
-def draw_crosses(image: NDArray[np.uint8], camera: Camera, points: NDArray) -> NDArray[np.uint8]:
+def draw_crosses(image: NDArray[np.uint8], camera: Camera, points: NDArray[Any]) -> NDArray[np.uint8]:
     """A copy of a (H, W, 3) photo with a cross on each of (N, 3) scene points."""
     import cv2
 

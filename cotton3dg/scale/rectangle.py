@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,22 +73,22 @@ class Rectangle:
         """(2,) place of the middle, su from the origin."""
         return np.array([self.sides[:2].mean(), self.sides[2:].mean()])
 
-    def points(self, xy: NDArray) -> Float64:
+    def points(self, xy: NDArray[Any]) -> Float64:
         """(..., 3) scene points of (..., 2) places on the table, su from the origin."""
         return self.origin + np.asarray(xy, np.float64) @ self.axes[:2]
 
-    def places(self, points: NDArray) -> Float64:
+    def places(self, points: NDArray[Any]) -> Float64:
         """(..., 3) places of (..., 3) scene points: x, y and height above the table, su from the origin."""
         return (np.asarray(points, np.float64) - self.origin) @ self.axes.T
 
-    def moved(self, change: NDArray) -> Rectangle:
+    def moved(self, change: Float64) -> Rectangle:
         """The rectangle after a small rotation about x, y, up (3, radian), a lift (1) and moves of its sides (4)."""
         from scipy.spatial.transform import Rotation
 
         turned = Rotation.from_rotvec(change[:3]).as_matrix().T @ self.axes
         return Rectangle(turned, self.origin + change[3] * self.axes[2], self.sides + change[4:])
 
-    def edge_places(self, edge: int, along: NDArray, outwards: NDArray | float = 0.0) -> Float64:
+    def edge_places(self, edge: int, along: NDArray[Any], outwards: NDArray[Any] | float = 0.0) -> Float64:
         """(..., 2) places on an edge: `along` in 0..1 from end to end, moved `outwards` from it, su."""
         low, high = self.sides[[2, 3] if edge < 2 else [0, 1]]
         other = low + np.asarray(along) * (high - low)
@@ -229,7 +229,8 @@ def _shifted(rows: Float64, ways: Float64, step: float) -> Float64:
     before = np.minimum(places.astype(np.int64), last - 1)
     share = places - before
     row = np.arange(len(rows))[:, None]
-    return rows[row, before] * (1 - share) + rows[row, before + 1] * share
+    shifted: Float64 = rows[row, before] * (1 - share) + rows[row, before + 1] * share
+    return shifted
 
 
 def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Float64) -> Float64 | None:
@@ -340,7 +341,8 @@ def _distances(rectangle: Rectangle, edge: int, cameras: Sequence[Camera], found
     lenses = np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras])[found.view]
     in_camera = np.einsum("nij,nj->ni", poses[:, :, :3], points) + poses[:, :, 3]
     pixels = in_camera[:, :2] / in_camera[:, 2:] * lenses[:, :2] + lenses[:, 2:]
-    return np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
+    distances: Float64 = np.einsum("ij,ij->i", pixels - found.pixels, found.normals)
+    return distances
 
 
 def _on_image(camera: Camera, points: Float64, ahead: Float64) -> tuple[Float64, Float64, NDArray[np.bool_]]:
@@ -371,7 +373,8 @@ def _difference(image: NDArray[np.uint8], pixels: Float64, normals: Float64) -> 
         rows = np.array_split(at, max(1, len(at) // 30_000))
         values = [cv2.remap(image, part[None, :, 0], part[None, :, 1], cv2.INTER_LINEAR)[0] for part in rows]
         sides.append(np.concatenate(values).astype(np.float64).reshape(len(at), -1))
-    return np.linalg.norm(sides[1] - sides[0], axis=1).reshape(pixels.shape[:-1])
+    difference: Float64 = np.linalg.norm(sides[1] - sides[0], axis=1).reshape(pixels.shape[:-1])
+    return difference
 
 
 def _along() -> Float64:

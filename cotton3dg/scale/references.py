@@ -86,7 +86,7 @@ def scale_on(ground: Rectangle, cm_per_su: float, relative_error: float, source:
     return Scale(cm_per_su, relative_error, source, up, plane, ground.corners)
 
 
-def find_ground(points: NDArray, cameras: Sequence[Camera], seed: int = 0) -> Rectangle | None:
+def find_ground(points: NDArray[Any], cameras: Sequence[Camera], seed: int = 0) -> Rectangle | None:
     """The highest large level plane below the cameras: the table top of any shape, or else the floor.
 
     Args:
@@ -102,7 +102,7 @@ def find_ground(points: NDArray, cameras: Sequence[Camera], seed: int = 0) -> Re
     return None
 
 
-def distance_ratios(points_su: NDArray, points_cm: NDArray) -> NDArray[np.float64]:
+def distance_ratios(points_su: NDArray[Any], points_cm: NDArray[Any]) -> NDArray[np.float64]:
     """cm per su of each pair of points of a rigid body that is at least half as long as the longest.
 
     Args:
@@ -112,4 +112,5 @@ def distance_ratios(points_su: NDArray, points_cm: NDArray) -> NDArray[np.float6
     known = np.linalg.norm(np.asarray(points_cm)[first] - np.asarray(points_cm)[second], axis=1)
     measured = np.linalg.norm(np.asarray(points_su)[first] - np.asarray(points_su)[second], axis=1)
     long = (known >= 0.5 * known.max(initial=0.0)) & (measured > 0)
-    return known[long] / measured[long]
+    ratios: NDArray[np.float64] = known[long] / measured[long]
+    return ratios

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class TableSections:
         return self.boxes[SECTIONS // 2]
 
 
-def cut_table(points: NDArray, table: Rectangle, radius: float) -> TableSections | NoReference:
+def cut_table(points: NDArray[Any], table: Rectangle, radius: float) -> TableSections | NoReference:
     """Box and sections of the table's cloud.
 
     Args:
@@ -86,7 +86,7 @@ def scale_from_central_section(sections: TableSections, width_cm: float) -> Refe
 
 
 def scale_from_all_sections(
-    points: NDArray, table: Rectangle, length_cm: float, width_cm: float, radius: float
+    points: NDArray[Any], table: Rectangle, length_cm: float, width_cm: float, radius: float
 ) -> Reference | NoReference:
     """The mean of the ratios of the table's known to its measured length and width.
 
@@ -113,7 +113,7 @@ def scale_from_all_sections(
     return Reference("all-sections", mean, error, evidence)
 
 
-def measure_sections(flat: Float64, along: int, limits: NDArray) -> Float64:
+def measure_sections(flat: Float64, along: int, limits: Float64) -> Float64:
     """Lengths along axis `along` of the boxes around up to 11 sections that lie side by side across it.
 
     Args:
@@ -131,14 +131,15 @@ def measure_sections(flat: Float64, along: int, limits: NDArray) -> Float64:
     return np.array(extents)
 
 
-def _points_on_table(points: NDArray, table: Rectangle, radius: float) -> Float64:
+def _points_on_table(points: NDArray[Any], table: Rectangle, radius: float) -> Float64:
     """(N, 3) su in the frame of the rectangle: the points on its plane, inside it or on a rim around it."""
     places = table.places(points)
     rim = RIM * table.width
     x, y = places[:, 0], places[:, 1]
     inside = (x > table.sides[0] - rim) & (x < table.sides[1] + rim)
     inside &= (y > table.sides[2] - rim) & (y < table.sides[3] + rim)
-    return places[inside & (np.abs(places[:, 2]) < ON_PLANE * radius)]
+    on_table: Float64 = places[inside & (np.abs(places[:, 2]) < ON_PLANE * radius)]
+    return on_table
 
 
 def draw_sections(sections: TableSections, width_px: int = 960) -> NDArray[np.uint8]:
@@ -151,8 +152,10 @@ def draw_sections(sections: TableSections, width_px: int = 960) -> NDArray[np.ui
     half = 0.55 * sections.box.sides[:2]
     px_per_su = (width_px - 1) / (2 * half[0])
 
-    def pixels(points: NDArray) -> NDArray[np.int32]:
-        return np.round(((points - sections.box.centre) @ axes.T + half) * px_per_su).astype(np.int32)
+    def pixels(points: NDArray[Any]) -> NDArray[np.int32]:
+        from_corner = (points - sections.box.centre) @ axes.T + half
+        rounded: NDArray[np.int32] = np.round(from_corner * px_per_su).astype(np.int32)
+        return rounded
 
     canvas = np.full((max(2, round(2 * half[1] * px_per_su)), width_px, 3), 255, np.uint8)
     # Single pixels would hardly show.

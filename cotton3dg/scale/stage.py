@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +111,7 @@ def _moved(
 
 
 def load_plant(
-    workspace: Workspace, options: ScaleOptions, undistorted: Path, tracks: NDArray[np.float64], solid: NDArray
+    workspace: Workspace, options: ScaleOptions, undistorted: Path, tracks: NDArray[np.float64], solid: NDArray[Any]
 ) -> Plant:
     """The scene and photos in which references are searched.
 

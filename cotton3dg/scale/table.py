@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,12 +78,12 @@ class NoTable:
 
 
 def find_table(
-    points: NDArray,
+    points: NDArray[Any],
     cameras: Sequence[Camera],
     images: Sequence[NDArray[np.uint8]] = (),
     image_cameras: Sequence[Camera] = (),
     *,
-    tracks: NDArray | None = None,
+    tracks: NDArray[Any] | None = None,
     aspect: float = 2.0,
     seed: int = 0,
 ) -> TableFit | NoTable:
@@ -162,7 +162,7 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
     return Scale(cm_per_su, max(error, least), "table", up, plane, fit.rectangle.corners)
 
 
-def outlines_table(points: NDArray, orbit: Orbit, aspect: float) -> bool:
+def outlines_table(points: NDArray[Any], orbit: Orbit, aspect: float) -> bool:
     """Whether the points alone, without a look at the photos, show a level rectangle of a shape near the known one."""
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]
@@ -209,7 +209,7 @@ def find_first_rectangle(points: Float64, plane: Float64, orbit: Orbit) -> Recta
     return Rectangle(np.vstack([box.axes @ axes[:2], axes[2]]), origin, sides.ravel())
 
 
-def _level(first: Rectangle, tracks: NDArray, radius: float) -> tuple[Rectangle, float]:
+def _level(first: Rectangle, tracks: NDArray[Any], radius: float) -> tuple[Rectangle, float]:
     """`first` on the plane through the tracks inside it, and the plane's standard error in widths of the table.
 
     Least squares with Cauchy weights. Neighbouring points err alike, so an eighth of them counts.

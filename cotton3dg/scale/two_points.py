@@ -16,8 +16,8 @@ MAX_ERROR: Final = 0.03
 
 
 def scale_from_distance(
-    cameras: Sequence[Camera], picks: Mapping[str, Mapping[str, NDArray]], distance_cm: float
-) -> tuple[Reference, NDArray] | NoReference:
+    cameras: Sequence[Camera], picks: Mapping[str, Mapping[str, NDArray[np.float64]]], distance_cm: float
+) -> tuple[Reference, NDArray[np.float64]] | NoReference:
     """The scale at which two points have their known distance, and (2, 3) the points, su.
 
     Args:

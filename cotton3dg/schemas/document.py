@@ -57,7 +57,8 @@ class Document:
         Raises:
             ValueError: what is wrong with it.
         """
-        return _convert(cls, value, "")
+        document: Self = _convert(cls, value, "")
+        return document
 
 
 class WholeDocument(Document):

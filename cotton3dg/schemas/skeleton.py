@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,5 +121,5 @@ def read_map(info: SkeletonInfo) -> PlantMap:
     )
 
 
-def _rows(points: NDArray) -> tuple[tuple[float, ...], ...]:
+def _rows(points: NDArray[Any]) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(round(float(x), DIGITS) for x in point) for point in points)

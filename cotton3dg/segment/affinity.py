@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ def sample_rays(
     return FeatureRays((weights @ smoothing).tocsr(), mask_ids[y, x].astype(np.int64))
 
 
-def _draw(rng: np.random.Generator, shares: NDArray, count: int) -> NDArray[np.int64]:
+def _draw(rng: np.random.Generator, shares: NDArray[Any], count: int) -> NDArray[np.int64]:
     """At most `count` different flat indices, likely in proportion to their shares."""
     able = np.flatnonzero(shares)
     # The smallest of exponential times, see Efraimidis and Spirakis 2006.
@@ -91,7 +91,7 @@ def _draw(rng: np.random.Generator, shares: NDArray, count: int) -> NDArray[np.i
     return able[np.argpartition(times, count)[:count]] if count < len(able) else able
 
 
-def find_heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray) -> sparse.csr_matrix:
+def find_heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray[Any]) -> sparse.csr_matrix:
     """(R, N) blending weights at (R, 2) pixels, of each ray the 16 largest."""
     rays = ray_weights(gaussians, camera, pixels)
     ray = np.repeat(np.arange(len(pixels)), np.diff(rays.starts))
@@ -101,7 +101,7 @@ def find_heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray)
     return sparse.csr_matrix((rays.weights[kept], (ray[kept], rays.rows[kept])), shape=shape)
 
 
-def neighbour_means(means: NDArray) -> sparse.csr_matrix:
+def neighbour_means(means: NDArray[Any]) -> sparse.csr_matrix:
     """(N, N) matrix that averages over the 16 nearest of (N, 3) points, themselves among them."""
     from scipy.spatial import cKDTree
 

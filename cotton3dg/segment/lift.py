@@ -9,7 +9,7 @@ disagree there; identities are not taken from the masks, the stage cluster finds
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,14 +88,15 @@ def vote_foreground(views: Sequence[ViewWeights], seen: Float32) -> NDArray[np.f
     for view in views:
         inside = view.ids != RIM_ID
         held += np.bincount(view.rows[inside], view.weights[inside], len(held))
-    return np.minimum(held / np.maximum(seen.sum(axis=0, dtype=np.float64), 1e-12), 1.0)
+    shares: NDArray[np.float64] = np.minimum(held / np.maximum(seen.sum(axis=0, dtype=np.float64), 1e-12), 1.0)
+    return shares
 
 
 def lift(
     views: Iterable[ViewWeights],
     allowed: NDArray[np.bool_],
     gaussians_sha256: str,
-    foreground: NDArray | None = None,
+    foreground: NDArray[Any] | None = None,
     least_foreground: float = FOREGROUND_SHARE,
 ) -> LiftedMasks:
     """Collect the views' weights into one selection of Gaussians a mask.

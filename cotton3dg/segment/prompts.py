@@ -12,7 +12,7 @@ cap of 25,000 has no unit).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ def lift_prompts(
     return LiftedMasks(sha256, names, candidates, np.clip(best[candidates], 0, 1), seen, selections), dropped
 
 
-def grow(means: NDArray, seeds: NDArray[np.int64], alike: NDArray[np.bool_]) -> NDArray[np.int64]:
+def grow(means: NDArray[Any], seeds: NDArray[np.int64], alike: NDArray[np.bool_]) -> NDArray[np.int64]:
     """The seeds and all that is alike and connected to one of them by short steps within a ball; ascending rows.
 
     Args:
@@ -134,6 +134,7 @@ def _render_inner_features(gaussians: Gaussians, unit: Float32, view: PromptView
     return {name: features for name, features in found.items() if len(features)}
 
 
-def _normalise(features: NDArray) -> NDArray:
+def _normalise(features: NDArray[Any]) -> NDArray[Any]:
     """At unit length along the last axis; zero stays zero."""
-    return features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-6)
+    unit: NDArray[Any] = features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-6)
+    return unit

@@ -62,4 +62,5 @@ def sampson(between: Any, first: Float64, second: Float64) -> Float64:
     one, two = (np.column_stack([rays, np.ones(len(rays))]) for rays in (first, second))
     line, back = one @ essential.T, two @ essential
     slope = (line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
-    return np.abs((two * line).sum(axis=1)) / np.sqrt(np.maximum(slope, 1e-12))
+    distances: Float64 = np.abs((two * line).sum(axis=1)) / np.sqrt(np.maximum(slope, 1e-12))
+    return distances

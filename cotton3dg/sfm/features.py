@@ -56,7 +56,8 @@ class FeatureSettings:
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """(H, W) of an image file."""
-    return cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY)
+    grey: NDArray[np.uint8] = cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY)
+    return grey
 
 
 def features_of_images(
@@ -119,4 +120,5 @@ def _detector(most: int) -> cv2.SIFT:
 def root_sift(descriptors: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Descriptors (N, 128) whose Euclidean distance is the Hellinger distance of the given ones."""
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
-    return np.round(ROOT_SIFT_NORM * np.sqrt(shares)).clip(0, 255).astype(np.uint8)
+    rooted: NDArray[np.uint8] = np.round(ROOT_SIFT_NORM * np.sqrt(shares)).clip(0, 255).astype(np.uint8)
+    return rooted

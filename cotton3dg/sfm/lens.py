@@ -95,10 +95,11 @@ def undistort(image_folder: Path, model_folder: Path, target_folder: Path) -> No
     model.write_binary(target_folder / "sparse")
 
 
-def _through(source: Any, target: Any, places_px: NDArray) -> NDArray:
+def _through(source: Any, target: Any, places_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Places (n, 2) px of one camera in another that looks the same way."""
     rays = source.cam_from_img(places_px)
-    return target.img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
+    places: NDArray[np.float64] = target.img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
+    return places
 
 
 def _undistort_images(source: Path, names: list[str], target: Path, lens: Any, pinhole: Any) -> None:

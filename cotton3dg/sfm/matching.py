@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -91,10 +91,11 @@ def match_descriptors(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> ND
 def _distinct(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Which rows have a nearest neighbour that is near, and much nearer than the next one."""
     best, second = np.arccos(np.clip(neighbours[:2] / ROOT_SIFT_NORM**2, 0, 1))
-    return (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
+    distinct: NDArray[np.bool_] = (neighbours[2] >= 0) & (best < MAX_ANGLE) & (best < MAX_RATIO * second)
+    return distinct
 
 
-def verify(first_px: NDArray, second_px: NDArray, rows: NDArray[np.uint32]) -> PairMatches | None:
+def verify(first_px: NDArray[Any], second_px: NDArray[Any], rows: NDArray[np.uint32]) -> PairMatches | None:
     """The matches that one fundamental matrix explains, by graph-cut RANSAC (Barath and Matas 2018), by OpenCV."""
     if len(rows) < MIN_MATCHES:
         return None

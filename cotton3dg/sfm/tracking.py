@@ -6,7 +6,7 @@ follows a walk through blur, and over surfaces with few and weak corners.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -43,7 +43,7 @@ def follow(
     small, other = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (first, second))
     start = (places_px * factor - 0.5).astype(np.float32)[:, None]
 
-    def tracked(one: NDArray, two: NDArray, places: NDArray) -> tuple[NDArray, NDArray]:
+    def tracked(one: NDArray[Any], two: NDArray[Any], places: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         found, seen, _ = cv2.calcOpticalFlowPyrLK(
             one, two, places, places.copy(), winSize=(WINDOW_PX, WINDOW_PX), maxLevel=PYRAMID_LEVELS,
             minEigThreshold=LEAST_TEXTURE,

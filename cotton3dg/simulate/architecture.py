@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from ..options import SimulateOptions
+from ..command_options import SimulateOptions
 from .mesh import Float64, smooth_curve, unit
 
 Kind = Literal["stem", "fruiting", "vegetative", "peduncle"]

@@ -48,7 +48,8 @@ class Atlas:
         x[:n] = places[:, 0] + s * places[:, 2] - 0.5
         y[:n] = places[:, 1] + t * places[:, 3] - 0.5
         sampled = cv2.remap(self.texels, x.reshape(rows, columns), y.reshape(rows, columns), cv2.INTER_LINEAR)
-        return sampled.reshape(-1, 3)[:n].astype(np.float32)
+        colours: NDArray[np.float32] = sampled.reshape(-1, 3)[:n].astype(np.float32)
+        return colours
 
 
 def pack(images: Sequence[NDArray[np.float32]], width: int = 4096) -> Atlas:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_options import SimulateOptions
 from ..core.scene import Camera
-from ..options import SimulateOptions
 from .grounds import GROUND_PX, paint_ground
 from .mesh import unit
 from .plant import grow_plant
@@ -68,10 +68,11 @@ def _canvas(rng: np.random.Generator) -> Canvas:
 
 
 def _fit(image: Image) -> Image:
-    return cv2.resize(image, (BACKGROUND_PX, BACKGROUND_PX), interpolation=cv2.INTER_AREA)
+    fitted: Image = cv2.resize(image, (BACKGROUND_PX, BACKGROUND_PX), interpolation=cv2.INTER_AREA)
+    return fitted
 
 
-def _colour(rng: np.random.Generator) -> NDArray:
+def _colour(rng: np.random.Generator) -> NDArray[Any]:
     """Pale and hardly coloured half of the time."""
     if rng.random() < 0.5:
         return rng.uniform(0.6, 0.97) * rng.uniform(0.93, 1.0, 3)
@@ -127,7 +128,7 @@ def _board(rng: np.random.Generator) -> Image:
     corners = np.array([[0, 0], [512, 0], [512, 512], [0, 512]], np.float32)
     seen = corners * size / 512 + rng.normal(0, 0.18 * size, (4, 2)).astype(np.float32)
     surface = _soft(rng)
-    warped = cv2.warpPerspective(
+    warped: Image = cv2.warpPerspective(
         picture,
         cv2.getPerspectiveTransform(corners, seen),
         (size, size),
@@ -158,7 +159,8 @@ def _clutter(rng: np.random.Generator) -> Image:
             book = spine(Canvas(rng, 0.05, 0.2, 1000))
             patch = cv2.resize(book, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
         image[y0:y1, x0:x1] = np.where(inside[..., None], patch, image[y0:y1, x0:x1])
-    return image.clip(0, 1) * (1 + 0.05 * cv2.resize(canvas.noise(0.1), (size, size))[..., None])
+    cluttered: Image = image.clip(0, 1) * (1 + 0.05 * cv2.resize(canvas.noise(0.1), (size, size))[..., None])
+    return cluttered
 
 
 def _field(rng: np.random.Generator) -> Image:
@@ -196,7 +198,8 @@ def _field(rng: np.random.Generator) -> Image:
             ink = (white * rng.uniform(0.5, 1.0)).tolist()
             cv2.circle(drawing, np.int32(middle), int(rng.integers(1, 5)), ink, -1, cv2.LINE_AA)
     blurred = cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.5, 4, 8])))
-    return blurred.astype(np.float32) / 255
+    field: Image = blurred.astype(np.float32) / 255
+    return field
 
 
 def _thicket(rng: np.random.Generator) -> Image:
@@ -220,7 +223,8 @@ def _thicket(rng: np.random.Generator) -> Image:
             radii = rng.uniform(0.4, 1, 8) * fine * rng.uniform(2, 14)
             outline = middle + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
             cv2.fillPoly(drawing, [np.int32(outline)], ink, cv2.LINE_AA)
-    return cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.0, 3.0]))).astype(np.float32) / 255
+    blurred: Image = cv2.GaussianBlur(drawing, (0, 0), float(rng.choice([0.5, 1.0, 3.0]))).astype(np.float32) / 255
+    return blurred
 
 
 def _eight_bits(image: Image) -> NDArray[np.uint8]:

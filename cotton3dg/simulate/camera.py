@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from ..command_options import SimulateOptions
 from ..core.scene import Camera
-from ..options import SimulateOptions
 from .mesh import Float64, unit
 
 FOCAL: Final = 0.82

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_options import SimulateOptions
 from ..core.scene import Camera
-from ..options import SimulateOptions
 from .camera import Orbit
 from .render import Float32, RenderScene, develop, instance_ids, render
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -111,7 +111,9 @@ def draw_power(rng: np.random.Generator) -> Float32:
     elif kind < 0.5:  # soft: overcast or a bright room
         power *= (rng.uniform(0, 0.2), 0.0, 1.0, rng.uniform(0.5, 2))
     warmth = (rng.normal(0, 0.12, (LIGHTS, 1)) - shade) * np.array([1.0, 0.0, -1.0]) + rng.normal(0, 0.02, (LIGHTS, 3))
-    return (power[:, None] * np.exp(warmth + rng.normal(0, 0.06) * np.array([1.0, 0.0, -1.0]))).astype(np.float32)
+    tint = np.exp(warmth + rng.normal(0, 0.06) * np.array([1.0, 0.0, -1.0]))
+    coloured: Float32 = (power[:, None] * tint).astype(np.float32)
+    return coloured
 
 
 def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) -> Layer:
@@ -128,8 +130,9 @@ def _place(rng: np.random.Generator, plate: Plate, power: Float32, size: int) ->
     shifted = affine.copy()
     shifted[:, 2] += matrix @ (0.5, 0.5) - 0.5
 
-    def warped(array: NDArray, flags: int) -> NDArray:
-        return cv2.warpAffine(array, shifted, (size, size), flags=flags)
+    def warped(array: NDArray[Any], flags: int) -> NDArray[Any]:
+        moved: NDArray[Any] = cv2.warpAffine(array, shifted, (size, size), flags=flags)
+        return moved
 
     cover = warped(plate.cover.astype(np.float32) / 255, cv2.INTER_LINEAR)
     return Layer(

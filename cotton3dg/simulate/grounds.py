@@ -11,8 +11,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from ..core.srgb import to_srgb
 from .textures import Canvas, Image
 
@@ -40,11 +40,11 @@ class _Relief:
 class _Pieces:
     """Pieces on the ground, in the order in which they cover each other."""
 
-    outlines: NDArray[np.float64]
+    outlines: Float64
     """(N, K, 2) x, y."""
-    thickness: NDArray[np.float64]
+    thickness: Float64
     """(N,) from the rim, which is round, to the top."""
-    round_px: NDArray[np.float64]
+    round_px: Float64
     """(N,) width of the round rim; below 0 the rim stands up, as in leaves that curl."""
     rough: float
     """Height of their bumps, relative to their thickness."""
@@ -60,13 +60,14 @@ def paint_ground(rng: np.random.Generator) -> Image:
     return to_srgb(exposed.clip(0, 1)).astype(np.float32)
 
 
-def _draw_colours(rng: np.random.Generator, palette: NDArray, count: int) -> NDArray[np.float64]:
+def _draw_colours(rng: np.random.Generator, palette: Float64, count: int) -> Float64:
     """(N, 3) of a mixture of two of the palette, all bleached alike, each a little darker or lighter."""
     first, second = palette[rng.integers(len(palette), size=2)]
     share = rng.random((count, 1))
     colours = share * first + (1 - share) * second
     colours += rng.beta(0.8, 1.2) * (PALE - colours)
-    return colours * np.exp(rng.normal(0, 0.15, (count, 1))).clip(0.5, 1.15)
+    varied: Float64 = colours * np.exp(rng.normal(0, 0.15, (count, 1))).clip(0.5, 1.15)
+    return varied
 
 
 def _sand(rng: np.random.Generator, scale: float) -> _Relief:
@@ -124,16 +125,17 @@ def _count(cover: float, area: float) -> int:
     return int(np.clip(cover * GROUND_PX**2 / area, 4, MOST_PIECES))
 
 
-def _around(rng: np.random.Generator, radius: NDArray, shape: NDArray, slim: float) -> NDArray[np.float64]:
+def _around(rng: np.random.Generator, radius: Float64, shape: Float64, slim: float) -> Float64:
     """(N, K, 2) outlines about random middles, of radii (N, K) in `radius`, `slim` times as wide as long."""
     angles = np.linspace(0, 2 * np.pi, shape.shape[1], endpoint=False)
     points = radius[:, None, None] * shape[..., None] * np.stack([np.cos(angles), slim * np.sin(angles)], axis=-1)
     turn = rng.uniform(0, 2 * np.pi, len(radius))
     rotations = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).transpose(2, 1, 0)
-    return points @ rotations + rng.uniform(-0.05, 1.05, (len(radius), 1, 2)) * GROUND_PX
+    outlines: Float64 = points @ rotations + rng.uniform(-0.05, 1.05, (len(radius), 1, 2)) * GROUND_PX
+    return outlines
 
 
-def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette: NDArray) -> _Relief:
+def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette: Float64) -> _Relief:
     """The ground with pieces on it, each of its own colour and slope."""
     canvas = Canvas(rng, GROUND_PX, GROUND_PX, 1.0)
     x, y = canvas.metres()
@@ -145,7 +147,7 @@ def _strewn(rng: np.random.Generator, ground: _Relief, pieces: _Pieces, palette:
     inner[1:] &= owners[1:] == owners[:-1]
     from_rim = cv2.distanceTransform(inner, cv2.DIST_L2, 3) + np.float32(0.5)
 
-    def each(values: NDArray) -> Image:
+    def each(values: Float64) -> Image:
         """A value of each piece (N, ...) where it lies, 0 elsewhere."""
         return np.concatenate([np.zeros((1, *values.shape[1:])), values]).astype(np.float32)[owners]
 
@@ -177,7 +179,8 @@ def _sunlit(relief: _Relief, azimuth: float, elevation: float, sky: float) -> Im
     sun = cosines.clip(0) * (highest - height < 0.3)
     hollow = cv2.GaussianBlur(height, (0, 0), 5) - height
     open_sky = np.exp(-hollow.clip(0) / (1 + height.std())) * np.float32(sky)
-    return relief.albedo * (sun[..., None] * SUN + open_sky[..., None] * SKY)
+    lit: Image = relief.albedo * (sun[..., None] * SUN + open_sky[..., None] * SKY)
+    return lit
 
 
 def _aslant(rng: np.random.Generator, image: Image) -> Image:
@@ -186,14 +189,17 @@ def _aslant(rng: np.random.Generator, image: Image) -> Image:
     margin = rng.uniform(0, 0.15) * last
     seen = np.array([[0, 0], [size, 0], [size - margin, last], [margin, last]], np.float32)
     corners = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32)
-    return cv2.warpPerspective(image, cv2.getPerspectiveTransform(seen, corners), (size, size))
+    aslant: Image = cv2.warpPerspective(image, cv2.getPerspectiveTransform(seen, corners), (size, size))
+    return aslant
 
 
 def _focused(rng: np.random.Generator, light: Image) -> Image:
     """In focus half of the time; else every bright spot is a disc, as the lens' aperture has it."""
     if rng.random() < 0.5:
-        return cv2.GaussianBlur(light, (0, 0), 0.6)
+        sharp: Image = cv2.GaussianBlur(light, (0, 0), 0.6)
+        return sharp
     radius = np.exp(rng.uniform(np.log(1.2), np.log(9.0)))
     y, x = np.mgrid[-9:10, -9:10]
     disc = (radius + 0.5 - np.hypot(x, y)).clip(0, 1).astype(np.float32)
-    return cv2.filter2D(light, -1, disc / disc.sum())
+    blurred: Image = cv2.filter2D(light, -1, disc / disc.sum())
+    return blurred

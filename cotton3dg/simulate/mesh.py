@@ -63,15 +63,17 @@ class SolidNoise:
 
     def __call__(self, points: Float64, wavelength: float) -> Float64:
         """(N,) values at (N, 3) m; `wavelength` in m is twice the lattice's spacing."""
-        return map_coordinates(
+        values: Float64 = map_coordinates(
             self._coefficients, (points / (0.5 * wavelength)).T, order=3, mode="grid-wrap", prefilter=False
         )
+        return values
 
 
 def unit(vector: ArrayLike) -> Float64:
     """The vector(s) at length one."""
     array = np.asarray(vector, np.float64)
-    return array / np.linalg.norm(array, axis=-1, keepdims=True)
+    scaled: Float64 = array / np.linalg.norm(array, axis=-1, keepdims=True)
+    return scaled
 
 
 def rotation_to(axis: ArrayLike, turn: float = 0.0) -> Float64:
@@ -79,7 +81,8 @@ def rotation_to(axis: ArrayLike, turn: float = 0.0) -> Float64:
     z = unit(axis)
     x = unit(np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.9 else (1.0, 0.0, 0.0), z))
     cos, sin = np.cos(turn), np.sin(turn)
-    return np.stack([x, np.cross(z, x), z], axis=1) @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    rotation: Float64 = np.stack([x, np.cross(z, x), z], axis=1) @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    return rotation
 
 
 def smooth_curve(points: ArrayLike, spacing: float) -> Float64:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..options import SimulateOptions
+from ..command_options import SimulateOptions
 from .architecture import (
     PEDUNCLE_RADII,
     STEM_RADII,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ class Rays(Protocol):
         """(N,) whether anything is nearer than `reach`, in lengths of the direction."""
 
 
-def build_rays(meshes: Sequence[tuple[NDArray, NDArray]]) -> Rays:
+def build_rays(meshes: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> Rays:
     """The ray tracer of meshes, each with (V, 3) vertices and (T, 3) triangles.
 
     Raises:
@@ -78,7 +78,8 @@ class _Embreex:
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
         starts, towards = _rows(origins, directions)
         limits = np.full(len(starts), reach, np.float32)
-        return self.scene.run(starts, towards, dists=limits, query="OCCLUDED") == 0
+        blocked: NDArray[np.bool_] = self.scene.run(starts, towards, dists=limits, query="OCCLUDED") == 0
+        return blocked
 
 
 class _Open3d:
@@ -98,9 +99,10 @@ class _Open3d:
         return Hits(found["t_hit"], meshes, triangles, found["primitive_uvs"])
 
     def blocked(self, origins: Float32, directions: Float32, reach: float = np.inf) -> NDArray[np.bool_]:
-        return self.scene.test_occlusions(self._bundle(origins, directions), tfar=reach).numpy()
+        blocked: NDArray[np.bool_] = self.scene.test_occlusions(self._bundle(origins, directions), tfar=reach).numpy()
+        return blocked
 
-    def _bundle(self, origins: Float32, directions: Float32):  # type: ignore[no-untyped-def]
+    def _bundle(self, origins: Float32, directions: Float32) -> Any:
         return self.tensor(np.concatenate(_rows(origins, directions), axis=1))
 
 

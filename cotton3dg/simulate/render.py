@@ -114,13 +114,14 @@ def render(
     def void(x_px: Float32, y_px: Float32) -> Float32:
         if behind is None:
             return np.full((len(x_px), 3), VOID, np.float32)
-        return behind[y_px.astype(int), x_px.astype(int)]
+        colours: Float32 = behind[y_px.astype(int), x_px.astype(int)]
+        return colours
 
     y, x = np.mgrid[: h * n, : w * n].astype(np.float32)
     directions = _directions(camera, (x.ravel() + 0.5) / n + shift[0], (y.ravel() + 0.5) / n + shift[1], k1)
     background = void((x.ravel() + 0.5) / n, (y.ravel() + 0.5) / n)
     light, on_plant = _light(scene, camera, directions, footprint_px or 1 / n, background)
-    image = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
+    image: Float32 = cv2.resize(light.reshape(h * n, w * n, 3), (w, h), interpolation=cv2.INTER_AREA)
 
     # Twigs and fibres are finer than a pixel; textured panels are not, because they are prefiltered.
     touched = on_plant.reshape(h, n, w, n).any(axis=(1, 3)).astype(np.uint8)
@@ -175,7 +176,8 @@ def _directions(camera: Camera, x_px: Float32, y_px: Float32, k1: float) -> Floa
             stretch = 1 + np.float32(k1) * (x * x + y * y)
             x, y = seen_x / stretch, seen_y / stretch
     right, down, forward = camera.rotation.astype(np.float32)
-    return x[:, None] * right + y[:, None] * down + forward
+    directions: Float32 = x[:, None] * right + y[:, None] * down + forward
+    return directions
 
 
 def _cast(scene: RenderScene, camera: Camera, directions: Float32) -> Hits:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..options import SimulateOptions
+from ..command_options import SimulateOptions
 from .distractors import things_on_table
 from .mesh import Float64, Mesh
 from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float64
+
 Image = NDArray[np.float32]
 
 
@@ -49,7 +51,7 @@ class Canvas:
             total += 0.62**octave * fine[:rows, :columns]
         return total
 
-    def filled(self, colour: NDArray | tuple[float, float, float]) -> Image:
+    def filled(self, colour: Float64 | tuple[float, float, float]) -> Image:
         return np.broadcast_to(np.asarray(colour, np.float32), (*self.shape, 3)).copy()
 
     def metres(self) -> tuple[Image, Image]:
@@ -73,8 +75,9 @@ def _paint(drawing: NDArray[np.uint8]) -> Image:
     return drawing.astype(np.float32) / np.float32(255)
 
 
-def _ink(colour: NDArray) -> list[float]:
-    return (255 * np.clip(colour, 0, 1)).tolist()
+def _ink(colour: Float64) -> list[float]:
+    ink: list[float] = (255 * np.clip(colour, 0, 1)).tolist()
+    return ink
 
 
 def _tints(rng: np.random.Generator, shape: tuple[int, ...], spread: float) -> Image:
@@ -83,7 +86,7 @@ def _tints(rng: np.random.Generator, shape: tuple[int, ...], spread: float) -> I
     return factors.clip(0.1, None).astype(np.float32)
 
 
-def masonry(canvas: Canvas, colour: NDArray, brick: tuple[float, float], joint: float, contrast: float) -> Image:
+def masonry(canvas: Canvas, colour: Float64, brick: tuple[float, float], joint: float, contrast: float) -> Image:
     """Bricks or blocks in running bond, each with its own tint, some of them much darker."""
     x, y = canvas.metres()
     row = np.floor(y / brick[1]).astype(int)
@@ -102,7 +105,7 @@ def masonry(canvas: Canvas, colour: NDArray, brick: tuple[float, float], joint: 
     return shaded(shaded(image, canvas.noise(0.35), 0.18 * contrast), canvas.noise(0.03, octaves=4), 0.28 * contrast)
 
 
-def plaster(canvas: Canvas, colour: NDArray) -> Image:
+def plaster(canvas: Canvas, colour: Float64) -> Image:
     """Old paint with stains, specks, chips and cracks."""
     image = shaded(canvas.filled(colour), canvas.noise(0.6), 0.16)
     stains = np.clip(canvas.noise(0.25) * 1.6 - 0.5, 0, 1)
@@ -119,14 +122,14 @@ def plaster(canvas: Canvas, colour: NDArray) -> Image:
     )
 
 
-def bare(canvas: Canvas, colour: NDArray) -> Image:
+def bare(canvas: Canvas, colour: Float64) -> Image:
     """Smooth paint, with the dust and the roller's marks that a camera just sees."""
     image = shaded(shaded(canvas.filled(colour), canvas.noise(0.5), 0.015), canvas.noise(0.012, octaves=2), 0.012)
     return speckled(canvas, image, int(6 * canvas.width * canvas.height), (0.002, 0.006), [colour * 0.8])
 
 
 def speckled(
-    canvas: Canvas, image: Image, count: int, sizes: tuple[float, float], colours: list[NDArray] | NDArray
+    canvas: Canvas, image: Image, count: int, sizes: tuple[float, float], colours: list[Float64] | Float64
 ) -> Image:
     """The picture with random angular chips of `sizes` m."""
     rows, columns = canvas.shape
@@ -141,7 +144,7 @@ def speckled(
     return _paint(drawing)
 
 
-def planks(canvas: Canvas, colour: NDArray, plank: float, gap: float = 0.003) -> Image:
+def planks(canvas: Canvas, colour: Float64, plank: float, gap: float = 0.003) -> Image:
     """Boards along the width, with grain, knots and scratches."""
     _, y = canvas.metres()
     row = np.floor(y / plank).astype(int)[:, 0]
@@ -167,7 +170,7 @@ def planks(canvas: Canvas, colour: NDArray, plank: float, gap: float = 0.003) ->
     return shaded(image, canvas.noise(0.004, octaves=2), 0.07)
 
 
-def terrazzo(canvas: Canvas, colour: NDArray, tile: float) -> Image:
+def terrazzo(canvas: Canvas, colour: Float64, tile: float) -> Image:
     """Tiles with chips of stone of many colours."""
     image = shaded(canvas.filled(colour), canvas.noise(0.3), 0.15)
     stones = canvas.rng.uniform(0.05, 0.95, (24, 1)) * _tints(canvas.rng, (24,), 0.3)
@@ -241,7 +244,7 @@ def spine(canvas: Canvas) -> Image:
     return image
 
 
-def brushed(canvas: Canvas, colour: NDArray) -> Image:
+def brushed(canvas: Canvas, colour: Float64) -> Image:
     """Metal drawn along the width, with dents and spots."""
     image = shaded(canvas.filled(colour), canvas.noise(0.004, stretch=40, octaves=3), 0.07)
     image = shaded(image, canvas.noise(0.03, stretch=3), 0.10)

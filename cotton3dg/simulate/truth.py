@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
+from ..command_options import SimulateOptions
 from ..core.scene import Camera
-from ..options import SimulateOptions
 from .architecture import Axis
 from .camera import Orbit
 from .mesh import Float64
@@ -159,7 +159,8 @@ def hull_centroid(hull: ConvexHull) -> Float64:
     inside = hull.points[hull.vertices].mean(axis=0)
     corners = hull.points[hull.simplices] - inside
     volumes = np.abs(np.linalg.det(corners))
-    return inside + (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
+    centroid: Float64 = inside + (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
+    return centroid
 
 
 def mean_width(hull: ConvexHull) -> float:

@@ -29,7 +29,7 @@ class PlantRegions:
     def __init__(self) -> None:
         self._known: dict[bytes, NDArray[np.bool_]] = {}
 
-    def of_held_out(self, views: Sequence[View], every: int, points: NDArray) -> list[NDArray[np.bool_]]:
+    def of_held_out(self, views: Sequence[View], every: int, points: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
         """Regions, (H, W) each, of the photos that `hold_out` holds out.
 
         Args:
@@ -60,10 +60,12 @@ def find_plant_region(image: NDArray[np.uint8], window: Window | None) -> NDArra
     region = np.zeros((height, width), np.uint8)
     region[shown] = other[shown] < 1 - PLANT
     side_px = 2 * max(1, round(EDGE_SHARE * max(height, width))) + 1
-    return cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side_px, side_px))) > 0
+    grown: NDArray[np.bool_] = cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side_px, side_px))) > 0
+    return grown
 
 
 def resized(region: NDArray[np.bool_], like: View) -> NDArray[np.bool_]:
     """The region at the size of a view: the pixels that it covers by half."""
     size = like.camera.width, like.camera.height
-    return cv2.resize(region.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
+    covered: NDArray[np.bool_] = cv2.resize(region.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
+    return covered

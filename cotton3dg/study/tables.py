@@ -126,7 +126,8 @@ def _error_pct(value: float | None, reference: float | None) -> float:
 def machine_was_busy(rows: Sequence[Row]) -> bool:
     """Whether the seconds on the clock include the work of other programs."""
     done = [row for row in rows if row["state"] == State.DONE]
-    return sum(row["seconds"] for row in done) > BUSY * sum(row["idle_seconds"] for row in done)
+    busy: bool = sum(row["seconds"] for row in done) > BUSY * sum(row["idle_seconds"] for row in done)
+    return busy
 
 
 def markdown(rows: Sequence[Row]) -> str:

@@ -10,7 +10,7 @@ moment is kept, with no random numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ class Densified:
     n_split: int
 
 
-def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count: int) -> Densified:
+def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray[np.float64], count: int) -> Densified:
     """Drop the Gaussians that are not kept, then split the neediest ones until there are `count`.
 
     Args:
@@ -74,18 +74,18 @@ def densify(gaussians: Gaussians, keep: NDArray[np.bool_], need: NDArray, count:
     return Densified(result, rows, ~is_child, len(gaussians) - len(kept), len(parents))
 
 
-def find_worth_keeping(gaussians: Gaussians, centres: NDArray, closest_su: float) -> NDArray[np.bool_]:
+def find_worth_keeping(gaussians: Gaussians, centres: NDArray[np.float64], closest_su: float) -> NDArray[np.bool_]:
     """(N,) whether a Gaussian is opaque enough to be seen and not right in front of one of the camera `centres`."""
     from scipy.spatial import cKDTree
 
     faintest_logit = np.log(FAINTEST_OPACITY / (1 - FAINTEST_OPACITY))
-    keep = (gaussians.opacity_logits >= faintest_logit) & gaussians.finite_rows
+    keep: NDArray[np.bool_] = (gaussians.opacity_logits >= faintest_logit) & gaussians.finite_rows
     distances, _ = cKDTree(centres).query(gaussians.means[keep])
     keep[keep] = distances >= closest_su
     return keep
 
 
-def find_contributing(weight: NDArray, count: NDArray) -> NDArray[np.bool_]:
+def find_contributing(weight: NDArray[Any], count: NDArray[Any]) -> NDArray[np.bool_]:
     """(N,) whether a Gaussian adds to the images: its mean blending weight is at least LEAST_WEIGHT of the median one.
 
     The others hide behind or inside surfaces. They cost memory, never get a gradient that could move them out, and
@@ -132,7 +132,7 @@ def concatenate(parts: list[Gaussians]) -> Gaussians:
     )
 
 
-def order_along_curve(means: NDArray) -> NDArray[np.int64]:
+def order_along_curve(means: NDArray[Any]) -> NDArray[np.int64]:
     """(N,) the rows along a Z-order curve (Morton 1966) through the (N, 3) means: near in the list, near in space.
 
     The grid spans all but the outermost percents, so that a far floater does not make it coarse; equal cells keep
@@ -147,7 +147,7 @@ def order_along_curve(means: NDArray) -> NDArray[np.int64]:
     return np.argsort((bits << places).sum(axis=(1, 2)), kind="stable")
 
 
-def growth_score(abs_grad_px: NDArray, count: NDArray) -> NDArray[np.float64]:
+def growth_score(abs_grad_px: NDArray[Any], count: NDArray[Any]) -> NDArray[np.float64]:
     """(N,) mean absolute gradient of the loss by a Gaussian's position in the images that saw it.
 
     Args:

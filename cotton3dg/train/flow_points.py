@@ -7,7 +7,7 @@ instead saves most of the densification (EDGS, Kotovenko et al. 2025), at some t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ GRID_PX: Final = 4
 
 
 def find_dense_points(
-    views: Sequence[View], points: NDArray, count: int, seed: int
+    views: Sequence[View], points: NDArray[Any], count: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Points on the surfaces on which two or more pairs of images agree.
 
@@ -87,7 +87,7 @@ def find_dense_points(
     return xyz, rgb
 
 
-def find_neighbouring_pairs(cameras: Sequence[Camera], points: NDArray) -> list[tuple[int, int]]:
+def find_neighbouring_pairs(cameras: Sequence[Camera], points: NDArray[Any]) -> list[tuple[int, int]]:
     """Pairs (i, j), i < j, of cameras with nearly BEST_PARALLAX_DEG between them and a common view."""
     centres = np.array([camera.centre for camera in cameras])
     forwards = np.array([camera.forward for camera in cameras])
@@ -114,13 +114,13 @@ def _grid(camera: Camera) -> NDArray[np.float64]:
     return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
 
 
-def _rays(camera: Camera, pixels: NDArray) -> NDArray[np.float64]:
+def _rays(camera: Camera, pixels: NDArray[Any]) -> NDArray[np.float64]:
     """(P, 3) viewing rays of unit depth in the camera's frame."""
     xy = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
 
 
-def _depths(first: Camera, second: Camera, forward: NDArray, backward: NDArray) -> NDArray[np.float64]:
+def _depths(first: Camera, second: Camera, forward: NDArray[Any], backward: NDArray[Any]) -> NDArray[np.float64]:
     """(P,) depth in `first` of its grid pixels, su; NaN where flow and cameras do not agree.
 
     The depth is the least-squares solution of the two rays being parallel (linear triangulation); it counts if its

@@ -85,12 +85,14 @@ def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     )
 
 
-def _after(quats: NDArray, rotation: Float64) -> NDArray[np.float32]:
+def _after(quats: NDArray[np.float32], rotation: Float64) -> NDArray[np.float32]:
     """(N, 4) wxyz of the orientations after a further rotation."""
     from scipy.spatial.transform import Rotation
 
     orientations = Rotation.from_quat(np.roll(np.asarray(quats, np.float64), -1, axis=1))
-    return np.roll((Rotation.from_matrix(rotation) * orientations).as_quat(), 1, axis=1).astype(np.float32)
+    xyzw = (Rotation.from_matrix(rotation) * orientations).as_quat()
+    wxyz: NDArray[np.float32] = np.roll(xyzw, 1, axis=1).astype(np.float32)
+    return wxyz
 
 
 def as_fit(gaussians: Gaussians) -> Fit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,9 @@ unit covariance. But the logit of 1 is infinite and has no gradient, and opaque 
 hide from every ray everything behind the first one."""
 
 
-def start_gaussians(points: NDArray, colours: NDArray, views: Sequence[View], options: TrainOptions) -> Gaussians:
+def start_gaussians(
+    points: NDArray[Any], colours: NDArray[Any], views: Sequence[View], options: TrainOptions
+) -> Gaussians:
     """Gaussians at the points of structure from motion, at dense points from the training views, and a thin filling.
 
     Neither features nor flow find a lone white boll in front of a textured wall, and splitting cannot reach it from
@@ -94,8 +96,8 @@ def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Ga
 
 
 def place_gaussians(
-    points: NDArray,
-    colours: NDArray,
+    points: NDArray[Any],
+    colours: NDArray[Any],
     sh_degree: int,
     max_gaussians: int,
     seed: int,
@@ -136,7 +138,7 @@ def place_gaussians(
     )
 
 
-def starting_scales(points: NDArray) -> NDArray[np.float64]:
+def starting_scales(points: NDArray[Any]) -> NDArray[np.float64]:
     """(N,) standard deviations, su, finite and positive for any (N, 3) finite points."""
     from scipy.spatial import cKDTree
 

@@ -157,7 +157,8 @@ def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     """Index of the view of each step: all views once, in random order, then all again in another."""
     rng = open_stream(seed, "image order")
     epochs = [rng.permutation(n_views) for _ in range(math.ceil(steps / n_views))]
-    return np.concatenate(epochs)[:steps].tolist()
+    order: list[int] = np.concatenate(epochs)[:steps].tolist()
+    return order
 
 
 def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings = NO_SURROUNDINGS) -> LearningRates:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import BollTraits, Scale
+from ..core.scene import Float64
 
 COVERED: Final = 1.96
 """Standard errors on either side of a value that make its 95 % interval."""
@@ -84,7 +85,7 @@ class Filming:
 WELL_FILMED: Final = Filming()
 
 
-def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float64]:
+def nearest_neighbours(centres: Float64, diameters: Float64) -> Float64:
     """(B,) distance of each boll's nearest neighbour, in mean diameters of the two; infinite without one, and where
     place or diameter is NaN.
 
@@ -95,15 +96,16 @@ def nearest_neighbours(centres: NDArray, diameters: NDArray) -> NDArray[np.float
         return np.zeros(0)
     away = np.linalg.norm(centres[:, None] - centres, axis=2) / (0.5 * (diameters[:, None] + diameters))
     np.fill_diagonal(away, np.inf)
-    return np.where(np.isnan(away), np.inf, away).min(axis=1)
+    nearest: Float64 = np.where(np.isnan(away), np.inf, away).min(axis=1)
+    return nearest
 
 
-def find_touching(nearest: NDArray) -> NDArray[np.bool_]:
+def find_touching(nearest: Float64) -> NDArray[np.bool_]:
     """(B,) which bolls may touch another, by `nearest_neighbours`."""
     return nearest < NEIGHBOUR
 
 
-def find_unround(nearest: NDArray, roundness: NDArray) -> NDArray[np.bool_]:
+def find_unround(nearest: Float64, roundness: Float64) -> NDArray[np.bool_]:
     """(B,) which bolls are perhaps two in one, by their shape.
 
     Args:
@@ -115,7 +117,7 @@ def find_unround(nearest: NDArray, roundness: NDArray) -> NDArray[np.bool_]:
     return find_touching(nearest) & (roundness < np.median(known) - UNROUND)
 
 
-def parted_error(nearest: NDArray) -> NDArray[np.float64]:
+def parted_error(nearest: Float64) -> Float64:
     """(B,) relative standard error of volumes from the border with the neighbour at this distance; 0 for bolls that
     stand apart."""
     return PARTED * np.maximum(NEIGHBOUR - nearest, 0.0) ** 2
@@ -166,7 +168,7 @@ def boll_volume_error(
 
 def plant_volume_error_cm3(
     bolls: Sequence[BollTraits],
-    nearest: NDArray[np.float64],
+    nearest: Float64,
     scale: Scale | None,
     pixel_cm: float,
     by_colour: bool = False,
@@ -198,7 +200,7 @@ def _shared(diameter: float, pixel: float, filming: Filming) -> float:
     return float(np.hypot(by_edges, UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100))
 
 
-def blurs_bolls(blur_px: float, pixel: float, diameters: NDArray) -> bool:
+def blurs_bolls(blur_px: float, pixel: float, diameters: Float64) -> bool:
     """Whether the images are so blurred, relative to the width of the bolls, that the plant has a flag.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ class Calibration:
     roots: Float64
     """(L,) reflectances of these to the power 1/2.2; grey levels are nearly proportional to them."""
 
-    def reflectance(self, values: NDArray) -> Float64:
+    def reflectance(self, values: NDArray[Any]) -> Float64:
         """(N, 3) of (N, 3) grey levels; straight on beyond the brightest and the darkest patch."""
         from scipy.interpolate import PchipInterpolator
 
@@ -57,7 +57,7 @@ class Calibration:
         return found
 
 
-def calibrate(patches: NDArray, reflectances: Sequence[float]) -> Calibration | None:
+def calibrate(patches: Float64, reflectances: Sequence[float]) -> Calibration | None:
     """The calibration by a photo's patches; None if too few are usable.
 
     Args:
@@ -101,7 +101,7 @@ def _figures(reflectance: Float64) -> tuple[float, float, float, float, float]:
     return (float(lightness), float(a), float(b), *reflectance_and_yellowness(reflectance))
 
 
-def cielab(reflectance: NDArray) -> Float64:
+def cielab(reflectance: NDArray[Any]) -> Float64:
     """(..., 3) L*, a*, b* (CIE 15) under D65 of linear sRGB reflectances (..., 3)."""
     ratio = np.asarray(reflectance, np.float64) @ XYZ_OF_SRGB.T / WHITE_D65
     root = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
@@ -109,7 +109,7 @@ def cielab(reflectance: NDArray) -> Float64:
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def reflectance_and_yellowness(reflectance: NDArray) -> tuple[float, float]:
+def reflectance_and_yellowness(reflectance: NDArray[Any]) -> tuple[float, float]:
     """Rd, %, and +b of cotton grading: Hunter's Rd scale for illuminant C (Hunter 1958), as Nickerson and Hunter's
     colorimeter and HVI instruments show them; from linear sRGB by Bradford's adaptation."""
     xyz = np.asarray(reflectance, np.float64) @ XYZ_OF_SRGB.T

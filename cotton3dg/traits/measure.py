@@ -132,7 +132,7 @@ def measure_whole(
     parts: Parts,
     halves: tuple[int, int] | None = None,
     by_colour: bool = False,
-    thin_ends: Sequence[NDArray] = (),
+    thin_ends: Sequence[Float64] = (),
 ) -> Measured:
     """The plant's size, and its row.
 

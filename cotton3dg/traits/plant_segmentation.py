@@ -6,7 +6,7 @@ All lengths are in cm above the table, so this needs a scale.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class Plant:
     """(N,) Gaussians of bolls that are not connected with the stem, and do not belong to the plant."""
 
 
-def table_coordinates(scale: Scale, points: NDArray) -> Float64:
+def table_coordinates(scale: Scale, points: NDArray[Any]) -> Float64:
     """(N, 3) cm: x along the table's long side, y along the short one, from its middle; z height above the top."""
     level = (np.asarray(points, np.float64) - scale.corners.mean(axis=0)) @ scale.table_frame[:2].T * scale.cm_per_su
     return np.column_stack([level, scale.height_cm(points)])

@@ -8,7 +8,6 @@ from math import nan
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.measurements import PlantFrame, Scale
 from ..core.scene import Float64, Gaussians
@@ -75,7 +74,7 @@ class Sized:
 
 
 def size_plant(
-    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, thin_ends: Sequence[NDArray] = ()
+    drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, thin_ends: Sequence[Float64] = ()
 ) -> Sized:
     """The size of a plant, up to the ends of its twigs as far as model and photos show them.
 
@@ -105,7 +104,7 @@ def size_plant(
 
 
 def measure_silhouette(
-    drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY, beyond: NDArray | None = None
+    drawn: Gaussians, plant: Plant, scale: Scale, opaque: float = TIP_OPACITY, beyond: Float64 | None = None
 ) -> PlantSize | None:
     """Height above the table and the least rectangle around the plant as seen from above.
 
@@ -156,7 +155,7 @@ def _turned_canopy_cm(places: Float64, canopy_cm: float, area: float) -> float:
 
 
 def _with_ends(
-    drawn: Gaussians, plant: Plant, scale: Scale, thin_ends: Sequence[NDArray], cut_cm: float
+    drawn: Gaussians, plant: Plant, scale: Scale, thin_ends: Sequence[Float64], cut_cm: float
 ) -> PlantSize | None:
     """The size with ends of twigs that the model lacks, `cut_cm` of each left out."""
     spacing = END_SPACING_CM / scale.cm_per_su

@@ -38,7 +38,7 @@ def hull_of_means(boll: Gaussians) -> Measured:
     return convex_volume(boll.means)
 
 
-def box_of_means(places: NDArray) -> PublishedSize:
+def box_of_means(places: NDArray[np.float64]) -> PublishedSize:
     """Height and canopy of the oriented box around (N, 3) places in the plant frame, cm, and the foot."""
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())

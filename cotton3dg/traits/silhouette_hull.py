@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.boxes import fibonacci_directions
@@ -62,7 +61,8 @@ def opaque_hull(gaussians: Gaussians) -> Float64:
     support = np.maximum(support, 1e-3 * support.max())
     half_spaces = np.column_stack([np.concatenate(directions), -support])
     try:
-        return HalfspaceIntersection(half_spaces, np.zeros(3)).intersections + middle
+        corners: Float64 = HalfspaceIntersection(half_spaces, np.zeros(3)).intersections + middle
+        return corners
     except QhullError:
         return np.zeros((0, 3))
 
@@ -103,7 +103,7 @@ def _trace_silhouette(means: Float64, covariances: Float64, opacities: Float64, 
     return ends
 
 
-def _plane_across(side: NDArray) -> Float64:
+def _plane_across(side: Float64) -> Float64:
     """(2, 3) rows: two unit vectors across a direction and each other."""
     x = np.cross(side, np.eye(3)[int(np.argmin(np.abs(side)))])
     x /= np.linalg.norm(x)

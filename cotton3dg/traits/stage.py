@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..core.bolls import BollInstance
@@ -18,7 +17,7 @@ from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale, i
 from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
 from ..core.progress import Progress, silent
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit
 from ..io.colmap import read_cameras
@@ -141,7 +140,7 @@ def _measure(
         corrected = corrected or Corrected(bolls)
         last = parts_of(corrected.bolls, scale, corrected.added)
     plant_map, plant = _map(gaussians, last, cameras), last.plant
-    ends: list[NDArray] = []
+    ends: list[Float64] = []
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
         plant_map = _map(gaussians, last, cameras, [trail.places for trail in trails])
         ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
@@ -159,7 +158,7 @@ def _tables(
     evidence: PlantEvidence,
     plant_map: PlantMap,
     map_traits: MapTraits,
-    colours: dict[int, list[NDArray[np.float64]]],
+    colours: dict[int, list[Float64]],
 ) -> dict[str, tuple[Sequence[Column], list[dict[str, Any]]]]:
     """File -> its columns and rows.
 
@@ -197,9 +196,9 @@ def _corrected(
     return apply_corrections(bolls, said.of(*OF_BOLLS), gaussians, gaussians.sha256(), frame)
 
 
-def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, list[NDArray[np.float64]]]:
+def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, list[Float64]]:
     """Mean reflectance of each boll in each photo that shows it and the card's patches; none without a card."""
-    found: dict[int, list[NDArray[np.float64]]] = {boll.boll_id: [] for boll in bolls}
+    found: dict[int, list[Float64]] = {boll.boll_id: [] for boll in bolls}
     patches = PatchesInfo.load_if_there(workspace.patches_json)
     if patches is None:
         return found
@@ -216,7 +215,7 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
     return found
 
 
-def _map(gaussians: Gaussians, parts: Parts, cameras: list[Camera], trails: Sequence[NDArray] = ()) -> PlantMap:
+def _map(gaussians: Gaussians, parts: Parts, cameras: list[Camera], trails: Sequence[Float64] = ()) -> PlantMap:
     """The map of the plant; empty without a plant or a stem."""
     scale, plant = parts.scale, parts.plant
     if scale is None or plant is None:

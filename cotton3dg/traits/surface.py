@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,13 @@ def surface_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
     return kept & _not_above(distances, kept, floor=0.05) & _not_above(sizes, kept, floor=0.0)
 
 
-def sample_surface(gaussians: Gaussians, sigmas: float | NDArray, samples: int = SAMPLES) -> NDArray[np.float64]:
+def sample_surface(gaussians: Gaussians, sigmas: float | NDArray[Any], samples: int = SAMPLES) -> NDArray[np.float64]:
     """(N * samples, 3) su: points on the ellipsoids of `sigmas` (one or one each) standard deviations."""
     on_sphere = fibonacci_directions(samples)
     extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
     offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), extents[:, None, :] * on_sphere)
-    return (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
+    points: NDArray[np.float64] = (gaussians.means[:, None, :] + offsets).reshape(-1, 3)
+    return points
 
 
 def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
@@ -74,8 +75,9 @@ def sample_surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.
     return sample_surface(gaussians, high)
 
 
-def _not_above(values: NDArray, among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:
+def _not_above(values: NDArray[Any], among: NDArray[np.bool_], floor: float) -> NDArray[np.bool_]:
     """Which values are not more than 3.5 robust standard deviations above the median of those `among`."""
     median = np.median(values[among])
     spread = 1.4826 * np.median(np.abs(values[among] - median))
-    return values <= median + 3.5 * max(spread, floor * abs(median))
+    low: NDArray[np.bool_] = values <= median + 3.5 * max(spread, floor * abs(median))
+    return low

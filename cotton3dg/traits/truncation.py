@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ NEARLY_ALWAYS: Final = 0.9
 """Share of the images from which on no size is stated, because none of them shows where the plant ends."""
 
 
-def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
+def find_cut(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     """Names of the images whose frame cuts a plant of (N, 3) points, su."""
     cut = []
     for camera in cameras:
@@ -34,7 +34,7 @@ def find_cut(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
     return cut
 
 
-def find_beheaded(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
+def find_beheaded(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     """Names of the images whose top or sides cut a plant of (N, 3) points, su; the bottom only cuts its foot."""
     cut = []
     for camera in cameras:
@@ -46,7 +46,7 @@ def find_beheaded(plant: NDArray, cameras: Sequence[Camera]) -> list[str]:
     return cut
 
 
-def doubt_whole(plant: NDArray, cameras: Sequence[Camera]) -> tuple[str, bool]:
+def doubt_whole(plant: NDArray[Any], cameras: Sequence[Camera]) -> tuple[str, bool]:
     """A warning if the frame cuts a plant often, else an empty text; and whether nearly all images cut it, so that its
     size cannot be measured."""
     cut = find_cut(plant, cameras)

@@ -135,7 +135,8 @@ def _compare(
     unlit = colours[used] - logs[rows[used]]
     usual = np.stack([np.bincount(ids[used], values, len(counts)) / counts for values in unlit.T], axis=1)
     own = rows == view
-    return np.median(colours[own] - usual[ids[own]], axis=0)
+    median: Float64 = np.median(colours[own] - usual[ids[own]], axis=0)
+    return median
 
 
 def _observe(
@@ -189,7 +190,8 @@ def log_gains(values: Float64, rows: NDArray[np.int64], ids: NDArray[np.int64], 
         residuals = np.abs(values - offsets[rows] - constants[ids])
         limit = HUBER * max(1.4826 * float(np.median(residuals)), 1e-9)
         weights = 1 / np.maximum(1, residuals / limit)
-    return offsets - offsets.mean()
+    centred: Float64 = offsets - offsets.mean()
+    return centred
 
 
 def correct(view: View, gains: Float64) -> View:

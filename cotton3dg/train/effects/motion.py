@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Tracks:
     xyz: Float64
     """(P, 3) su."""
 
-    def __getitem__(self, rows: NDArray) -> Tracks:
+    def __getitem__(self, rows: NDArray[Any]) -> Tracks:
         """The places at `rows` (indices or a mask)."""
         return Tracks(self.cameras, self.times, self.views[rows], self.points[rows], self.places_px[rows], self.xyz)
 
@@ -84,7 +84,8 @@ def measure_velocities(tracks: Tracks) -> Float64:
 def in_cameras(tracks: Tracks, views: Int64) -> Float64:
     """(K, 3) su: the point of each place in the axes of the camera `views` (K,)."""
     poses = np.array([camera.cam_from_scene for camera in tracks.cameras])[views]
-    return np.einsum("kij,kj->ki", poses[:, :, :3], tracks.xyz[tracks.points]) + poses[:, :, 3]
+    in_camera: Float64 = np.einsum("kij,kj->ki", poses[:, :, :3], tracks.xyz[tracks.points]) + poses[:, :, 3]
+    return in_camera
 
 
 def _project(tracks: Tracks, views: Int64) -> Float64:

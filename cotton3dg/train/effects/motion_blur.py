@@ -119,7 +119,8 @@ def smear(correlation: Float64, length_px: float) -> Float64:
     lags, places = np.arange(len(correlation)), np.linspace(-1, 1, 65)
     triangle = 1 - np.abs(places)
     at = np.abs(lags[:, None] + length_px * places)
-    return np.interp(at, lags, correlation) @ (triangle / triangle.sum())
+    smeared: Float64 = np.interp(at, lags, correlation) @ (triangle / triangle.sum())
+    return smeared
 
 
 def blur_length(correlation: Float64, smears: Float64) -> float:
@@ -153,7 +154,8 @@ def _correlate(grey: NDArray[np.float32], places: Float64, directions: Float64) 
     spectra = np.fft.rfft(gradients, 3 * REACH, axis=2)
     power = (spectra.real**2 + spectra.imag**2).sum(axis=1)
     products = np.fft.irfft(power, 3 * REACH, axis=1)[:, :REACH] / (BREADTH * (gradients.shape[2] - np.arange(REACH)))
-    return (products / (products[:, :1] + NOISE)).mean(axis=0)
+    correlation: Float64 = (products / (products[:, :1] + NOISE)).mean(axis=0)
+    return correlation
 
 
 def _quantile(values: Float64, share: float) -> float:

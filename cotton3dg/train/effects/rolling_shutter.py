@@ -157,6 +157,7 @@ def _without(by_camera: Any, by_point: Any) -> Callable[[Float64], Float64]:
         right = by_camera.T @ vector - shared.T @ (inverse @ (by_point.T @ vector))
         cameras = np.linalg.lstsq(scaled, right / sizes, rcond=1e-10)[0] / sizes
         rest = vector - by_camera @ cameras
-        return rest - by_point @ (inverse @ (by_point.T @ rest))
+        left: Float64 = rest - by_point @ (inverse @ (by_point.T @ rest))
+        return left
 
     return unexplained

@@ -58,7 +58,7 @@ class Score:
     constant: float
     terms: tuple[Term, ...]
     split_gain: float
-    """Gain of a vote's mean log likelihood by two middles instead of one, from which a part is split (split_parts.py)."""
+    """Gain of the mean log likelihood of a vote by two middles instead of one, from which a part is split."""
     one_boll: Calibration = Calibration()
     """Calibration of the probability that joined parts are one boll, as pairs are not independent of each other."""
 

@@ -50,12 +50,13 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     else:
         bolls = merge_views(lifted, gaussians.means, up, together=together)
     bolls = flag_close(bolls)
+    left_out = masks.left_out if masks is not None else ()
     labels = boll_labels(bolls, len(gaussians))
     bolls = assign_masks(bolls, lifted, labels)
     if masks is not None and masks.together:
         bolls = weigh_scores(bolls, masks.scores())
     with workspace.writing("cluster") as folder:
-        describe_bolls(bolls, lifted.gaussians_sha256).save(folder / workspace.bolls_json.name)
+        describe_bolls(bolls, lifted.gaussians_sha256, left_out).save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))
         for boll in bolls if options.boll_plys else []:
@@ -76,5 +77,5 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
 
 
 STAGE: Final = Stage(
-    "cluster", version=10, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
+    "cluster", version=11, inputs=inputs, run=run, cost=lambda work: Cost(0.0, 0.5), disk_bytes=twice_the_model
 )

@@ -9,6 +9,19 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Something that looks like lint and does not count as a boll, though it may be one."""
+
+    centre_su: tuple[float, ...]
+    """(3,)."""
+    diameter_su: float
+    reason: str
+    """`faint`: few views take it for lint; `white_thing`: no plant is beside it, and it looks less like lint."""
+    probability: float
+    """Of a boll, 0..1."""
+
+
+@dataclass(frozen=True)
 class MaskSet:
     """Boll masks of several images; an id means the same boll in all images only if these decided `together`."""
 
@@ -21,6 +34,8 @@ class MaskSet:
     one boll."""
     halves: tuple[int, int] | None = None
     """Counts of bolls by every second image alone, and by the others; None where they were not computed."""
+    left_out: tuple[LeftOut, ...] = ()
+    """What all images together saw and left out."""
     notes: tuple[str, ...] = ()
     """Notes on masks that were changed when they were read from a file."""
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import MaskSet
+from ..core.bolls import LeftOut, MaskSet
 from ..core.machine import on_all_cores, stream_on_all_cores
 from ..core.progress import Progress, silent
 from ..core.scene import Camera, Gaussians
@@ -17,12 +17,16 @@ from .bolls import BollNetwork
 from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint
 from .lint_owners import hear_votes
-from .meeting_votes import Votes, cast_votes
+from .meeting_votes import Middles, Votes, cast_votes
 from .outline_bolls import outline_bolls
-from .separate_bolls import Bolls, separate_bolls
+from .separate_bolls import Separated, separate_bolls
 from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
+FAINT_IS_BOLL: Final = 0.5
+"""Share of what is left out as faint that is a boll all the same, ..."""
+THING_IS_BOLL: Final = 0.1
+"""... and of what is left out as a white thing."""
 FEWEST_TO_HALVE: Final = 12
 """Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
 
@@ -63,7 +67,7 @@ def detect_bolls(
         maps.append(network.maps(image, window=window))
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
-    bolls, halves = separate_all(votes, lint, cm_per_su)
+    (bolls, faint), *halves = separate_all(votes, lint, cm_per_su)
     owners = hear_votes(votes, bolls)
     edges, likely = open_edges(), [of_image.lint for of_image in maps]
     seen = zip(images, likely, cameras, strict=True)
@@ -77,17 +81,23 @@ def detect_bolls(
     for name, of_image in ids.items():
         of_image[np.isin(of_image, things)] = 0
         scores[name] = {int(k): round(float(bolls.one_boll[k - 1]), 3) for k in np.unique(of_image) if k}
-    counts = [int((~np.isin(bolls.nearest(half.centres), things)).sum()) for half in halves]
-    return MaskSet(ids, scores, together=True, halves=(counts[0], counts[1]) if counts else None)
+    counts = [int((~np.isin(bolls.nearest(half.bolls.centres), things)).sum()) for half in halves]
+    left_out = (
+        *_leave_out(faint, "faint", FAINT_IS_BOLL),
+        *_leave_out(bolls.take(things - 1), "white_thing", THING_IS_BOLL),
+    )
+    return MaskSet(ids, scores, together=True, halves=(counts[0], counts[1]) if counts else None, left_out=left_out)
 
 
-def separate_all(
-    votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None
-) -> tuple[Bolls, list[Bolls]]:
+def _leave_out(middles: Middles, reason: str, probability: float) -> Iterator[LeftOut]:
+    for centre, diameter in zip(middles.centres.tolist(), middles.diameters.tolist(), strict=True):
+        yield LeftOut(tuple(centre), diameter, reason, probability)
+
+
+def separate_all(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> list[Separated]:
     """The bolls from all votes, and, if there are enough views, those from every second view and those from the other
     half: what other images would have given. All of them take the places of lint from all views."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]
-    bolls, *halves = on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
-    return bolls, halves
+    return on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)

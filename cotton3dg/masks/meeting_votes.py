@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import Final, Self, TypeVar
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,9 +108,6 @@ class Middles:
         rows = [np.concatenate([getattr(self, item.name), getattr(others, item.name)]) for item in fields(self)]
         both = Middles(*rows)
         return both.take(np.argsort(-both.support, kind="stable"))
-
-
-Found = TypeVar("Found", bound=Middles)
 
 
 def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
@@ -267,16 +264,15 @@ def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, si
     return moved
 
 
-def drop_unlikely(middles: Found, votes: Sequence[Votes]) -> Found:
-    """The middles without those that have few votes, from pixels that hardly look like lint."""
+def find_faint(middles: Middles, votes: Sequence[Votes]) -> NDArray[np.bool_]:
+    """Which middles (B,) have few votes, from pixels that hardly look like lint."""
     total, pixels = np.zeros(len(middles.centres) + 1), np.zeros(len(middles.centres) + 1)
     for view in votes:
         boll = middles.nearest(view.surfaces)
         total += np.bincount(boll, view.probabilities, len(total))
         pixels += np.bincount(boll, minlength=len(total))
     sure = total[1:] / np.maximum(pixels[1:], 1) > UNSURE
-    kept = sure | (middles.support > FAINT * len(votes))
-    return middles.take(kept)
+    return ~sure & (middles.support <= FAINT * len(votes))
 
 
 def _extent(places: Float32, weights: Float32, usual: float) -> tuple[Float64, Float64]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from .boll_parts import Part, gather_parts
 from .group_votes import weighted_median
 from .join_parts import join_parts
 from .lint_in_space import LintInSpace
-from .meeting_votes import APART, FARTHEST, Middles, Votes, drop_unlikely, find_middles
+from .meeting_votes import APART, FARTHEST, Middles, Votes, find_faint, find_middles
 from .same_boll import Score, read_score
 from .split_parts import split_parts
 
@@ -38,7 +38,15 @@ class Bolls(Middles):
     """(B,) probability that each is one boll: not several, and not one with another."""
 
 
-def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Bolls:
+class Separated(NamedTuple):
+    """What the votes tell apart."""
+
+    bolls: Bolls
+    faint: Bolls
+    """What hardly looks like lint."""
+
+
+def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Separated:
     """The bolls of a plant.
 
     Args:
@@ -47,7 +55,9 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
     """
     score = read_score()
     parts = gather_parts(find_parts(votes, score.split_gain), votes, lint)
-    return drop_unlikely(join_bolls(parts, cm_per_su or guess_scale(votes), score), votes)
+    bolls = join_bolls(parts, cm_per_su or guess_scale(votes), score)
+    faint = find_faint(bolls, votes)
+    return Separated(bolls.take(~faint), bolls.take(faint))
 
 
 def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:

@@ -106,6 +106,7 @@ def run(workspace: Workspace, options: MasksOptions, progress: Progress = silent
         ),
         together=masks.together,
         halves=masks.halves,
+        left_out=masks.left_out,
     )
     with workspace.writing("masks") as folder:
         on_all_cores(lambda name: write_ids(folder / workspace.mask_png(name).name, masks.ids[name]), masks.ids)
@@ -169,7 +170,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "masks",
-    version=21,
+    version=22,
     inputs=inputs,
     run=run,
     cost=_cost,

@@ -189,6 +189,12 @@ FLAGS: Final = {
         "Look at the flagged bolls below. If one is a boll of this plant, delete it and add it again (cotton3dg"
         " correct); clear the table.",
     ),
+    "bolls_left_out": Meaning(
+        "Something that may be a boll does not count",
+        "The images show something like lint, but few of them take it for lint, or nothing of a plant is beside it."
+        " The intervals of count and volume allow for it.",
+        "The warning says where it is; if it is a boll, add it (cotton3dg correct).",
+    ),
     "masks_by_colour": Meaning(
         "Masks by colour alone",
         "The back end lint knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."

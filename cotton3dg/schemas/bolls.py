@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import BollInstance, BollSelection, LiftedMasks
+from ..core.bolls import BollInstance, BollSelection, LeftOut, LiftedMasks
 from ..errors import BadInput
 from ..io.arrays import read_array, read_arrays
 from .document import Document
@@ -46,9 +46,13 @@ class BollsInfo(Document):
     gaussians_sha256: str
     """`Gaussians.sha256()` of the model that the bolls are part of."""
     bolls: tuple[BollFacts, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    """What looks like lint and is not among the bolls."""
 
 
-def describe_bolls(bolls: Sequence[BollInstance], gaussians_sha256: str) -> BollsInfo:
+def describe_bolls(
+    bolls: Sequence[BollInstance], gaussians_sha256: str, left_out: tuple[LeftOut, ...] = ()
+) -> BollsInfo:
     """The document of some bolls."""
     facts = (
         BollFacts(
@@ -63,7 +67,7 @@ def describe_bolls(bolls: Sequence[BollInstance], gaussians_sha256: str) -> Boll
         )
         for boll in bolls
     )
-    return BollsInfo(gaussians_sha256, tuple(facts))
+    return BollsInfo(gaussians_sha256, tuple(facts), left_out)
 
 
 def write_lifted(path: Path, lifted: LiftedMasks) -> None:
@@ -113,6 +117,11 @@ def boll_labels(bolls: list[BollInstance], n: int) -> NDArray[np.int32]:
     for boll in bolls:
         labels[boll.indices] = boll.boll_id
     return labels
+
+
+def read_left_out(bolls_json: Path) -> tuple[LeftOut, ...]:
+    """What looks like lint and is not among the bolls that `cluster` saved."""
+    return BollsInfo.load(bolls_json).left_out
 
 
 def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.bolls import LeftOut
 from .document import Document
 
 
@@ -33,6 +34,8 @@ class MasksInfo(Document):
     """Whether all images decided together, so that a score is the probability of one boll."""
     halves: tuple[int, int] | None = None
     """Counts of bolls by every second image alone, and by the others."""
+    left_out: tuple[LeftOut, ...] = ()
+    """What all images together saw and left out."""
 
     def scores(self) -> dict[tuple[str, int], float]:
         """By image and mask id."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import BollInstance
+from ..core.bolls import BollInstance, LeftOut
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64, Gaussians
 from ..geometry.point_sets import find_compact_part, measure_extent
@@ -45,6 +45,15 @@ class Corrected:
     @property
     def added(self) -> list[int]:
         return [boll_id for boll_id, word in self.words.items() if word == "added"]
+
+
+def still_left_out(left_out: Sequence[LeftOut], bolls: Sequence[BollInstance]) -> list[LeftOut]:
+    """What is not among the bolls after the corrections either."""
+    return [
+        thing
+        for thing in left_out
+        if all(np.linalg.norm(boll.centre - thing.centre_su) > 0.5 * thing.diameter_su for boll in bolls)
+    ]
 
 
 def apply_corrections(

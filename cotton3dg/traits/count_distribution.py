@@ -51,6 +51,13 @@ class Moments(NamedTuple):
     variance: float
 
 
+class Possible(NamedTuple):
+    """What was left out, and may be a boll."""
+
+    probability: float
+    volume_cm3: float
+
+
 @dataclass(frozen=True)
 class CountDistribution:
     """The true number of bolls, as a probability for each number."""
@@ -76,16 +83,18 @@ def distribute_count(
     touching: Iterable[bool],
     halves: tuple[int, int] | None = None,
     filming: Filming = WELL_FILMED,
+    left_out: Sequence[Possible] = (),
 ) -> CountDistribution | None:
-    """The distribution of the true count; None without a boll, and for a plant that no image shows whole.
+    """The distribution of the true count; None without anything found, and for a plant that no image shows whole.
 
     Args:
         bolls: all that were found, also those that do not count.
         touching: of each, whether it may touch another.
         halves: counts by either half of the images. The mean squared difference of two counts with one variance is
             twice the variance; the count by all images is assumed to be no surer than that by half of them.
+        left_out: what may be further bolls.
     """
-    if not filming.whole or not bolls:
+    if not filming.whole or not (bolls or left_out):
         return None
     hidden = hidden_probability(filming)
     counts = np.ones(1)
@@ -93,6 +102,8 @@ def distribute_count(
         counts = np.convolve(counts, outcomes(boll, touches))
         if hidden and is_counted(boll.flags):
             counts = np.convolve(counts, [1 - hidden, hidden])
+    for possible in left_out:
+        counts = np.convolve(counts, [1 - possible.probability, possible.probability])
     if halves and halves[0] != halves[1]:
         noise = _whole_normal(abs(halves[0] - halves[1]) / math.sqrt(2))
         counts, zero = np.convolve(counts, noise), len(noise) // 2
@@ -122,12 +133,17 @@ def outcomes(boll: BollTraits, touches: bool) -> Outcomes:
     return Outcomes(none / total, 1 - (none + two) / total, two / total)
 
 
-def miscounted_volume(bolls: Sequence[BollTraits], touching: Iterable[bool], filming: Filming = WELL_FILMED) -> Moments:
+def miscounted_volume(
+    bolls: Sequence[BollTraits],
+    touching: Iterable[bool],
+    filming: Filming = WELL_FILMED,
+    left_out: Sequence[Possible] = (),
+) -> Moments:
     """What the true total volume has more than the sum of the counted bolls', because some of these may be none or two,
     others have no volume, hang on nothing, or are hidden. A part of a boll has its volume in the sum.
 
     Args:
-        bolls, touching, filming: as for `distribute_count`.
+        bolls, touching, filming, left_out: as for `distribute_count`.
     """
     counted = [boll for boll in bolls if is_counted(boll.flags)]
     known = np.array([boll.volume_cm3 for boll in counted if np.isfinite(boll.volume_cm3)])
@@ -145,6 +161,7 @@ def miscounted_volume(bolls: Sequence[BollTraits], touching: Iterable[bool], fil
             moments.append(_with_probability(1 - present, -boll.volume_cm3))
             moments.append(_with_probability(outcomes(boll, touches).two, -HULL_OF_TWO * boll.volume_cm3))
     moments += [_with_probability(hidden_probability(filming), mean_cm3, variance)] * len(counted)
+    moments += [_with_probability(possible.probability, possible.volume_cm3) for possible in left_out]
     return Moments(sum(one.mean for one in moments), sum(one.variance for one in moments))
 
 

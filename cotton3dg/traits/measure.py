@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import BollInstance
+from ..core.bolls import BollInstance, LeftOut
 from ..core.machine import on_all_cores
 from ..core.measurements import OFF_PLANT, BollTraits, PlantFrame, PlantTraits, Scale, is_counted
 from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume, projected_area
 from .corrections import Corrected
-from .count_distribution import Moments, distribute_count, miscounted_volume
+from .count_distribution import Moments, Possible, distribute_count, miscounted_volume
 from .error_model import (
     AS_IF_NEAR,
     CROWDED_SHARE,
@@ -46,6 +46,8 @@ NEAR_CLAMP: Final = 1.5
 LIKELY_CM: Final = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, with a margin. Two touching bolls are wider, a lock or a label is
 narrower."""
+MAY_LACK: Final = 0.5
+"""Expected number of bolls among what was left out, from which the plant has a flag."""
 DOUBTFUL_SHARE: Final = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""
 
@@ -133,6 +135,7 @@ def measure_whole(
     halves: tuple[int, int] | None = None,
     by_colour: bool = False,
     thin_ends: Sequence[Float64] = (),
+    left_out: Sequence[LeftOut] = (),
 ) -> Measured:
     """The plant's size, and its row.
 
@@ -140,6 +143,7 @@ def measure_whole(
         halves: counts of bolls by either half of the images, where they are known.
         by_colour: whether the masks are by colour alone, without a network.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
+        left_out: what may be further bolls.
     """
     plant, scale, filming = parts.plant, parts.scale, parts.filming
     sized = Sized()
@@ -160,7 +164,14 @@ def measure_whole(
             f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
             " merge; walk more slowly, or film with more light"
         )
-    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, by_colour, filming)
+    if sum(thing.probability for thing in left_out) >= MAY_LACK:
+        where = "; ".join(_describe(thing, scale, plant) for thing in left_out)
+        concerns["bolls_left_out"] = (
+            f"not counted, though each may be a boll: {where}; if one is, add it (cotton3dg correct)"
+        )
+    traits = summarise_plant(
+        parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, by_colour, filming, left_out
+    )
     return Measured(plant, parts.bolls, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
@@ -262,6 +273,13 @@ def measure_bolls(
     return on_all_cores(measure_boll, range(len(bolls)))
 
 
+def _describe(thing: LeftOut, scale: Scale | None, plant: Plant | None) -> str:
+    if scale is None or plant is None:
+        return thing.reason
+    x, y, z = PlantFrame(scale, plant.foot).cm(np.array(thing.centre_su))
+    return f"{thing.reason} at {x:.0f}, {y:.0f}, {z:.0f} cm, {thing.diameter_su * scale.cm_per_su:.1f} cm wide"
+
+
 def summarise_plant(
     bolls: Sequence[BollTraits],
     silhouette: PlantSize | None,
@@ -271,13 +289,14 @@ def summarise_plant(
     perhaps: PlantSize | None = None,
     by_colour: bool = False,
     filming: Filming = WELL_FILMED,
+    left_out: Sequence[LeftOut] = (),
 ) -> PlantTraits:
     """The plant's row. Its volume is that of the bolls whose volume is known; NaN without any.
 
     Bolls that do not hang on the plant only affect the count's error, because they may belong to it after all.
 
     Args:
-        pixel_su, halves, by_colour, filming: as for `measure_parts` and `measure_whole`.
+        pixel_su, halves, by_colour, filming, left_out: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
     The errors of its traits are in error_model.py.
@@ -315,8 +334,10 @@ def summarise_plant(
     volume_cm3 = float(known.sum()) if measured else np.nan
     crowded = dict(zip((boll.boll_id for boll in bolls), touching, strict=True))
     touches = [bool(crowded.get(boll.boll_id)) for boll in found]
-    count = distribute_count(found, touches, halves, filming)
-    missing = miscounted_volume(found, touches, filming) if measured else Moments(np.nan, np.nan)
+    cm = scale.cm_per_su if scale else np.nan
+    possible = [Possible(thing.probability, np.pi / 6 * (thing.diameter_su * cm) ** 3) for thing in left_out]
+    count = distribute_count(found, touches, halves, filming, possible)
+    missing = miscounted_volume(found, touches, filming, possible) if measured else Moments(np.nan, np.nan)
     of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
     of_volume = float(np.hypot(of_bolls, np.sqrt(missing.variance)))
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])

@@ -31,7 +31,7 @@ from ..plant_map.edges import edge_opacity
 from ..plant_map.map_plant import map_gaussians
 from ..plant_map.summary import boll_rows, branch_rows, summarise_map
 from ..plant_map.thin_twigs import Trail, follow_thin_twigs
-from ..schemas.bolls import boll_labels, describe_bolls, read_bolls
+from ..schemas.bolls import boll_labels, describe_bolls, read_bolls, read_left_out
 from ..schemas.corrections import OF_BOLLS, Corrections
 from ..schemas.masks import MasksInfo
 from ..schemas.patches import PatchesInfo
@@ -42,7 +42,7 @@ from ..schemas.train import Effects, TrainMetrics
 from ..schemas.weights import WeightModel
 from ..stage import FILE, STAGES, Cost, Stage, Work
 from ..workspace import Workspace
-from .corrections import Corrected, apply_corrections
+from .corrections import Corrected, apply_corrections, still_left_out
 from .error_model import Filming
 from .lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from .measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
@@ -144,9 +144,10 @@ def _measure(
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
         plant_map = _map(gaussians, last, cameras, [trail.places for trail in trails])
         ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
-    measured = measure_whole(before, halves, by_colour, ends)
+    left_out = read_left_out(workspace.bolls_json)
+    measured = measure_whole(before, halves, by_colour, ends, left_out)
     if corrected:
-        again = measure_whole(last, None, by_colour, ends)
+        again = measure_whole(last, None, by_colour, ends, still_left_out(left_out, corrected.bolls))
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     return measured, corrected, plant_map
 

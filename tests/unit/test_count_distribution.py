@@ -11,6 +11,7 @@ from cotton3dg.traits.count_distribution import (
     AS_LIKELY_AS_NOT,
     HULL_OF_TWO,
     MAY_BE_NONE,
+    Possible,
     distribute_count,
     hidden_probability,
     miscounted_volume,
@@ -72,6 +73,16 @@ def test_the_count_is_distributed_as_draws_of_its_model(name, filming, touches) 
     # Neither end can move inwards, unless the count itself is that end.
     assert low == counted or (drawn <= low).mean() > 0.02
     assert high == counted or (drawn >= high).mean() > 0.02
+
+
+def test_what_was_left_out_may_be_a_boll_more() -> None:
+    doubted = [Possible(0.5, 30.0), Possible(0.1, 40.0)]
+    stated = distribute_count([boll()] * 9, [False] * 9, left_out=doubted)
+    assert stated.probabilities[9:12] == pytest.approx([0.45, 0.5, 0.05])
+    assert stated.interval(9) == (9, 11)
+    assert miscounted_volume([boll()] * 9, [False] * 9, left_out=doubted).mean == pytest.approx(0.5 * 30 + 0.1 * 40)
+    nothing = distribute_count([], [], left_out=doubted)
+    assert nothing.interval(0) == (0, 2)
 
 
 def test_a_count_that_is_sure_is_its_own_interval() -> None:

@@ -1,11 +1,15 @@
 """What was taken for a boll and does not hang on the plant is told, and is in no sum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes.measured_plant import SCALE, bolls_of, measure_plant
 from scenes.table_scene import BOLL_RADIUS_CM, gaussians_at, joined, plant_scene
 
+from cotton3dg.core.bolls import LeftOut
 from cotton3dg.core.scene import Gaussians
+from cotton3dg.traits.corrections import still_left_out
 from cotton3dg.traits.measure import measure_parts, measure_whole
 
 
@@ -38,6 +42,29 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
     assert "doubtful_bolls" not in both.flags
     assert both.traits.boll_volume_cm3 == pytest.approx(alone.traits.boll_volume_cm3, rel=1e-6)
     assert both.traits.boll_height_min_cm == pytest.approx(alone.traits.boll_height_min_cm)
+
+
+def test_what_was_left_out_is_in_the_intervals_and_said_where_it_is():
+    gaussians, labels = plant_scene()
+    parts = measure_parts(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0)
+    faint = LeftOut(tuple(parts.bolls[0].centre_cm / SCALE.cm_per_su), 4.0 / SCALE.cm_per_su, "faint", 0.5)
+    sure, unsure = measure_whole(parts), measure_whole(parts, left_out=[faint])
+    assert unsure.traits.boll_count == sure.traits.boll_count
+    assert unsure.traits.boll_count_interval[1] > sure.traits.boll_count_interval[1]
+    more_cm3 = unsure.traits.boll_volume_interval_cm3[1] - sure.traits.boll_volume_interval_cm3[1]
+    assert more_cm3 > 0.5 * np.pi / 6 * 4.0**3
+    assert "bolls_left_out" in unsure.flags and "bolls_left_out" not in sure.flags
+    assert any("faint at" in warning and "4.0 cm wide" in warning for warning in unsure.warnings)
+    assert "bolls_left_out" not in measure_whole(parts, left_out=[replace(faint, probability=0.1)]).flags
+
+
+def test_what_a_person_added_is_no_longer_left_out():
+    gaussians, labels = plant_scene()
+    bolls = bolls_of(gaussians, labels)
+    thing = LeftOut(tuple(bolls[1].centre), 2 * bolls[1].diameter_su, "white_thing", 0.1)
+    elsewhere = replace(thing, centre_su=(90.0, 0.0, 0.0))
+    assert still_left_out([thing, elsewhere], bolls) == [elsewhere]
+    assert still_left_out([thing, elsewhere], bolls[:1]) == [thing, elsewhere]
 
 
 def test_a_boll_that_a_person_added_is_of_the_plant_wherever_it_is():

@@ -10,7 +10,7 @@ from scenes.seen_balls import Ball, see
 
 from cotton3dg.masks.boll_parts import gain_of_two, gather_parts, join_two, mean_width, measure_pair
 from cotton3dg.masks.join_parts import join_parts
-from cotton3dg.masks.meeting_votes import Middles, drop_unlikely
+from cotton3dg.masks.meeting_votes import Middles, find_faint
 from cotton3dg.masks.same_boll import Calibration, PairMeasures, Score, Term, read_score
 from cotton3dg.masks.separate_bolls import separate_bolls
 from cotton3dg.workspace import Workspace
@@ -119,21 +119,23 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
 
 
 def test_locks_of_one_boll_join():
-    bolls = separate_bolls(*see(LOCKS), cm_per_su=1.0)
+    bolls = separate_bolls(*see(LOCKS), cm_per_su=1.0).bolls
     assert len(bolls.centres) == 1
     np.testing.assert_allclose(bolls.centres[0], BUR, atol=0.3)
     assert bolls.one_boll[0] > 0.5
 
 
 def test_bolls_that_touch_stay_two():
-    bolls = separate_bolls(*see(TOUCHING), cm_per_su=1.0)
+    bolls = separate_bolls(*see(TOUCHING), cm_per_su=1.0).bolls
     assert len(bolls.centres) == 2
     assert (bolls.one_boll > 0.5).all()
 
 
 def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
     near, far = (
-        separate_bolls(*see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), cm_per_su=1.0)
+        separate_bolls(
+            *see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), cm_per_su=1.0
+        ).bolls
         for apart in (3.4, 5.0)
     )
     assert len(near.centres) == len(far.centres) == 2
@@ -148,8 +150,8 @@ def test_without_a_scale_the_unit_of_length_does_not_matter(zoom):
         for view in votes
     ]
     model = replace(lint.gaussians, means=np.float32(zoom) * lint.gaussians.means)
-    bolls = separate_bolls(in_other_units, replace(lint, gaussians=model))
-    expected = separate_bolls(votes, lint)
+    bolls = separate_bolls(in_other_units, replace(lint, gaussians=model)).bolls
+    expected = separate_bolls(votes, lint).bolls
     np.testing.assert_allclose(bolls.centres, zoom * expected.centres, rtol=1e-3, atol=1e-3 * zoom)
     np.testing.assert_allclose(bolls.one_boll, expected.one_boll, atol=0.02)
 
@@ -158,11 +160,11 @@ def test_without_a_scale_the_unit_of_length_does_not_matter(zoom):
 def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(probability, support, bolls):
     votes, _ = see([replace(ball, probability=probability) for ball in TOUCHING])
     middles = replace(middles_of(TOUCHING), support=np.full(2, support, np.float32))
-    assert len(drop_unlikely(middles, votes).centres) == bolls
+    assert (~find_faint(middles, votes)).sum() == bolls
 
 
 def test_without_votes_there_are_no_bolls():
     votes, lint = see(TOUCHING)
     none = [view.take(np.zeros(len(view.rays), bool)) for view in votes]
-    bolls = separate_bolls(none, lint)
+    bolls = separate_bolls(none, lint).bolls
     assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll)

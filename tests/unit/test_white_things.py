@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model, photos_of
+from scenes.boll_scene import CENTRES, RADIUS, Speaking, cameras, maps_of, masks_of, model, photos_of
 
 from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.masks.white_things import find_white_things, measure_surroundings
@@ -45,6 +45,9 @@ def test_what_the_network_is_less_sure_of_is_a_boll_only_on_a_plant(lint, plant,
     # Half of the twelve views may or may not tell the two apart that touch.
     assert masks.halves in {(3 + kept,) * 2, (4 + kept,) * 2}
     assert all(set(masks.scores[name]) == set(np.unique(ids[ids > 0])) for name, ids in masks.ids.items())
+    # What does not count is said all the same.
+    assert [thing.reason for thing in masks.left_out] == ["white_thing"] * (not kept)
+    assert kept or np.linalg.norm(masks.left_out[0].centre_su - CENTRES[OF_THING - 1]) < 0.2 * RADIUS
 
 
 def test_a_network_that_knows_no_plants_is_not_asked_for_them():

@@ -25,7 +25,7 @@ TAIL: Final = 0.02
 """Share of a part's Gaussians at either end that its width leaves out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """One part, or several that were joined."""
 

@@ -20,6 +20,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,7 +34,8 @@ from true_scene import true_plant
 from cotton3dg.evaluation.match import match_bolls
 from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.masks.boll_parts import Part, gather_parts, join_two, measure_pair
+from cotton3dg.masks import boll_parts, join_parts
+from cotton3dg.masks.boll_parts import Part, gather_parts
 from cotton3dg.masks.join_parts import REACH_CM, find_near
 from cotton3dg.masks.meeting_votes import Middles
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
@@ -137,12 +139,12 @@ def gather_examples(plant: Begun) -> Iterator[Example]:
         near = find_near(parts, REACH_CM / cm_per_su)
         for a, b in near:
             if changed & {a, b}:
-                yield measure_pair(parts[a], parts[b], cm_per_su), names[a] == names[b]
+                yield join_parts.measure_pair(parts[a], parts[b], cm_per_su), names[a] == names[b]
         same = [(a, b) for a, b in near if names[a] == names[b]]
         if not same:
             return
         a, b = min(same, key=lambda pair: float(np.linalg.norm(parts[pair[0]].centre - parts[pair[1]].centre)))
-        parts[a], changed = join_two(parts[a], parts.pop(b)), {a}
+        parts[a], changed = join_parts.join_two(parts[a], parts.pop(b)), {a}
 
 
 def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
@@ -286,6 +288,9 @@ def write_score(path: Path, score: Score, films: int) -> None:
 
 
 def main() -> None:
+    # The same pairs are met again and again, for every score that is tried.
+    for name in ("join_two", "measure_pair"):
+        setattr(join_parts, name, cache(getattr(boll_parts, name)))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=2)

@@ -225,9 +225,12 @@ def _peaks_of_cells(
 
     # `gaussian_filter` reaches 4 standard deviations far, and a maximum is compared with the next cells.
     margin = int(4 * sigma + 0.5) + 1
-    reached = [np.unique((cells + margin * np.array(corner)) // BLOCK, axis=0) for corner in product((-1, 1), repeat=3)]
+    # A vote is in its own block and reaches into the next one.
+    blocks = cells.max(axis=0, initial=0) // BLOCK + 3
+    reached = [(cells + margin * np.array(corner)) // BLOCK + 1 for corner in product((-1, 1), repeat=3)]
+    numbers = np.unique([np.ravel_multi_index(tuple(some.T), blocks) for some in reached])
     found, heights = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.float32)]
-    for block in np.unique(np.concatenate(reached), axis=0):
+    for block in np.column_stack(np.unravel_index(numbers, blocks)) - 1:
         first, side = block * BLOCK - margin, BLOCK + 2 * margin
         here = np.all((cells >= first) & (cells < first + side), axis=1)
         flat = np.ravel_multi_index(tuple((cells[here] - first).T), (side,) * 3)

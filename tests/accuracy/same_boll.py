@@ -39,7 +39,7 @@ from cotton3dg.masks.boll_parts import Part, gather_parts
 from cotton3dg.masks.join_parts import REACH_CM, find_near
 from cotton3dg.masks.meeting_votes import Middles
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
-from cotton3dg.masks.separate_bolls import find_peaks, guess_scale, join_bolls
+from cotton3dg.masks.separate_bolls import Bolls, find_peaks, guess_scale, join_bolls
 from cotton3dg.masks.split_parts import split_parts
 from cotton3dg.workspace import Workspace
 
@@ -172,10 +172,25 @@ def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
     return Score(round(float(found[0]), 3), tuple(Term(*term) for term in terms), split_gain)
 
 
+def hold_true(plant: Begun, bolls: Bolls) -> np.ndarray:
+    """(B, T + 1) share of each true boll's lint that each boll holds; first, of its own lint, what is no boll's."""
+    lint = plant.stored.lint.shares > 0.5
+    held = np.zeros((len(bolls.centres) + 1, len(plant.stored.true_cm) + 1))
+    np.add.at(held, (bolls.nearest(plant.stored.lint.gaussians.means[lint]), plant.stored.true_ids[lint]), 1)
+    shares = held / held.sum(axis=0).clip(min=1)
+    shares[:, 0] = held[:, 0] / held.sum(axis=1).clip(min=1)
+    return shares[1:]
+
+
+def is_thing(shares: np.ndarray) -> np.ndarray:
+    """(B,) which bolls are white things, whatever they were put together of; another step finds them."""
+    return shares[:, 0] > 0.5
+
+
 def judge(plant: Begun, score: Score) -> dict[str, float]:
     """What a score makes of a plant."""
     found, similarity = join_bolls(plant.parts, plant.cm_per_su, score), plant.stored.cm_from_scene
-    centres = found.centres @ similarity[:, :3].T + similarity[:, 3]
+    centres = found.centres[~is_thing(hold_true(plant, found))] @ similarity[:, :3].T + similarity[:, 3]
     right = len(match_bolls(centres, plant.stored.true_cm, MATCH_DISTANCE_CM))
     bolls = len(plant.stored.true_cm)
     return {"bolls": bolls, "found": len(centres), "right": right, "F1": 2 * right / (bolls + len(centres))}
@@ -183,14 +198,11 @@ def judge(plant: Begun, score: Score) -> dict[str, float]:
 
 def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, int]]:
     """Of each boll that a score makes: the probability that it is one, and how many true bolls have most of their lint
-    in it. None has where it is a part of a boll, or nothing."""
-    lint = plant.stored.lint.shares > 0.5
-    owners = join_bolls(plant.parts, plant.cm_per_su, score)
-    held = np.zeros((len(owners.centres) + 1, len(plant.stored.true_cm) + 1))
-    np.add.at(held, (owners.nearest(plant.stored.lint.gaussians.means[lint]), plant.stored.true_ids[lint]), 1)
-    most = 2 * held > held.sum(axis=0).clip(min=1)
-    for stated, mine in zip(owners.one_boll, most[1:, 1:], strict=True):
-        yield float(stated), int(mine.sum())
+    in it. None has where it is a part of a boll."""
+    found = join_bolls(plant.parts, plant.cm_per_su, score)
+    shares = hold_true(plant, found)
+    for stated, mine in zip(found.one_boll[~is_thing(shares)], shares[~is_thing(shares), 1:], strict=True):
+        yield float(stated), int((mine > 0.5).sum())
 
 
 def calibrate(score: Score, plants: Sequence[Begun]) -> Score:

@@ -23,10 +23,11 @@ from .separate_bolls import Separated, separate_bolls
 from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
-FAINT_IS_BOLL: Final = 0.5
-"""Share of what is left out as faint that is a boll all the same, ..."""
+FAINT_IS_BOLL: Final = 0.25
+"""Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants; two were white
+things, one a part of a boll. ..."""
 THING_IS_BOLL: Final = 0.1
-"""... and of what is left out as a white thing."""
+"""... The same of a white thing, of which these plants had too few to tell."""
 FEWEST_TO_HALVE: Final = 12
 """Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
 

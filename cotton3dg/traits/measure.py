@@ -46,7 +46,7 @@ NEAR_CLAMP: Final = 1.5
 LIKELY_CM: Final = (2.5, 7.0)
 """Mean widths of open bolls, 3.5 to 6.5 cm, with a margin. Two touching bolls are wider, a lock or a label is
 narrower."""
-MAY_LACK: Final = 0.5
+MAY_LACK: Final = 0.25
 """Expected number of bolls among what was left out, from which the plant has a flag."""
 DOUBTFUL_SHARE: Final = 0.1
 """Share of flagged bolls from which the plant has a flag of its own."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 SCORE_FILE: Final = Path(__file__).with_name("same_boll.toml")
-SUREST: Final = 1e-3
+SUREST: Final = 1e-6
 
 
 class PairMeasures(NamedTuple):

@@ -189,12 +189,6 @@ FLAGS: Final = {
         "Look at the flagged bolls below. If one is a boll of this plant, delete it and add it again (cotton3dg"
         " correct); clear the table.",
     ),
-    "masks_by_colour": Meaning(
-        "Masks by colour alone",
-        "The back end lint knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."
-        " The intervals of count and volume allow for it.",
-        "Use the default, the bolls' network: masks --backend bolls.",
-    ),
     "lost_tips": Meaning(
         "A twig may be cut short",
         "Solid specks hang in the air beside the plant, or its ends are very faint, as where the model lacks a thin"

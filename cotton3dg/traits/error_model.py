@@ -63,12 +63,6 @@ PARTED_IN_SUM: Final = 0.5
 lost boll's volume remains. Fitted."""
 MISCOUNTED: Final = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
-BY_COLOUR_VOLUME: Final = 0.09
-"""Relative standard error of the plant's volume from masks by colour alone (`lint`), which lose shaded sides: -16 to
-+15 % on six path-traced plants."""
-BY_COLOUR_MISCOUNTED: Final = 0.45
-"""Standard error of the count from such masks, as a share of the touching bolls: they merge all over the plant or
-nowhere."""
 HALVES_DIFFER: Final = 0.05
 """Difference of the counts by either half of the images, as a share of the larger one, from which the plant has a flag.
 A difference of one boll does not matter."""
@@ -176,13 +170,12 @@ def plant_volume_error_cm3(
     nearest: NDArray[np.float64],
     scale: Scale | None,
     pixel_cm: float,
-    by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> float:
     """Standard error of the sum of the bolls' volumes: shared errors add up, the others add in squares.
 
     Args:
-        nearest: (B,) from `nearest_neighbours`. by_colour: whether the masks are by colour alone.
+        nearest: (B,) from `nearest_neighbours`.
     """
     if scale is None or not filming.whole:
         return np.nan
@@ -193,8 +186,7 @@ def plant_volume_error_cm3(
     by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, filming) for boll in known]
     parted = (1 - PARTED_IN_SUM**2) * (parted_error(nearest[measured]) * volumes) ** 2
     own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2 - parted
-    by_masks = BY_COLOUR_VOLUME * volumes.sum() if by_colour else 0.0
-    return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum() + by_masks**2))
+    return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum()))
 
 
 def _shared(diameter: float, pixel: float, filming: Filming) -> float:
@@ -218,7 +210,6 @@ def count_error(
     confidences: NDArray,
     n_touching: int,
     halves: tuple[int, int] | None = None,
-    by_colour: bool = False,
     n_unround: int = 0,
     filming: Filming = WELL_FILMED,
 ) -> float:
@@ -228,16 +219,14 @@ def count_error(
     Args:
         halves: counts by either half of the images. The mean squared difference of two counts with one variance is
             twice the variance; the count by all images is assumed to be no surer than that by half of them.
-        by_colour: whether the masks are by colour alone.
         n_unround: number of bolls that are perhaps two, by `find_unround`; they are counted as one.
     """
     if not len(confidences) or not filming.whole:
         return np.nan
     by_halves = 0.5 * (halves[0] - halves[1]) ** 2 if halves else 0.0
-    by_masks = (BY_COLOUR_MISCOUNTED * n_touching) ** 2 if by_colour else 0.0
     of_touching = MISCOUNTED * (n_touching - n_unround) + IS_TWO * n_unround
     behind = BEHIND * max(filming.gap_deg - 180, 0.0) / 100 * len(confidences)
-    return float(np.sqrt((confidences * (1 - confidences)).sum() + of_touching + by_halves + by_masks + behind))
+    return float(np.sqrt((confidences * (1 - confidences)).sum() + of_touching + by_halves + behind))
 
 
 def halves_disagree(halves: tuple[int, int] | None) -> bool:

@@ -134,14 +134,12 @@ def measure_parts(
 def measure_whole(
     parts: Parts,
     halves: tuple[int, int] | None = None,
-    by_colour: bool = False,
     thin_ends: Sequence[NDArray] = (),
 ) -> Measured:
     """The plant's size, and its row.
 
     Args:
         halves: counts of bolls by either half of the images, where they are known.
-        by_colour: whether the masks are by colour alone, without a network.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """
     plant, scale, filming = parts.plant, parts.scale, parts.filming
@@ -153,17 +151,13 @@ def measure_whole(
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
-    if by_colour and parts.bolls:
-        concerns["masks_by_colour"] = (
-            "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
-        )
     diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls if is_counted(boll.flags)])
     if scale and blurs_bolls(filming.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
             f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
             " merge; walk more slowly, or film with more light"
         )
-    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, by_colour, filming)
+    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, filming)
     return Measured(plant, parts.bolls, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
@@ -272,7 +266,6 @@ def summarise_plant(
     pixel_su: float = 0.0,
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
-    by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> PlantTraits:
     """The plant's row. Its volume is that of the bolls whose volume is known; NaN without any.
@@ -280,7 +273,7 @@ def summarise_plant(
     Bolls that do not hang on the plant only affect the count's error, because they may belong to it after all.
 
     Args:
-        pixel_su, halves, by_colour, filming: as for `measure_parts` and `measure_whole`.
+        pixel_su, halves, filming: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
     The errors of its traits are in error_model.py.
@@ -317,8 +310,8 @@ def summarise_plant(
         counts = np.bincount(np.clip(3 * heights / size.height_cm, 0, 2).astype(np.int64), minlength=3)
         thirds = (int(counts[0]), int(counts[1]), int(counts[2]))
     volume_cm3 = float(known.sum()) if measured else np.nan
-    of_count = count_error(confidences, int(touching.sum()), halves, by_colour, int(unround.sum()), filming)
-    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
+    of_count = count_error(confidences, int(touching.sum()), halves, int(unround.sum()), filming)
+    of_volume = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, filming) if measured else np.nan
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]
     of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, filming.blur_px)

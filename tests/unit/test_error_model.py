@@ -147,18 +147,6 @@ def test_what_one_of_two_bolls_loses_to_the_other_counts_in_part(monkeypatch) ->
     assert plant_volume_error_cm3(bolls, nearest, scale(0.0), 0.0) == pytest.approx(expected)
 
 
-def test_masks_by_colour_err_all_alike() -> None:
-    bolls = [boll(40.0, 2.0) for _ in range(4)]
-    apart = np.full(4, np.inf)
-    networks, colours = (
-        plant_volume_error_cm3(bolls, apart, scale(0.0), 0.0, by_colour) for by_colour in (False, True)
-    )
-    assert colours == pytest.approx(np.hypot(networks, 160 * error_model.BY_COLOUR_VOLUME))
-    assert count_error(np.ones(20), 9, by_colour=True) == pytest.approx(
-        np.hypot(count_error(np.ones(20), 9), 9 * error_model.BY_COLOUR_MISCOUNTED)
-    )
-
-
 def test_the_count_errs_as_draws_of_its_parts_do() -> None:
     confidences, n_touching = np.array([1.0, 0.9, 0.9, 0.6, 1.0]), 3
     rng = np.random.default_rng(0)

@@ -305,64 +305,6 @@ def test_a_preset_is_named_only_where_all_that_it_says_was_run(plant, cotton3dg)
     assert options_line(cotton3dg("status", plant.root)[2]) == "frames.count 60 (last run)"
 
 
-LEFT_BY = {
-    "masks": {"backend": "lint", "views": 24},
-    "cluster": {"method": "agglomerative", "boll_plys": False, "reach": 0.5},
-}
-"""Options in the records of a plant that was run with methods that are gone since."""
-
-
-@pytest.mark.parametrize("kept", [True, False])
-def test_a_plant_that_used_what_is_gone_is_read_and_its_stages_run_again_with_what_replaces_it(
-    plant, cotton3dg, stale, kept
-):
-    cotton3dg("run", plant.root)
-    for stage, options in LEFT_BY.items():
-        plant.write_record(replace(plant.read_record(stage), options=options))
-    if kept:
-        Choices("", {"masks": LEFT_BY["masks"], "cluster": {"method": "agglomerative"}}).save(plant.choices_json)
-    else:
-        earlier(plant)
-    before = contents(plant)
-    code, out, err = cotton3dg("status", plant.root)
-    assert code == 0 and "option backend lint -> bolls" in "".join(out)
-    assert change_line(err) == (
-        "masks.backend lint -> bolls, masks.views 24 -> 36, cluster.method agglomerative -> consensus (default)"
-    )
-    assert list(stale(plant)) == ["masks", "segment", "cluster", "traits"]
-    assert contents(plant) == before
-    assert cotton3dg("run", plant.root)[0] == 0
-    assert stale(plant) == {}
-    assert plant.read_record("masks").options["backend"] == "bolls"
-
-
-@pytest.mark.parametrize(
-    "words, said",
-    [
-        (("masks", "--backend", "lint"), "masks.backend = 'lint' is gone; use bolls"),
-        (("cluster", "--method", "agglomerative"), "cluster.method = 'agglomerative' is gone; use consensus"),
-        (("cluster", "--reach", "0.5"), "cluster.reach is gone with method = agglomerative; use method = consensus"),
-        (("run", "--set", "masks.backend=lint"), "masks.backend = 'lint' is gone; use bolls"),
-        (("status", "--set", "cluster.agglomerative.reach=0.5"), "use method = consensus"),
-    ],
-)
-def test_what_is_gone_is_refused_when_it_is_typed(plant, cotton3dg, words, said):
-    command, *given = words
-    code, _, err = cotton3dg(command, plant.root, *given)
-    assert code == 2 and len(err) == 1 and said in err[0]
-    assert not plant.choices_json.exists()
-
-
-def test_a_file_with_what_is_gone_is_refused_by_its_name(plant, cotton3dg):
-    for text, said in (
-        ('[masks]\nbackend = "lint"\n', "masks.backend = 'lint' is gone; use bolls"),
-        ("[cluster.agglomerative]\nreach = 0.5\n", "use method = consensus"),
-    ):
-        write(plant.root, text)
-        code, _, err = cotton3dg("run", plant.root)
-        assert code == 2 and "cotton3dg.toml: " in err[0] and said in err[0]
-
-
 @pytest.mark.parametrize("preset", PRESET_VALUES)
 def test_each_preset_is_recognised(plant, preset):
     pipeline.run(plant, pipeline.stage_options(plant, preset))

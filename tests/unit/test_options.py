@@ -45,40 +45,6 @@ def test_bad_values_are_refused_by_name(stage, values, named):
         resolve(stage, values)
 
 
-@pytest.mark.parametrize(
-    "stage, values, said",
-    [
-        ("masks", {"backend": "lint"}, "masks.backend = 'lint' is gone; use bolls"),
-        ("cluster", {"method": "agglomerative"}, "cluster.method = 'agglomerative' is gone; use consensus"),
-        (
-            "cluster",
-            {"method": "agglomerative", "reach": 0.5},
-            "cluster.method = 'agglomerative' is gone; use consensus",
-        ),
-        (
-            "cluster",
-            {"agglomerative": {"reach": 0.5}},
-            "option cluster.agglomerative is gone with method = agglomerative; use method = consensus",
-        ),
-        (
-            "cluster",
-            {"agglomerative.reach": "0.5"},
-            "option cluster.agglomerative.reach is gone with method = agglomerative; use method = consensus",
-        ),
-        (
-            "cluster",
-            {"method": "dbscan", "reach": 0.5},
-            "option cluster.reach is gone with method = agglomerative; use method = consensus",
-        ),
-    ],
-)
-def test_what_is_gone_is_refused_with_what_replaces_it(stage, values, said):
-    for given in ({"asked": values}, {}):
-        with pytest.raises(BadUsage) as refused:
-            resolve(stage, {} if given else values, **given)
-        assert str(refused.value) == said
-
-
 @pytest.mark.parametrize("text", ["[train\n", "train = 3\n", "[trian]\nsteps = 3\n", "\xff"])
 def test_bad_toml_is_refused(tmp_path, text):
     path = tmp_path / "cotton3dg.toml"
@@ -194,11 +160,6 @@ def test_a_record_of_all_methods_is_read():
         for method in places(kind)[0].item.metadata["choices"] or (None,):
             options = resolve(stage, {places(kind)[0].name: method} if method else {})
             assert recorded(stage, as_dict(options)) == options
-
-
-def test_a_record_with_what_is_gone_says_which_stage_to_run_again():
-    with pytest.raises(BadUsage, match=r"masks was made by an earlier version: .*'lint' is gone; .* `cotton3dg masks`"):
-        recorded("masks", {"backend": "lint", "views": 36}, 21)
 
 
 def test_the_papers_presets_are_what_is_published():

@@ -81,10 +81,10 @@ def test_what_cannot_work_is_told_in_one_line(plant, options: dict, error: type,
 
 def test_exported_masks_come_back_by_import(plant, tmp_path: Path) -> None:
     workspace, truths = plant
-    for name in list(truths)[::6]:
-        write_ids(tmp_path / f"{Path(name).stem}.png", truths[name])
+    before = {name: truths[name] for name in list(truths)[::6]}
+    for name, ids in before.items():
+        write_ids(tmp_path / f"{Path(name).stem}.png", ids)
     masks.run(workspace, resolve("masks", {"backend": "import", "source": str(tmp_path)}))
-    before = {image["name"]: read_ids(workspace.mask_png(image["name"])) for image in written(workspace)["images"]}
     coco = export(workspace)
     assert len(list((coco.parent / "images").glob("*.jpg"))) == 4
     outcome = masks.run(workspace, resolve("masks", {"backend": "import", "source": "annotations"}))

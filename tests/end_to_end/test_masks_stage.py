@@ -30,8 +30,6 @@ def test_masks_of_evenly_spaced_views(plant) -> None:
     names = [image["name"] for image in document["images"]]
     assert len(names) == 16 == outcome.summary["images"]
     assert len(list(workspace.folder("masks").glob("*.png"))) == 16
-    # Of 24 images at even steps, two neighbours and the next but one.
-    assert set(np.diff([sorted(truths).index(name) for name in names])) == {1, 2}
     assert document["backend"] == "yolo" and document["options"]["views"] == 16
     assert not outcome.flags
     for image in document["images"]:

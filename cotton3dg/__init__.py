@@ -13,7 +13,6 @@ from typing import Any, Final
 __version__ = "0.1.0"
 
 _HOMES: Final = {
-    "cluster.agglomerative": ("join_objects",),
     "cluster.consensus": ("merge_views",),
     "cluster.dbscan": ("cluster_objects",),
     "core.bolls": ("BollInstance", "LiftedMasks", "MaskSet"),
@@ -34,7 +33,6 @@ _HOMES: Final = {
     "io.ply": ("recolour", "read_gaussians", "write_gaussians"),
     "masks.bolls": ("open_bolls",),
     "masks.detect_bolls": ("detect_bolls",),
-    "masks.detect_lint": ("detect_lint",),
     "options": ("resolve",),
     "pipeline": ("plan", "run", "stage_options", "status"),
     "scale.table": ("TableFit", "find_table", "scale_from_table"),

@@ -1,6 +1,5 @@
 """The public names with their types; `_HOMES` in __init__.py says the same at run time."""
 
-from .cluster.agglomerative import join_objects as join_objects
 from .cluster.consensus import merge_views as merge_views
 from .cluster.dbscan import cluster_objects as cluster_objects
 from .core.bolls import BollInstance as BollInstance
@@ -38,7 +37,6 @@ from .io.ply import recolour as recolour
 from .io.ply import write_gaussians as write_gaussians
 from .masks.bolls import open_bolls as open_bolls
 from .masks.detect_bolls import detect_bolls as detect_bolls
-from .masks.detect_lint import detect_lint as detect_lint
 from .options import resolve as resolve
 from .pipeline import plan as plan
 from .pipeline import run as run

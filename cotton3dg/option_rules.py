@@ -17,6 +17,16 @@ from .errors import BadUsage, unknown
 _KINDS: Final = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 
 
+@dataclass(frozen=True)
+class Retired:
+    """A method that is gone."""
+
+    successor: str
+    """The method that replaces it."""
+    options: tuple[str, ...] = ()
+    """The names of the flags that only it had."""
+
+
 def option(
     default: Any,
     help: str,
@@ -27,11 +37,13 @@ def option(
     at_most: float | None = None,
     choices: tuple[str, ...] = (),
     idle_with: tuple[str, ...] = (),
+    retired: Mapping[str, Retired] | None = None,
 ) -> Any:
     """A dataclass field with what `--help` says about it and what values it accepts.
 
     Args:
         idle_with: methods of the stage with which it has no effect.
+        retired: former choices; who still names one is told what replaces it.
     """
     return field(
         default=default,
@@ -43,6 +55,7 @@ def option(
             "at_most": at_most,
             "choices": choices,
             "idle_with": idle_with,
+            "retired": retired or {},
         },
     )
 
@@ -166,8 +179,7 @@ def given_values(
         for name, value in _paths(layer, {place.methods[0] for place in known if place.table}):
             found = [place for place in known if name in (place.name, place.path)]
             if not found:
-                names = dict.fromkeys(place.name for place in known)
-                raise unknown(f"option {stage}.{name}", name.rpartition(".")[2], names)
+                raise _no_option(stage, name, known)
             active = [place for place in found if place.counts_with(method)]
             if not active and (layer is asked or name != found[0].path):
                 raise _no_effect(stage, name, chooser.name, method, found)
@@ -183,6 +195,17 @@ def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, An
             yield from ((f"{name}.{inner}", each) for inner, each in value.items())
         else:
             yield name, value
+
+
+def _no_option(stage: str, name: str, known: Sequence[Place]) -> BadUsage:
+    """The error for an option that does not exist, or went with its method."""
+    chooser = known[0]
+    for method, gone in chooser.item.metadata["retired"].items():
+        if name.partition(".")[0] in (method, *gone.options):
+            went = f"option {stage}.{name} is gone with {chooser.name} = {method}"
+            return BadUsage(f"{went}; use {chooser.name} = {gone.successor}")
+    names = dict.fromkeys(place.name for place in known)
+    return unknown(f"option {stage}.{name}", name.rpartition(".")[2], names)
 
 
 def _no_effect(stage: str, name: str, chooser: str, method: Any, found: list[Place]) -> BadUsage:
@@ -218,6 +241,8 @@ def _check_value(where: str, value: Any, place: Place) -> None:
     if high is not None and not value <= high:
         raise BadUsage(f"{where} = {value} is too large; use at most {high}")
     if choices and value not in choices:
+        if gone := rules["retired"].get(value):
+            raise BadUsage(f"{where} = {value!r} is gone; use {gone.successor}")
         raise unknown(f"{where} = {value!r}", str(value), choices)
 
 
@@ -243,6 +268,11 @@ def flags(options: type) -> dict[str, tuple[Place, str]]:
     for place in places(options):
         alike.setdefault(place.name, []).append(place)
     return {name: (found[0], _united_help(found)) for name, found in alike.items()}
+
+
+def retired_flags(options: type) -> list[str]:
+    """Flags of methods that are gone. They are still parsed, so that whoever types one is told what replaces it."""
+    return [name for gone in places(options)[0].item.metadata["retired"].values() for name in gone.options]
 
 
 def _united_help(found: list[Place]) -> str:

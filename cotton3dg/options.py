@@ -18,8 +18,8 @@ from .command_options import (
     RenderOptions,
     SimulateOptions,
 )
-from .errors import unknown
-from .option_rules import effective, given_values, option, options_of, resolved
+from .errors import BadUsage, unknown
+from .option_rules import Retired, effective, given_values, option, options_of, resolved
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
@@ -134,7 +134,7 @@ class AnySamOptions(NetworkOptions):
 class SamOptions(AnySamOptions):
     """Masks by SAM, prompted by points or boxes."""
 
-    prompts: str = option("", "table of points (image,x,y) or boxes (image,x1,y1,x2,y2); default: from lint")
+    prompts: str = option("", "table of points (image,x,y) or boxes (image,x1,y1,x2,y2); default: what bolls finds")
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,8 @@ class MasksOptions:
         "bolls",
         "who finds the bolls in the images",
         paper="yolo, sam, grounded-sam",
-        choices=("bolls", "lint", "import", "yolo", "sam", "grounded-sam"),
+        choices=("bolls", "import", "yolo", "sam", "grounded-sam"),
+        retired={"lint": Retired("bolls")},
     )
     views: int = option(
         36, "images that get masks, evenly spaced around the plant", paper="4", at_least=2, idle_with=("import",)
@@ -211,22 +212,18 @@ class DbscanOptions:
 
 
 @dataclass(frozen=True)
-class AgglomerativeOptions:
-    """Bolls as the nearest objects of different views."""
-
-    reach: float = option(0.6, "farthest distance of two objects, in median widths of a mask", at_least=0.0)
-
-
-@dataclass(frozen=True)
 class ClusterOptions:
     """From the selections of single views to bolls."""
 
     method: str = option(
-        "consensus", "how views are reconciled", paper="dbscan", choices=("consensus", "dbscan", "agglomerative")
+        "consensus",
+        "how views are reconciled",
+        paper="dbscan",
+        choices=("consensus", "dbscan"),
+        retired={"agglomerative": Retired("consensus", ("reach",))},
     )
     boll_plys: bool = option(False, "save each boll's Gaussians as a PLY of its own")
     dbscan: DbscanOptions = options_of(DbscanOptions, "dbscan")
-    agglomerative: AgglomerativeOptions = options_of(AgglomerativeOptions, "agglomerative")
 
 
 @dataclass(frozen=True)
@@ -387,10 +384,16 @@ def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) 
 
     Args:
         version: of the stage that wrote the record; what was the default of an older one was no choice.
+    Raises:
+        BadUsage: an earlier version had an option or a method that this one does not have.
     """
     if version is not None:
         values = {name: value for name, value in values.items() if not is_former_default(stage, version, name, value)}
-    return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
+    try:
+        return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
+    except BadUsage as error:
+        said = f"{stage} was made by an earlier version: {error}"
+        raise BadUsage(f"{said}; run `cotton3dg {stage}` again") from error
 
 
 def is_former_default(stage: str, version: int, name: str, value: Any) -> bool:

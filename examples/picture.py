@@ -13,7 +13,7 @@ from cotton3dg.gaussians.rasterizer import render
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import read_ids, read_image, write_image
 from cotton3dg.io.ply import read_gaussians
-from cotton3dg.masks.detect_lint import draw_overlay
+from cotton3dg.report.figures import outline_masks
 from cotton3dg.workspace import Workspace
 
 
@@ -28,7 +28,8 @@ def picture(plant_dir: Path) -> np.ndarray:
     camera = next(c for c in read_cameras(workspace.undistorted / "sparse") if c.name == name)
     photo = read_image(workspace.undistorted_image(name))
     model = eight_bit(render(read_gaussians(workspace.gaussians_ply), camera).image)
-    masks = draw_overlay(photo, read_ids(workspace.mask_png(name)))
+    ids = read_ids(workspace.mask_png(name))
+    masks = outline_masks(photo, ids, {boll: boll for boll in np.unique(ids)})
     bolls = eight_bit(render(read_gaussians(workspace.bolls_ply), camera).image)
     return np.vstack([np.hstack([photo, model]), np.hstack([masks, bolls])])
 

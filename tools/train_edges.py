@@ -20,7 +20,6 @@ from cotton3dg.evaluation.masks import read_true_masks
 from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.io.annotations import undistort_ids
-from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import open_bolls
 from cotton3dg.masks.edge_training import EdgePicture, to_onnx, train_edges
 from cotton3dg.masks.lint_edges import SHOWN
@@ -39,7 +38,7 @@ def pictures_of(run: Workspace) -> Iterator[EdgePicture]:
     plant, truths = load_plant(run, MasksOptions()), read_true_masks(run, run.root / "instances")
     if plant.model is None or plant.allowed is None:
         raise SystemExit(f"{run.root} has no trained model; run it first")
-    chosen = evenly_spaced(azimuths(plant.cameras, fit_orbit(plant.cameras)), VOTING_VIEWS)
+    chosen = evenly_spaced(azimuths(plant.cameras, fit_orbit(plant.cameras)), MasksOptions.views)
     windows = find_plant_windows(plant.points, plant.cameras, SEEN_MARGIN)
     network, views = open_bolls(), [plant.cameras[k] for k in chosen]
     maps = [network.maps(plant.photo(plant.cameras[k].name), window=windows[k]) for k in chosen]

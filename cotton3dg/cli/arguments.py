@@ -13,7 +13,7 @@ import typer
 
 from ..errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
 from ..io.saving import explained
-from ..option_rules import flags
+from ..option_rules import flags, retired_flags
 from ..options import PRESETS, STAGE_OPTIONS, STANDARD
 
 given = partial(typer.Argument, readable=False)
@@ -95,6 +95,10 @@ def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> 
         flag = typer.Option(help=told, show_default=str(place.item.default) or "none")
         annotation = Annotated[place.kind | None, flag]
         parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
+    for name in retired_flags(options):
+        parameters.append(
+            inspect.Parameter(name, position, annotation=Annotated[str | None, typer.Option(hidden=True)], default=None)
+        )
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     command.__doc__ = options.__doc__

@@ -48,7 +48,7 @@ def cluster_objects(
         eps: radius around a point that has to hold `min_samples` points, itself among them, in median widths of an
             object. A Gaussian that several objects hold counts as often.
     Returns:
-        bolls of at least one view, see `bolls_of_groups`.
+        bolls, see `bolls_of_groups`.
     """
     points = np.asarray(means, np.float64)
     objects = drop_large(find_objects(lifted, points), points)
@@ -60,7 +60,7 @@ def cluster_objects(
     for cluster in sorted({member.cluster for member in members}):
         within = [member.item for member in members if member.cluster == cluster]
         groups += part_cluster(within, points, reach_su)
-    return bolls_of_groups(groups, lifted, points, up, least_views=1)
+    return bolls_of_groups(groups, lifted, points, up)
 
 
 def drop_large(objects: list[ViewObject], points: Float64) -> list[ViewObject]:

@@ -19,7 +19,6 @@ from ..schemas.bolls import boll_labels, describe_bolls, read_lifted
 from ..schemas.masks import MasksInfo
 from ..stage import Cost, Stage, twice_the_model
 from ..workspace import Workspace
-from .agglomerative import join_objects
 from .boll_masks import assign_masks, weigh_scores
 from .boll_shape import flag_close
 from .consensus import merge_views
@@ -45,8 +44,6 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     together = masks is not None and masks.together
     if options.method == "dbscan":
         bolls = cluster_objects(lifted, gaussians.means, up, options.dbscan.eps, options.dbscan.min_samples)
-    elif options.method == "agglomerative":
-        bolls = join_objects(lifted, gaussians.means, up, options.agglomerative.reach)
     else:
         bolls = merge_views(lifted, gaussians.means, up, together=together)
     bolls = flag_close(bolls)

@@ -55,19 +55,17 @@ def join_nearest(
     centres: Float64,
     view_of: NDArray[np.int64],
     may_join: Callable[[list[int], list[int]], bool],
-    reach: float = np.inf,
 ) -> list[list[int]]:
     """Members of each group. The two nearest groups join, again and again, unless they share a view.
 
     Args:
         centres: (M, 3) of the objects; that of a group is the mean of its members'. view_of: (M,)
         may_join: called with the members of two groups that do not share a view.
-        reach: farthest distance of the centres of two groups that join.
     """
     members = [[k] for k in range(len(centres))]
     middles = centres.copy()
     distances = cdist(centres, centres)
-    distances[(distances > reach) | (view_of[:, None] == view_of)] = np.inf
+    distances[view_of[:, None] == view_of] = np.inf
     while np.isfinite(distances).any():
         keep, gone = sorted(int(k) for k in np.unravel_index(distances.argmin(), distances.shape))
         if not may_join(members[keep], members[gone]):
@@ -78,19 +76,19 @@ def join_nearest(
         distances[gone] = distances[:, gone] = np.inf
         shared = np.array([bool(m) and not {*view_of[m]}.isdisjoint(view_of[members[keep]]) for m in members])
         fresh = np.linalg.norm(middles - middles[keep], axis=1)
-        fresh[shared | (fresh > reach) | np.array([not m for m in members])] = np.inf
+        fresh[shared | np.array([not m for m in members])] = np.inf
         distances[keep] = distances[:, keep] = fresh
     return [group for group in members if group]
 
 
 def bolls_of_groups(
-    groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: Float64, up: Float64, least_views: int
+    groups: Sequence[Sequence[ViewObject]], lifted: LiftedMasks, points: Float64, up: Float64
 ) -> list[BollInstance]:
     """One boll for each group, numbered from the top downwards.
 
     A Gaussian that several groups claim goes to the one with the most weight. The confidence is the share of the views
-    that see the boll and show it. Left out are groups of fewer than `least_views` views, or with less confidence than
-    `LEAST_CONFIDENCE`, and those left with fewer than 10 Gaussians.
+    that see the boll and show it. Left out are groups with less confidence than `LEAST_CONFIDENCE`, and those left with
+    fewer than 10 Gaussians.
 
     Args:
         points: (N, 3) su. up: (3,) roughly upwards in the scene; only the numbering depends on it.
@@ -105,7 +103,7 @@ def bolls_of_groups(
         rows = np.flatnonzero(owners == number)
         rows = rows[find_compact_part(points[rows])]
         names = tuple(lifted.views[view] for view in sorted({item.view for item in group}))
-        if len(names) < least_views or len(rows) < MIN_GAUSSIANS:
+        if len(rows) < MIN_GAUSSIANS:
             continue
         centre, size = measure_extent(points[rows])
         able = (lifted.seen[:, np.searchsorted(lifted.candidates, rows)] > 0).mean(axis=1) >= 0.3

@@ -79,13 +79,17 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     """Add corrections, or take back the last one, and measure the bolls again with all that are kept.
 
     Raises:
-        BadUsage: a correction that makes no sense, or a boll that is not there.
+        BadUsage: a correction that makes no sense, a boll that is not there, or a plant of an earlier version that used
+            a method which is gone.
         BadInput: the file cannot be read.
         MissingInput: the plant has no result yet.
     """
     records = {stage: workspace.read_record(stage) for stage in STAGES}
     if not all(record and record.is_ok for record in records.values()):
         raise MissingInput("the plant has no finished result to correct; run `cotton3dg run` first")
+    options = {
+        stage: recorded(stage, record.options, record.stage_version) for stage, record in records.items() if record
+    }
     kept = Corrections.load_if_there(workspace.corrections_json) or Corrections()
     if asked.undo and not kept.corrections:
         raise BadUsage("there is no correction to take back")
@@ -108,9 +112,6 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
             kept.save(workspace.corrections_json)
         else:
             workspace.corrections_json.unlink(missing_ok=True)
-    options = {
-        stage: recorded(stage, record.options, record.stage_version) for stage, record in records.items() if record
-    }
     choices = choose(workspace).to_keep(STAGES)
     if table_moves:
         _scale_again(workspace, options, choices, watcher)

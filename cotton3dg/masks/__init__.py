@@ -1,1 +1,1 @@
-"""Bolls in single images: by lint that all views vote for in space, or by networks with the user's own weights."""
+"""Bolls in single images: by the bolls' network, or by networks with the user's own weights."""

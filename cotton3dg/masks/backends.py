@@ -19,17 +19,12 @@ from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..io.annotations import read_masks, undistort_ids
 from ..options import MasksOptions
-from .bolls import open_bolls
+from .bolls import BollNetwork, open_bolls
 from .detect_bolls import detect_bolls
-from .detect_lint import detect_lint
 from .grounding_dino import find_boxes, open_grounding_dino
 from .sam import Prompts, detect_sam, open_sam, prompts_around, table_prompts
 from .yolo import detect_yolo
 from .yolo_networks import class_numbers, open_network
-
-VOTING_VIEWS: Final = 36
-"""Number of views that vote on where lint is, if there are as many; it does not depend on how many views get masks.
-One every ten degrees."""
 
 EXPORTED: Final = re.compile(r"_(?:jpe?g|png)\.rf\.\w+$")
 """What Roboflow puts behind an image's name."""
@@ -39,7 +34,6 @@ NO_LINT: Final = (
 )
 NOTHING_FOUND: Final = {
     "bolls": NO_LINT,
-    "lint": NO_LINT,
     "import": "none of the imported images has a mask; if the plant has open bolls, draw them",
 }
 NO_DETECTION: Final = (
@@ -85,29 +79,19 @@ class Found:
 
 def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
     """Masks of the bolls' network, on views evenly spaced around the plant; by place, too, once there is a model."""
-    network = open_bolls(plant.file(options.bolls.weights) if options.bolls.weights else None)
-    views = _spaced(plant, options)
+    own = options.bolls.weights
+    return Found(_find_bolls(plant, options.views, open_bolls(plant.file(own) if own else None), progress))
+
+
+def _find_bolls(plant: Plant, n_views: int, network: BollNetwork, progress: Progress) -> MaskSet:
+    views = _spaced(plant, n_views)
     images = [plant.photo(camera.name) for camera in views]
     if plant.model is None:
-        return Found(detect_bolls(images, views, network, progress=progress))
+        return detect_bolls(images, views, network, progress=progress)
     windows = find_plant_windows(plant.points, plant.cameras, SEEN_MARGIN)
     of_name = {camera.name: window for camera, window in zip(plant.cameras, windows, strict=True)}
     seen = [of_name[camera.name] for camera in views]
-    return Found(detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen, plant.cm_per_su))
-
-
-def by_lint(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
-    """Masks by colour and shape, on views evenly spaced around the plant; by distance, too, once there is a model."""
-    cameras = plant.cameras
-    orbit = fit_orbit(_several(cameras))
-    angles = azimuths(cameras, orbit)
-    many = evenly_spaced(angles, max(options.views, VOTING_VIEWS))
-    few = many[evenly_spaced(angles[many], min(options.views, VOTING_VIEWS))]
-    painted, voting = (many, few) if options.views > VOTING_VIEWS else (few, many)
-    seen = [cameras[i] for i in many]
-    images = [plant.photo(camera.name) for camera in seen]
-    names, voters = ({cameras[i].name for i in chosen} for chosen in (painted, voting))
-    return Found(detect_lint(images, seen, orbit, plant.points, names, progress, voters, plant.model))
+    return detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen, plant.cm_per_su)
 
 
 def by_yolo(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
@@ -128,19 +112,19 @@ def by_yolo(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
         )
 
     notes = (network.notice,) if network.notice else ()
-    return Found(_each(plant, _spaced(plant, options), detect, progress), notes)
+    return Found(_each(plant, _spaced(plant, options.views), detect, progress), notes)
 
 
 def by_sam(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
-    """Masks of SAM, prompted by the user's table or, without one, by the masks of `lint`."""
+    """Masks of SAM, prompted by the user's table or, without one, by the masks of `bolls`."""
     own = options.sam
     segment = open_sam(_given(plant, own.weights, "--weights"), trusted=own.trust_weights)
     if own.prompts:
         prompts = table_prompts(plant.file(own.prompts), plant.cameras)
         views = [camera for camera in plant.cameras if camera.name in prompts]
     else:
-        lint = by_lint(plant, options, progress).masks
-        prompts = {name: prompts_around(ids) for name, ids in lint.ids.items()}
+        bolls = _find_bolls(plant, options.views, open_bolls(), progress)
+        prompts = {name: prompts_around(ids) for name, ids in bolls.ids.items()}
         views = [camera for camera in plant.cameras if camera.name in prompts]
 
     def detect(name: str, image: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], dict[int, float]]:
@@ -162,7 +146,7 @@ def by_text(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
         boxes = find_boxes(image, find, confidence=own.text_confidence, tile_px=own.tile)
         return detect_sam(image, segment, Prompts(boxes=boxes), confidence=own.confidence, tile_px=own.tile)
 
-    return Found(_each(plant, _spaced(plant, options), detect, progress))
+    return Found(_each(plant, _spaced(plant, options.views), detect, progress))
 
 
 def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
@@ -200,16 +184,12 @@ def imported(plant: Plant, options: MasksOptions, _: Progress) -> Found:
     return Found(masks, notes)
 
 
-def _several(cameras: Sequence[Camera]) -> Sequence[Camera]:
-    if len(cameras) < 2:
-        raise CaptureFailed("only one image has a pose; bolls are found from several sides, so film a full turn")
-    return cameras
-
-
-def _spaced(plant: Plant, options: MasksOptions) -> list[Camera]:
+def _spaced(plant: Plant, n_views: int) -> list[Camera]:
     """Cameras evenly spaced around the plant."""
-    angles = azimuths(plant.cameras, fit_orbit(_several(plant.cameras)))
-    return [plant.cameras[i] for i in evenly_spaced(angles, options.views)]
+    if len(plant.cameras) < 2:
+        raise CaptureFailed("only one image has a pose; bolls are found from several sides, so film a full turn")
+    angles = azimuths(plant.cameras, fit_orbit(plant.cameras))
+    return [plant.cameras[i] for i in evenly_spaced(angles, n_views)]
 
 
 def _each(plant: Plant, views: Sequence[Camera], detect: Detector, progress: Progress) -> MaskSet:
@@ -235,7 +215,6 @@ def _listed(text: str) -> list[str]:
 
 BACK_ENDS: Final[dict[str, Callable[[Plant, MasksOptions, Progress], Found]]] = {
     "bolls": by_bolls,
-    "lint": by_lint,
     "import": imported,
     "yolo": by_yolo,
     "sam": by_sam,

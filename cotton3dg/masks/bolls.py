@@ -122,9 +122,7 @@ class BollNetwork:
 
 SHIPPED_FILE: Final = Path(__file__).with_name("bolls.onnx")
 """The weights that the program brings."""
-REMEDY: Final = (
-    "give a network that masks-train made, or none for the one that comes with cotton3dg, or use --backend lint"
-)
+REMEDY: Final = "give a network that masks-train made, or none for the one that comes with cotton3dg"
 
 
 def open_bolls(weights: Path | None = None) -> BollNetwork:

@@ -8,7 +8,7 @@ from typing import Final
 
 from ..errors import EnvironmentUnusable
 
-REINSTALL: Final = "install cotton3dg again, or use --backend lint"
+REINSTALL: Final = "install cotton3dg again"
 
 
 def read_shipped(file: Path) -> bytes:

@@ -20,7 +20,6 @@ from torch.nn import functional
 from ..core.scene import Float32
 from ..io import onnx
 from .lint_edges import CHANNELS, describe
-from .paint_bolls import nearest_silhouettes
 
 WIDTH: Final = 24
 """Channels between the convolutions."""
@@ -143,7 +142,7 @@ def _shaded(light: Float32, true: NDArray[np.uint16], rng: np.random.Generator) 
         return light, shade
     side, warmth, strength = rng.normal(np.pi / 2, 0.5), rng.uniform(-0.05, 0.35), rng.uniform(0.2, 0.85)
     away = cv2.distanceTransform((true == 0).astype(np.uint8), cv2.DIST_L2, 5)
-    owners = nearest_silhouettes(true)
+    owners = _nearest_bolls(true)
     for boll in np.unique(true[true > 0]):
         if rng.random() < 0.15:
             continue
@@ -156,6 +155,16 @@ def _shaded(light: Float32, true: NDArray[np.uint16], rng: np.random.Generator) 
         colour[y, x] = np.exp(warmth * shade[y, x, None] * np.array([1, 0, -1.3]))
     shade = cv2.GaussianBlur(shade, (0, 0), 0.7).astype(np.float32)
     return light * (1 - shade[..., None]) * colour, shade
+
+
+def _nearest_bolls(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The boll (H, W) that is nearest to each pixel."""
+    _, places = cv2.distanceTransformWithLabels(
+        (ids == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    boll_of_place = np.zeros(places.max() + 1, np.uint16)
+    boll_of_place[places[ids > 0]] = ids[ids > 0]
+    return boll_of_place[places]
 
 
 def _learnable(picture: EdgePicture, rng: np.random.Generator) -> _Lesson:

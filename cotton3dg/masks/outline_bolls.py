@@ -12,10 +12,11 @@ from ..core.scene import Camera, Float32
 from .lint_edges import SHOWN, EdgeNetwork
 from .lint_in_space import LintInSpace
 from .lint_owners import LintOwners
-from .paint_bolls import without_specks
 
 SURROUNDINGS_PX: Final = 24
 """Width of the surroundings that the network sees."""
+SPECK: Final = 9
+"""Pixels of the smallest piece of a mask."""
 
 
 def outline_bolls(
@@ -50,3 +51,17 @@ def outline_bolls(
     is_lint[window] = edges.find_lint(image[window], share[window], whole[window], diameter_px)
     ids[is_lint] = owners.at(places[is_lint])
     return without_specks(ids)
+
+
+def without_specks(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """`ids` without pieces of fewer than `SPECK` pixels."""
+    from scipy import ndimage
+
+    kept = ids.copy()
+    for boll, box in enumerate(ndimage.find_objects(ids), start=1):
+        if box is not None:
+            own = (ids[box] == boll).astype(np.uint8)
+            _, pieces, facts, _ = cv2.connectedComponentsWithStats(own, connectivity=8)
+            small = facts[:, cv2.CC_STAT_AREA] < SPECK
+            kept[box][small[pieces] & (own > 0)] = 0
+    return kept

@@ -25,7 +25,7 @@ from ..schemas.masks import MaskedImage, MasksInfo
 from ..schemas.scale import ScaleInfo
 from ..stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 from ..workspace import Workspace
-from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, VOTING_VIEWS, Plant
+from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, Plant
 from .bolls import SHIPPED_FILE, seen_size
 from .lint_edges import EDGES_FILE
 from .same_boll import SCORE_FILE
@@ -53,19 +53,21 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """The networks and the score that come with the program, and the model, if a back end uses it."""
-    networks = [EDGES_FILE, SCORE_FILE] if options.backend == "bolls" else []
-    networks += [SHIPPED_FILE] if networks and not options.bolls.weights else []
-    return [*networks, *([workspace.gaussians_ply] if _looks_at_model(options) else [])]
+    """What finds bolls besides the photos: the networks and the score that come with the program, and the model."""
+    if not _finds_bolls(options):
+        return []
+    own_network = options.backend == "bolls" and options.bolls.weights
+    return [EDGES_FILE, SCORE_FILE, *([] if own_network else [SHIPPED_FILE]), workspace.gaussians_ply]
 
 
-def _looks_at_model(options: MasksOptions) -> bool:
-    return options.backend in {"bolls", "lint"} or (options.backend == "sam" and not options.sam.prompts)
+def _finds_bolls(options: MasksOptions) -> bool:
+    """Whether the bolls' network finds them, for masks or for prompts."""
+    return options.backend == "bolls" or (options.backend == "sam" and not options.sam.prompts)
 
 
 def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
-    """The length of a scene unit, from the scale; only `bolls` depends on it."""
-    if options.backend != "bolls":
+    """The length of a scene unit, from the scale; only the bolls' network depends on it."""
+    if not _finds_bolls(options):
         return {}
     try:
         length = read_unit_length(workspace)
@@ -127,7 +129,7 @@ def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
     sparse = workspace.require(workspace.undistorted / "sparse", "sfm")
     cameras = read_cameras(sparse)
     # One camera alone does not have an orbit; the back ends report that.
-    has_model = _looks_at_model(options) and workspace.gaussians_ply.is_file() and len(cameras) > 1
+    has_model = _finds_bolls(options) and workspace.gaussians_ply.is_file() and len(cameras) > 1
     model = read_gaussians(workspace.gaussians_ply) if has_model else None
     return Plant(
         cameras,
@@ -135,7 +137,7 @@ def load_plant(workspace: Workspace, options: MasksOptions) -> Plant:
         points=read_points(sparse)[0],
         model=model,
         allowed=None if model is None else within_orbit(model.means, cameras, fit_orbit(cameras)),
-        cm_per_su=read_unit_length(workspace) if options.backend == "bolls" else None,
+        cm_per_su=read_unit_length(workspace) if _finds_bolls(options) else None,
         filmed=workspace.sfm_model,
         own_masks=workspace.masks_input,
         file=workspace.named_file,
@@ -158,14 +160,14 @@ def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """`bolls` costs by what the network sees, and by the edges at full size. All others cost as much as `lint`, where
-    all voting views count, with masks or without."""
+    """`bolls` costs by what the network sees, and by the edges at full size. What another back end costs depends on the
+    user's network; this suits a small one."""
     width, height = work.size
-    image_mp, voting = width * height / 1e6, min(max(work.views, VOTING_VIEWS), work.images)
+    image_mp = width * height / 1e6
     if work.options["masks"].backend == "bolls":
         seen_mp = math.prod(seen_size(height, width)) / 1e6
         return Cost((0.46 * seen_mp + 0.22 * image_mp) * work.views)
-    return Cost((0.16 + 0.05 * image_mp) * voting + 0.36 * image_mp * work.views)
+    return Cost((0.16 + 0.41 * image_mp) * work.views)
 
 
 STAGE: Final = Stage(

@@ -195,12 +195,6 @@ FLAGS: Final = {
         " The intervals of count and volume allow for it.",
         "The warning says where it is; if it is a boll, add it (cotton3dg correct).",
     ),
-    "masks_by_colour": Meaning(
-        "Masks by colour alone",
-        "The back end lint knows bolls by their whiteness: those that touch can merge, and shaded sides can be lost."
-        " The intervals of count and volume allow for it.",
-        "Use the default, the bolls' network: masks --backend bolls.",
-    ),
     "lost_tips": Meaning(
         "A twig may be cut short",
         "Solid specks hang in the air beside the plant, or its ends are very faint, as where the model lacks a thin"

@@ -60,9 +60,6 @@ AS_IF_NEAR: Final = 0.8
 PARTED_IN_SUM: Final = 0.5
 """Share of that error that counts in the plant's volume: one of two bolls gains what the other loses, and a part of a
 lost boll's volume remains. Fitted."""
-BY_COLOUR_VOLUME: Final = 0.09
-"""Relative standard error of the plant's volume from masks by colour alone (`lint`), which lose shaded sides: -16 to
-+15 % on six path-traced plants."""
 HALVES_DIFFER: Final = 0.05
 """Difference of the counts by either half of the images, as a share of the larger one, from which the plant has a flag.
 A difference of one boll does not matter."""
@@ -171,14 +168,13 @@ def plant_volume_error_cm3(
     nearest: Float64,
     scale: Scale | None,
     pixel_cm: float,
-    by_colour: bool = False,
     filming: Filming = WELL_FILMED,
 ) -> float:
     """Standard error of the sum of the bolls' volumes, if each is one boll: shared errors add up, the others add in
     squares.
 
     Args:
-        nearest: (B,) from `nearest_neighbours`. by_colour: whether the masks are by colour alone.
+        nearest: (B,) from `nearest_neighbours`.
     """
     if scale is None or not filming.whole:
         return np.nan
@@ -189,8 +185,7 @@ def plant_volume_error_cm3(
     by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, filming) for boll in known]
     parted = (1 - PARTED_IN_SUM**2) * (parted_error(nearest[measured]) * volumes) ** 2
     own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2 - parted
-    by_masks = BY_COLOUR_VOLUME * volumes.sum() if by_colour else 0.0
-    return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum() + by_masks**2))
+    return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum()))
 
 
 def _shared(diameter: float, pixel: float, filming: Filming) -> float:

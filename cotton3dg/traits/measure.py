@@ -133,7 +133,6 @@ def measure_parts(
 def measure_whole(
     parts: Parts,
     halves: tuple[int, int] | None = None,
-    by_colour: bool = False,
     thin_ends: Sequence[Float64] = (),
     left_out: Sequence[LeftOut] = (),
 ) -> Measured:
@@ -141,7 +140,6 @@ def measure_whole(
 
     Args:
         halves: counts of bolls by either half of the images, where they are known.
-        by_colour: whether the masks are by colour alone, without a network.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
         left_out: what may be further bolls.
     """
@@ -154,10 +152,6 @@ def measure_whole(
         concerns["halves_disagree"] = (
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
-    if by_colour and parts.bolls:
-        concerns["masks_by_colour"] = (
-            "masks by colour alone merge bolls that touch and lose shaded sides; use masks --backend bolls"
-        )
     diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls if is_counted(boll.flags)])
     if scale and blurs_bolls(filming.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
@@ -169,9 +163,7 @@ def measure_whole(
         concerns["bolls_left_out"] = (
             f"not counted, though each may be a boll: {where}; if one is, add it (cotton3dg correct)"
         )
-    traits = summarise_plant(
-        parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, by_colour, filming, left_out
-    )
+    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, filming, left_out)
     return Measured(plant, parts.bolls, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
@@ -287,7 +279,6 @@ def summarise_plant(
     pixel_su: float = 0.0,
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
-    by_colour: bool = False,
     filming: Filming = WELL_FILMED,
     left_out: Sequence[LeftOut] = (),
 ) -> PlantTraits:
@@ -296,7 +287,7 @@ def summarise_plant(
     Bolls that do not hang on the plant only affect the count's error, because they may belong to it after all.
 
     Args:
-        pixel_su, halves, by_colour, filming, left_out: as for `measure_parts` and `measure_whole`.
+        pixel_su, halves, filming, left_out: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
     The errors of its traits are in error_model.py.
@@ -338,7 +329,7 @@ def summarise_plant(
     possible = [Possible(thing.probability, np.pi / 6 * (thing.diameter_su * cm) ** 3) for thing in left_out]
     count = distribute_count(found, touches, halves, filming, possible)
     missing = miscounted_volume(found, touches, filming, possible) if measured else Moments(np.nan, np.nan)
-    of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, by_colour, filming) if measured else np.nan
+    of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, filming) if measured else np.nan
     of_volume = float(np.hypot(of_bolls, np.sqrt(missing.variance)))
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]

@@ -26,7 +26,7 @@ from ..io.ply import read_gaussians
 from ..io.saving import write_text_atomically
 from ..io.skeleton import draw_map, skeleton_ply
 from ..io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
-from ..options import TraitsOptions
+from ..options import TraitsOptions, recorded
 from ..plant_map.edges import edge_opacity
 from ..plant_map.map_plant import map_gaussians
 from ..plant_map.summary import boll_rows, branch_rows, summarise_map
@@ -127,7 +127,9 @@ def _measure(
     """The measures, a person's corrections, and the map, up to the ends of twigs that only the photos show."""
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     masks = MasksInfo.load_if_there(workspace.masks_json)
-    halves, by_colour = (masks.halves, masks.backend == "lint") if masks else (None, False)
+    if masks:
+        recorded("masks", {"backend": masks.backend})  # refuses those of a back end that is gone
+    halves = masks.halves if masks else None
     cameras = _cameras(workspace)
     filming = _filming(workspace, cameras)
 
@@ -145,9 +147,9 @@ def _measure(
         plant_map = _map(gaussians, last, cameras, [trail.places for trail in trails])
         ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
     left_out = read_left_out(workspace.bolls_json)
-    measured = measure_whole(before, halves, by_colour, ends, left_out)
+    measured = measure_whole(before, halves, ends, left_out)
     if corrected:
-        again = measure_whole(last, None, by_colour, ends, still_left_out(left_out, corrected.bolls))
+        again = measure_whole(last, None, ends, still_left_out(left_out, corrected.bolls))
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     return measured, corrected, plant_map
 

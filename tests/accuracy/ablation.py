@@ -6,7 +6,7 @@ A PLANT is a folder where `cotton3dg train` is through, with `truth.json`, `came
 the folder given after a colon (RUN:TRUTH). Prints a table: bolls that were counted, F1 of the masks at IoU 0.5 and
 mIoU, for each plant; nothing in the plants' folders changes.
 
-classes     lint is what has its colour and brightness (`masks/detect_lint.py`)
+classes     lint is what has its colour and brightness (`lint_by_colour.py`)
 offsets     each pixel votes for the place where it is itself
 sizes       each boll is as wide as the usual one of its image
 lengths     parts are joined by whether their votes meet in one place alone, however wide they are together
@@ -25,6 +25,7 @@ from unittest import mock
 import cv2
 import numpy as np
 import pandas as pd
+from lint_by_colour import lint_score
 from markdown_tables import markdown
 from numpy.typing import NDArray
 from true_scene import TruePlant, true_masks, true_plant
@@ -39,7 +40,6 @@ from cotton3dg.masks import detect_bolls as detect_bolls_module
 from cotton3dg.masks import separate_bolls
 from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
 from cotton3dg.masks.detect_bolls import detect_bolls
-from cotton3dg.masks.detect_lint import lint_score
 from cotton3dg.masks.group_votes import weighted_median
 from cotton3dg.masks.same_boll import read_score
 

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from lint_by_colour import lint_score
 from markdown_tables import markdown
 from numpy.typing import NDArray
 
 from cotton3dg.io.images import list_images, read_image, write_image
-from cotton3dg.masks.detect_lint import lint_score
 
 Find = Callable[[NDArray[np.uint8]], NDArray[np.uint16]]
 """(H, W, 3) RGB -> instance ids (H, W), 0 = background."""

@@ -1,12 +1,12 @@
 """From masks to bolls: methods x number of views x quality of the masks, on plants whose bolls are known.
 
-    python tests/accuracy/segmentation_sweep.py FOLDER PLANT ... [--methods lift] [--masks exact lint] [--minutes 25]
+    python tests/accuracy/segmentation_sweep.py FOLDER PLANT ... [--methods lift] [--masks exact found] [--minutes 25]
 
 A PLANT is a folder where `cotton3dg run` is through, with `truth.json`, `cameras.json` and `instances/` in it or in the
 folder given after a colon (RUN:TRUTH). Masks of the plant's images are made exact, degraded from these (15 % missed,
 30 % of the pairs that touch in the image merged, 5 % split, edges 1 px off; the same in every run), or taken as the
-`lint` back end made them. The default method is tried with every number of views, then those of the papers with 36 and
-with four. Nothing in the plants' folders changes.
+plant's run made them (found). The default method is tried with every number of views, then those of the papers with 36
+and with four. Nothing in the plants' folders changes.
 
 Each trial is kept in FOLDER/PLANT.csv as it ends, and not repeated while the plant's model is the same: the command
 continues after an interruption, and after --minutes of the processor, when it starts no more trials. At the end all are
@@ -54,7 +54,7 @@ from cotton3dg.workspace import Workspace
 
 METHODS = {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}
 """Method of segment -> of cluster."""
-MASKS = ("lint", "exact", "degraded")
+MASKS = ("found", "exact", "degraded")
 VIEWS = (4, 8, 12, 24, 36, 48)
 PAPER_VIEWS = (36, 4)
 """For the methods of the papers, which take up to a hundred times as long."""
@@ -65,7 +65,7 @@ TRIAL = ["masks", "views", "method"]
 def masks_of(plant: TruePlant, kind: str) -> dict[str, np.ndarray]:
     """Image name -> ids at the size of the undistorted image, of all views that have masks."""
     cameras = read_cameras(plant.run.undistorted / "sparse")
-    if kind == "lint":
+    if kind == "found":
         files = {camera.name: plant.run.mask_png(camera.name) for camera in cameras}
         return {name: read_ids(path) for name, path in files.items() if path.is_file()}
     if kind == "exact":

@@ -1,9 +1,9 @@
 """mBIoU of single bolls, each the only target: the layout of Table II of the seed paper "binary segmentation".
 
-    python tests/accuracy/single_targets.py PLANT [--targets 1 5 9] [--masks lint] [--steps 7000]
+    python tests/accuracy/single_targets.py PLANT [--targets 1 5 9] [--masks found] [--steps 7000]
 
-PLANT and --masks as in segmentation_sweep.py; the ids of `lint` masks are the same in all images. A row a boll, on the
-views that trained and on those held out.
+PLANT and --masks as in segmentation_sweep.py; the ids of masks of `bolls` are the same in all images. A row a boll, on
+the views that trained and on those held out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("plant", type=true_plant, metavar="PLANT")
     parser.add_argument("--targets", nargs="+", type=int, help="mask ids; default: all")
-    parser.add_argument("--masks", choices=MASKS, default="lint")
+    parser.add_argument("--masks", choices=MASKS, default="found")
     parser.add_argument("--views", type=int, default=36)
     parser.add_argument("--steps", type=int, default=ProbabilityOptions.steps)
     wanted = parser.parse_args()

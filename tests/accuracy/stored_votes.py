@@ -19,7 +19,6 @@ from cotton3dg.gaussians import rasterizer
 from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.io.saving import file_sha256
-from cotton3dg.masks.backends import VOTING_VIEWS
 from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
 from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
 from cotton3dg.masks.meeting_votes import Votes, cast_votes
@@ -62,7 +61,7 @@ def gather_votes(plant: TruePlant, network: BollNetwork) -> StoredVotes:
     if seen.model is None or seen.allowed is None:
         raise SystemExit(f"{plant.run.root} has no trained model; run it first")
     windows = find_plant_windows(seen.points, seen.cameras, SEEN_MARGIN)
-    chosen = evenly_spaced(azimuths(seen.cameras, fit_orbit(seen.cameras)), VOTING_VIEWS)
+    chosen = evenly_spaced(azimuths(seen.cameras, fit_orbit(seen.cameras)), MasksOptions.views)
     views = [seen.cameras[k] for k in chosen]
     maps = [network.maps(seen.photo(seen.cameras[k].name), window=windows[k]) for k in chosen]
     lint = gather_lint(maps, views, seen.model, seen.allowed)

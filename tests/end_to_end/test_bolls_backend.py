@@ -48,9 +48,9 @@ def test_masks_of_the_network_with_and_without_a_model(plant):
 def test_bad_weights_name_the_remedy(plant):
     workspace, _ = plant
     (workspace.root / "text.onnx").write_text("no network")
-    with pytest.raises(BadInput, match="--backend lint"):
+    with pytest.raises(BadInput, match="masks-train made, or none"):
         masks.run(workspace, resolve("masks", {"backend": "bolls", "weights": "text.onnx"}))
-    with pytest.raises(MissingInput, match="--backend lint"):
+    with pytest.raises(MissingInput, match="masks-train made, or none"):
         masks.run(workspace, resolve("masks", {"backend": "bolls", "weights": "none.onnx"}))
 
 

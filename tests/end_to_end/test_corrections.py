@@ -266,6 +266,18 @@ def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
         correct(Workspace(tmp_path / "empty"), Asked(delete=[1]))
 
 
+def test_a_plant_that_used_a_method_which_is_gone_is_not_corrected_but_keeps_its_page(reported_copy):
+    for stage, options in (("cluster", {"method": "agglomerative"}), ("masks", {"backend": "lint"})):
+        reported_copy.write_record(replace(reported_copy.read_record(stage), options=options))
+        with pytest.raises(BadUsage, match=f"is gone; use .*; run `cotton3dg {stage}` again"):
+            correct(reported_copy, Asked(delete=[1]))
+    assert not reported_copy.corrections_json.exists()
+    reported_copy.report_html.unlink()
+    told = CliRunner().invoke(app, ["report", str(reported_copy.root)])
+    assert told.exit_code == 0 and reported_copy.report_html.exists()
+    assert CliRunner().invoke(app, ["status", str(reported_copy.root)]).exit_code == 0
+
+
 def test_they_outlive_another_model_or_are_told_not_to_apply(reported_copy):
     """The scene turned, moved, of another size and with other Gaussians: the plant's frame finds the bolls again."""
     bolls, sha = read_bolls(*reported_copy.final_bolls())

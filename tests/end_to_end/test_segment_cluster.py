@@ -48,10 +48,9 @@ def test_masks_become_bolls(workspace, n_masks):
     assert len(np.unique(shown.colours.round(3), axis=0)) == 6
 
 
-@pytest.mark.parametrize("method", ["dbscan", "agglomerative"])
-def test_objects_join_by_distance_too(workspace, method):
+def test_objects_join_by_dbscan_too(workspace):
     segment.run(workspace, SegmentOptions())
-    summary = cluster.run(workspace, ClusterOptions(method=method)).summary
+    summary = cluster.run(workspace, ClusterOptions(method="dbscan")).summary
     bolls, _ = read_bolls(workspace.bolls_json, workspace.labels_npy)
     pairs = match_bolls(np.array([boll.centre for boll in bolls]), CENTRES, 0.25 * RADIUS)
     # Distance alone does not tell touching bolls apart for certain, but the three others it must.
@@ -83,7 +82,7 @@ def test_smaller_renders_find_the_same_bolls(workspace):
     assert cluster.run(workspace, ClusterOptions()).summary["bolls"] == 5
 
 
-@pytest.mark.parametrize("method", ["consensus", "dbscan", "agglomerative"])
+@pytest.mark.parametrize("method", ["consensus", "dbscan"])
 def test_no_bolls_is_an_answer(workspace, method):
     write_masks(workspace, [np.zeros((200, 240), np.uint16)] * N_VIEWS)
     assert segment.run(workspace, SegmentOptions()).flags == ("no_bolls",)

@@ -51,7 +51,7 @@ def test_probabilities_become_bolls(workspace):
     assert len(read_gaussians(workspace.lint_ply)) == (probabilities > 0.75).sum()
     for kind in ("training", "lint"):
         assert len(list(workspace.folder("segment").glob(f"{kind}_*.jpg"))) == 4
-    for method in ("consensus", "dbscan", "agglomerative"):
+    for method in ("consensus", "dbscan"):
         cluster.run(workspace, ClusterOptions(method=method))
         assert {0, 1, 4} <= found(workspace)
 

@@ -10,13 +10,14 @@ from scenes.table_scene import BOLL_RADIUS_CM, BOLLS_CM, FOOT_CM, POSE, orbit, p
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.errors import BadInput, MissingInput
+from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.io.images import write_image
 from cotton3dg.io.ply import read_gaussians, write_gaussians
 from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.options import TraitsOptions
 from cotton3dg.plant_map.thin_twigs import Trail
 from cotton3dg.schemas.bolls import describe_bolls
+from cotton3dg.schemas.masks import MasksInfo
 from cotton3dg.schemas.record import Record
 from cotton3dg.schemas.scale import ScaleInfo
 from cotton3dg.traits import stage as traits
@@ -157,6 +158,14 @@ def test_bolls_of_another_model_are_refused(workspace):
     workspace.bolls_json.write_text(json.dumps(table | {"gaussians_sha256": "0" * 64}))
     with pytest.raises(BadInput, match="cotton3dg cluster"):
         traits.run(workspace, TraitsOptions())
+
+
+def test_masks_of_a_back_end_that_is_gone_are_refused(workspace):
+    workspace.masks_json.parent.mkdir()
+    MasksInfo("lint", {"backend": "lint"}, {}, 0.0, ()).save(workspace.masks_json)
+    with pytest.raises(BadUsage, match="'lint' is gone; use bolls; run `cotton3dg masks` again"):
+        traits.run(workspace, TraitsOptions())
+    assert not workspace.traits_csv.exists()
 
 
 def test_a_model_without_the_size_of_its_pixels_is_refused(workspace):

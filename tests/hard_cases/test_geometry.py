@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scenes.table_scene import POSE, Pose, gaussians_at, orbit, table_points_cm
 
-from cotton3dg.cluster.agglomerative import join_objects
 from cotton3dg.cluster.dbscan import cluster_objects
 from cotton3dg.core.bolls import BollInstance, BollSelection, LiftedMasks
 from cotton3dg.core.scene import Camera
@@ -110,26 +109,23 @@ def lifted(n, groups):
     return LiftedMasks("", views, np.arange(n), np.ones(n, np.float32), np.ones((2, n), np.float32), selections)
 
 
-@pytest.mark.parametrize("cluster", [cluster_objects, join_objects])
-def test_case_33_clustering_nothing_gives_no_bolls(cluster):
-    assert cluster(lifted(0, []), np.zeros((0, 3), np.float32), np.array([0, 0, 1.0])) == []
-    assert cluster(lifted(50, []), np.zeros((50, 3), np.float32), np.array([0, 0, 1.0])) == []
+def test_case_33_clustering_nothing_gives_no_bolls():
+    assert cluster_objects(lifted(0, []), np.zeros((0, 3), np.float32), np.array([0, 0, 1.0])) == []
+    assert cluster_objects(lifted(50, []), np.zeros((50, 3), np.float32), np.array([0, 0, 1.0])) == []
 
 
-@pytest.mark.parametrize("cluster", [cluster_objects, join_objects])
-def test_case_33_one_point_is_no_boll_and_no_error(cluster):
-    assert cluster(lifted(1, [np.array([0])]), np.zeros((1, 3), np.float32), np.array([0, 0, 1.0])) == []
+def test_case_33_one_point_is_no_boll_and_no_error():
+    assert cluster_objects(lifted(1, [np.array([0])]), np.zeros((1, 3), np.float32), np.array([0, 0, 1.0])) == []
 
 
-@pytest.mark.parametrize("cluster", [cluster_objects, join_objects])
-def test_case_33_another_order_of_gaussians_and_masks_gives_the_same_bolls(cluster):
+def test_case_33_another_order_of_gaussians_and_masks_gives_the_same_bolls():
     means = np.concatenate([BALL + [4 * k, 0, k] for k in range(3)]).astype(np.float32)
     groups = np.split(np.arange(1200), 3)
     order = np.random.default_rng(5).permutation(1200)
     place = np.argsort(order)
     up = np.array([0, 0, 1.0])
-    straight = cluster(lifted(1200, groups), means, up)
-    shuffled = cluster(lifted(1200, [place[rows] for rows in groups[::-1]]), means[order], up)
+    straight = cluster_objects(lifted(1200, groups), means, up)
+    shuffled = cluster_objects(lifted(1200, [place[rows] for rows in groups[::-1]]), means[order], up)
     assert len(straight) == 3
     for one, other in zip(straight, shuffled, strict=True):
         assert one.boll_id == other.boll_id

@@ -111,11 +111,11 @@ def test_weights_survive_a_file(network):
 def test_foreign_and_missing_weights_name_the_remedy(network, tmp_path):
     whole = to_onnx(network)
     for text in (b"", b"no network", whole[: len(whole) // 2]):
-        with pytest.raises(BadInput, match="--backend lint"):
+        with pytest.raises(BadInput, match="masks-train made, or none"):
             BollNetwork(text, "net.onnx")
     with pytest.raises(BadInput, match=r"net\.onnx"):
         from_onnx(whole[: len(whole) // 2], "net.onnx")
-    with pytest.raises(MissingInput, match="--backend lint"):
+    with pytest.raises(MissingInput, match="masks-train made, or none"):
         open_bolls(tmp_path / "none.onnx")
 
 

@@ -97,7 +97,7 @@ def test_without_choices_nothing_is_said(plant, cotton3dg):
     "stage, flags, said",
     [
         ("scale", ("--table-length-cm", 100), "scale.table_length_cm 100"),
-        ("masks", ("--backend", "lint"), "masks.backend lint"),
+        ("masks", ("--backend", "import"), "masks.backend import"),
         ("segment", ("--method", "probability", "--threshold", 0.9), "segment.method probability"),
         ("traits", ("--excel",), "traits.excel true"),
     ],

@@ -25,7 +25,7 @@ DOCUMENTS = [
     sfm_info(["a", "b"], ("b",), distortion=LensDecision("auto", False, -0.1, 0.1, 0.5)),
     replace(train_metrics(held_out=("a",)), culled={"tiny": 3}, rejected_steps=(RejectedStep(7, "a"),)),
     effects(exposure=ExposureDecision("auto", True, 2.0, 0.1, 1.0, 900, {"a": (1.0, 0.9, 1.1)})),
-    MasksInfo("lint", {"views": 36}, {}, 0.25, (MaskedImage("a", 2, {"1": 0.5}), MaskedImage("b", 0, {}))),
+    MasksInfo("bolls", {"views": 36}, {}, 0.25, (MaskedImage("a", 2, {"1": 0.5}), MaskedImage("b", 0, {}))),
     SegmentInfo("lift", 0, rim_px=1, weights_seconds=0.5),
     SegmentInfo("probability", 0, vote=MeanIous({"0.5": 0.9}), by_steps=(ReachedIous({"0.5": 0.8}, None, 100, 2.0),)),
     BollsInfo("0" * 64, (BollFacts(1, (0.0, 1.0, 2.0), 0.1, 400, ("a", "b"), 0.75, ("large",), (BollMask("a", 3),)),)),

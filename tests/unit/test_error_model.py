@@ -134,15 +134,6 @@ def test_what_one_of_two_bolls_loses_to_the_other_counts_in_part(monkeypatch) ->
     assert plant_volume_error_cm3(bolls, nearest, scale(0.0), 0.0) == pytest.approx(expected)
 
 
-def test_masks_by_colour_err_all_alike() -> None:
-    bolls = [boll(40.0, 2.0) for _ in range(4)]
-    apart = np.full(4, np.inf)
-    networks, colours = (
-        plant_volume_error_cm3(bolls, apart, scale(0.0), 0.0, by_colour) for by_colour in (False, True)
-    )
-    assert colours == pytest.approx(np.hypot(networks, 160 * error_model.BY_COLOUR_VOLUME))
-
-
 def test_an_interval_lies_about_what_is_expected_and_holds_what_is_stated():
     assert interval(100.0, 10.0, 5.0) == pytest.approx((85.4, 124.6))
     assert interval(100.0, 1.0, -20.0) == pytest.approx((78.04, 100.0))

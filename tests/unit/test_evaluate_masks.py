@@ -66,7 +66,7 @@ def test_the_table_holds_images_plants_and_all_of_a_back_end(tmp_path) -> None:
     table = tmp_path / "scores" / "masks.csv"
     add_to_table(table, "a", "bolls", {"0.jpg": bad})
     add_to_table(table, "a", "bolls", {"0.jpg": good, "1.jpg": bad})  # in place of what was there
-    add_to_table(table, "a", "lint", {"0.jpg": bad})
+    add_to_table(table, "a", "yolo", {"0.jpg": bad})
     add_to_table(table, "=b", "bolls", {"0.jpg": bad})
     rows = {(row["plant_id"], row["backend"], row["image"]): row for row in read_rows(table)}
     assert len(rows) == len(read_rows(table)) == 9
@@ -75,7 +75,7 @@ def test_the_table_holds_images_plants_and_all_of_a_back_end(tmp_path) -> None:
     assert (pooled["n_true"], pooled["n_found"], pooled["hits_50"]) == ("12", "8", "4")
     assert pooled["precision_50"] == "0.5000" and pooled["miou_hits"] == "0.8000"
     assert float(pooled["miou_all"]) == pytest.approx((3.2 + 0.4 + 0.4) / 12, abs=1e-4)
-    assert rows["all", "lint", "all"]["miou_hits"] == ""
+    assert rows["all", "yolo", "all"]["miou_hits"] == ""
 
 
 def test_missed_specks_do_not_count() -> None:

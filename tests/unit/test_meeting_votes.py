@@ -16,7 +16,7 @@ from cotton3dg.masks.meeting_votes import (
     find_middles,
     meet_rays,
 )
-from cotton3dg.masks.outline_bolls import outline_bolls
+from cotton3dg.masks.outline_bolls import outline_bolls, without_specks
 from cotton3dg.masks.separate_bolls import find_parts, separate_bolls
 
 
@@ -123,6 +123,15 @@ def test_no_lint_is_no_boll():
     assert isinstance(middles, Middles) and not len(middles.centres)
     photo = np.zeros((camera.height, camera.width, 3), np.uint8)
     assert not outline_bolls(photo, maps.lint, camera, lint, hear_votes([votes, votes], middles), open_edges()).any()
+
+
+def test_specks_are_removed_and_pieces_behind_a_branch_kept():
+    ids = np.zeros((40, 40), np.uint16)
+    ids[5:20, 5:12] = ids[5:20, 14:20] = 3  # two halves of one boll beside a branch
+    ids[30, 30:33] = 3
+    cleaned = without_specks(ids)
+    assert not cleaned[30].any()
+    np.testing.assert_array_equal(cleaned[:25], ids[:25])
 
 
 def test_a_boll_deep_in_another_is_found_by_the_votes_that_the_other_leaves_unexplained():

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from lint_by_colour import lint_score
 from photo_boxes import compare, enclose, find_lint_colour, match_boxes, read_boxes, score, tabulate
+from scenes.lint_scene import orbit_cameras, photo
 
 
 def boxes(*corners: tuple[float, float, float, float]) -> np.ndarray:
@@ -77,8 +79,17 @@ def test_boxes_enclose_whole_pixels():
     assert enclose(ids).tolist() == [[7, 2, 13, 11], [29, 19, 30, 20]]
 
 
+@pytest.mark.parametrize("exposure", [0.3, 0.6, 1.0])
+def test_lint_scores_high_at_any_exposure_and_wood_does_not(exposure: float):
+    image, ids = photo(orbit_cameras(16)[2], exposure=exposure)
+    score = lint_score(image)
+    assert score.shape == ids.shape and score.min() >= 0 and score.max() <= 1
+    assert score[ids > 0].mean() > 0.8
+    assert score[220:, 200:280][ids[220:, 200:280] == 0].mean() < 0.1  # the table
+
+
 def test_pieces_of_lint_colour_are_instances():
-    photo = np.full((60, 80, 3), (60, 90, 40), np.uint8)
-    photo[5:25, 10:30] = photo[40:50, 50:70] = 240
-    photo[30, 40:42] = 240  # too small
-    assert enclose(find_lint_colour(photo)).tolist() == [[10, 5, 30, 25], [50, 40, 70, 50]]
+    image = np.full((60, 80, 3), (60, 90, 40), np.uint8)
+    image[5:25, 10:30] = image[40:50, 50:70] = 240
+    image[30, 40:42] = 240  # too small
+    assert enclose(find_lint_colour(image)).tolist() == [[10, 5, 30, 25], [50, 40, 70, 50]]

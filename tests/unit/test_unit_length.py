@@ -56,9 +56,11 @@ def test_without_a_scale_masks_are_made_all_the_same(workspace):
     assert read_unit_length(workspace) is None
 
 
-def test_other_back_ends_ask_for_no_scale(workspace):
+def test_back_ends_that_do_not_look_for_bolls_by_the_network_ask_for_no_scale(workspace):
     info(36.0).save(workspace.scale_json)
-    assert parts(workspace, resolve("masks", {"backend": "lint"})) == {}
+    assert parts(workspace, resolve("masks", {"backend": "yolo"})) == {}
+    assert parts(workspace, resolve("masks", {"backend": "sam", "prompts": "clicks.csv"})) == {}
+    assert parts(workspace, resolve("masks", {"backend": "sam"})) == parts(workspace, BOLLS) != {}
 
 
 def test_a_damaged_scale_is_said_when_the_stage_runs(workspace):

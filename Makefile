@@ -68,7 +68,7 @@ browser-test: setup ## tests of the pages in Chromium, installed if it may; make
 yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultralytics brings an OpenCV with a screen
 	$(MAKE) --no-print-directory setup VENV=$(VENV)-yolo
 	PATH="$(CURDIR)/$(BIN)-yolo:$$PATH"; $(VENV)-yolo/bin/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,yolo]'
-	$(VENV)-yolo/bin/python -m pytest tests/unit/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
+	$(VENV)-yolo/bin/python -m pytest tests/unit/masks/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
 
 bare-test: ## install.md and the demo in a Debian with nothing in it (debootstrap, as root); BY=checkout|wheel|sdist, AS=--user
 	$(PYTHON) tests/stress/bare_machine.py results/bare --by $(BY) $(AS) $(if $(LEND),--lend $(LEND))

@@ -6,10 +6,10 @@ import re
 import shutil
 import subprocess
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 from openpyxl import load_workbook
+from scenes.tiny_plant import ROOT
 
 from cotton3dg.batch import find_plants
 from cotton3dg.commands.export import FORMATS, export
@@ -19,7 +19,7 @@ from cotton3dg.field.genotypes import FIT_COLUMNS, MEANS_COLUMNS, compare_genoty
 from cotton3dg.field.tables import BATCH_COLUMNS, TRAIT_COLUMNS, read_field
 from cotton3dg.io.tables import BOLLS, csv_text
 
-SCHEMAS = Path(__file__).parents[1] / "schemas"
+SCHEMAS = ROOT / "tests" / "schemas"
 BOOK = ("genotype", "block", "treatment", "row", "col", "date", "year", "note")
 STUDY = """
 [Investigation]

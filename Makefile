@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -118,8 +118,8 @@ hard-cases: setup ## table of what must stay numerically stable, with its tests
 study-set: setup ## twelve simulated plants, run with PRESET and compared with their truth; goes on where it ended
 	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset $(PRESET) $(STUDY)
 
-coverage: setup ## 24 simulated plants, each filmed five times: whether stated errors are true; hours; goes on where it ended
-	$(BIN)/python tests/accuracy/coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
+interval-coverage: setup ## 24 simulated plants, each filmed five times: whether stated errors are true; hours; goes on where it ended
+	$(BIN)/python tests/accuracy/interval_coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
 
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,training]'

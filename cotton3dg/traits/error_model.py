@@ -4,7 +4,7 @@ Lengths err with the scale and by a part of a pixel. Volumes err with the scale;
 view's own error and the common one of all views; with a boll's shape; and, where bolls touch, with the border between
 them. A count errs with the views' agreement on each boll and, where bolls touch, with bolls that are lost in another or
 counted twice. The constants marked "fitted" were chosen so that intervals hold the truth of films of
-tests/accuracy/coverage.py and of path-traced plants (docs/notes/stated_errors.md says which, and how well).
+tests/accuracy/interval_coverage.py and of path-traced plants (docs/notes/stated_errors.md says which, and how well).
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ UNROUND: Final = 0.045
 """A touching boll is perhaps two in one if the ratio of its volume to a ball of its diameter is this much less than the
 median of the plant's bolls, ..."""
 IS_TWO: Final = 0.45
-"""... and is so with this probability: 16 of 36 on films of tests/accuracy/coverage.py (other touching bolls: 12 of
-543). ..."""
+"""... and is so with this probability: 16 of 36 on films of tests/accuracy/interval_coverage.py (other touching bolls:
+12 of 543). ..."""
 AS_IF_NEAR: Final = 0.8
 """... Its volume errs as if a neighbour were no farther away."""
 PARTED_IN_SUM: Final = 0.5

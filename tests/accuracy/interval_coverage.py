@@ -1,6 +1,7 @@
 """Whether what a row states of its own errors is true: 24 simulated plants, each filmed five times, and judged.
 
-    python tests/accuracy/coverage.py FOLDER [--preset draft] [--jobs 2] [--from 0] [--also RUN:TRUTH ...] [--judge]
+    python tests/accuracy/interval_coverage.py FOLDER [--preset draft] [--jobs 2] [--from 0] [--also RUN:TRUTH ...]
+        [--judge]
 
 The films of a plant differ in walk, lamps, distance, darkness, blur, exposure and lens. Whatever is up to date is
 skipped: the same command goes on where it ended; --judge only judges what is there. Constants of

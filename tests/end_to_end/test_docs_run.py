@@ -53,7 +53,7 @@ ELSEWHERE = {
     "make study-set": "test_accuracy_tools.py",
     "study_set.py": "test_accuracy_tools.py",
     "map_surfaces.py": "test_accuracy_tools.py",
-    "make coverage": "test_accuracy_tools.py",
+    "make interval-coverage": "test_accuracy_tools.py",
     "make edges-network": "test_accuracy_tools.py",
     "processors.py": "test_accuracy_tools.py",
     "make segmentation-sweep": "test_accuracy_tools.py",

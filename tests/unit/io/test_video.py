@@ -257,3 +257,46 @@ def test_frames_measured_are_the_frames_written(clip):
     scan = scanned(clip)
     taken = [cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in video.read_frames(clip, video.probe(clip), [4, 44], 160)]
     assert [scan.measures[4], scan.measures[44]] == [number_of(frame) for frame in taken]
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "tags"),
+    [("yuv420p", ""), ("yuv420p", "bt709"), ("yuvj420p", "bt709"), ("yuv444p", "smpte170m"), ("yuv420p10le", "")],
+)
+def test_colours_are_those_of_the_film(tmp_path, pixel_format: str, tags: str) -> None:
+    path = tmp_path / "film.mkv"
+    rng = np.random.default_rng(3)
+    picture = cv2.resize(rng.integers(0, 256, (6, 10, 3), np.uint8), (160, 90), interpolation=cv2.INTER_CUBIC)
+    command = [video.ffmpeg_binary(), "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "160x90", "-r", "5"]
+    matrix = {"bt709": ":out_color_matrix=bt709"}.get(tags, "")
+    command += ["-i", "pipe:0", "-vf", f"scale=iw:ih{matrix}", "-pix_fmt", pixel_format, "-c:v", "ffv1"]
+    command += ["-colorspace", tags, "-color_primaries", tags, "-color_trc", tags] if tags else []
+    subprocess.run([*command, str(path)], input=picture.tobytes() * 3, check=True)
+    facts = video.probe(path)
+    scan = video.scan(path, facts, 1000, lambda frame: frame.rgb())
+    (by_ffmpeg,) = video.read_frames(path, facts, [1], 1000)
+    error, of_ffmpeg = (np.abs(rgb.astype(int) - picture).mean() for rgb in (scan.measures[1], by_ffmpeg))
+    assert error < max(1.0, of_ffmpeg)
+    assert np.abs(scan.measures[1].mean(axis=(0, 1)) - by_ffmpeg.mean(axis=(0, 1))).max() < 1.0
+
+
+def test_every_second_frame_of_a_fast_film_is_looked_at(tmp_path) -> None:
+    path = tmp_path / "fast.mkv"
+    frames = b"".join(np.full((36, 64, 3), 4 * k, np.uint8).tobytes() for k in range(41))
+    command = [video.ffmpeg_binary(), "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "64x36", "-r", "60"]
+    subprocess.run([*command, "-i", "pipe:0", "-c:v", "ffv1", str(path)], input=frames, check=True)
+    scan = video.scan(path, video.probe(path), 64, lambda frame: round(float(frame.grey(64).mean())), every=2)
+    np.testing.assert_allclose(scan.measures, np.arange(0, 164, 8), atol=2)
+    assert len(scan.timestamps_s) == 41 == scan.intact.sum()
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuvj420p"])
+def test_a_grey_picture_outlives_its_frame(tmp_path, pixel_format: str) -> None:
+    """Of full-range film it once was the buffer that the next frame is read into, so that nothing seemed to move."""
+    path = tmp_path / "film.mkv"
+    frames = b"".join(np.full((36, 64, 3), 40 * k, np.uint8).tobytes() for k in range(6))
+    command = [video.ffmpeg_binary(), "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "64x36", "-r", "25"]
+    command += ["-i", "pipe:0", "-vf", "scale=iw:ih", "-pix_fmt", pixel_format, "-c:v", "ffv1", str(path)]
+    subprocess.run(command, input=frames, check=True)
+    scan = video.scan(path, video.probe(path), 64, lambda frame: frame.grey(64))
+    np.testing.assert_allclose([grey.mean() for grey in scan.measures], np.arange(0, 240, 40), atol=2)

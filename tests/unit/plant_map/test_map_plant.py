@@ -1,59 +1,17 @@
-"""The plant map from places of wood: known tubes give known branches, angles, lengths, sites and thickness."""
+"""The plant map from places of wood: known tubes give known branches, angles, lengths and sites."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from scenes.branch_scene import branch_scene, bur_places, line, tube_places
+from scenes.branch_scene import branch_scene, bur_places, line, mapped, tube_places
 
 from cotton3dg.core.plant_map import PlantMap
-from cotton3dg.core.scene import Gaussians
-from cotton3dg.geometry.polylines import (
-    length_of,
-    nearest_on,
-    path_lengths,
-    place_at,
-    resampled,
-    smoothed,
-)
-from cotton3dg.plant_map.branching_order import base_angle_deg, draw_map, with_straight_base
-from cotton3dg.plant_map.graph import joined, shortest_paths
+from cotton3dg.geometry.polylines import length_of, nearest_on, place_at
+from cotton3dg.plant_map.branching_order import base_angle_deg
 from cotton3dg.plant_map.map_plant import map_cloud, map_places
-from cotton3dg.plant_map.radii import radii_of
-from cotton3dg.plant_map.skeleton import FEWEST_PLACES, RawAxis, bare_length, extract_axes
 from cotton3dg.plant_map.summary import boll_rows, branch_rows, summarise_map
-from cotton3dg.plant_map.wood import BollBody, WoodCloud, thinned
-
-
-@cache
-def mapped() -> PlantMap:
-    scene = branch_scene()
-    return map_places(thinned(scene.places, 0.25), scene.bolls)
-
-
-@pytest.mark.parametrize("n", [FEWEST_PLACES - 1, FEWEST_PLACES])
-def test_a_handful_of_places_has_no_stem(n):
-    places = np.column_stack([np.zeros((n, 2)), np.arange(n, dtype=float)])
-    cloud = WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), ())
-    axes, _ = extract_axes(cloud)
-    assert len(axes) == (n >= FEWEST_PLACES)
-
-
-def test_lengths_and_places_along_a_polyline():
-    points = np.array([[0, 0, 0], [3, 0, 0], [3, 4, 0.0]])
-    assert path_lengths(points).tolist() == [0, 3, 7]
-    assert place_at(points, 5.0) == pytest.approx([3, 2, 0])
-    away, station = nearest_on(points, np.array([[1, 1, 0], [5, 4, 0.0]]))
-    assert away == pytest.approx([1, 2])
-    assert station == pytest.approx([1, 7])
-    places = np.random.default_rng(0).uniform(-3, 7, (500, 3))
-    (away, station), (near, its_station) = nearest_on(points, places), nearest_on(points, places, 2.0)
-    assert (near[away < 2] == away[away < 2]).all() and (its_station[away < 2] == station[away < 2]).all()
-    assert (near[away >= 2] >= 2).all() and np.isinf(near).any()
-    even = resampled(points, 0.5)
-    assert np.allclose(np.linalg.norm(np.diff(even, axis=0), axis=1), 0.5)
-    assert smoothed(even, 2.0)[[0, -1]] == pytest.approx(even[[0, -1]])
+from cotton3dg.plant_map.wood import thinned
 
 
 def test_branches_are_those_that_grew():
@@ -186,75 +144,6 @@ def test_bolls_on_a_vegetative_branch_hang_on_branches_of_its_own():
     assert {boll.boll_id: boll.branch for boll in found.bolls} == {axis.bolls[0]: axis.rank for axis in own}
 
 
-def mapped_vegetative_branch(foot, touches=False):
-    """The map of a stem and a rising branch that bears two others, each with a boll; a third boll at a foot either
-    touches it or is its end."""
-    outer = [] if touches else [(13, 0, 42), foot]
-    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40), *outer)
-    ends = np.array([(14, 6, 34), (8, -9, 38), foot])
-    ways = [RawAxis(stem, -1), RawAxis(rising, 0, 0 if touches else 3)]
-    ways += [RawAxis(line((7, 0, 30), ends[0]), 1, 1), RawAxis(line((8, 0, 34), ends[1]), 1, 2)]
-    if touches:
-        ways.append(RawAxis(line(rising[-5], foot), 1, 3))
-    return map_of_ways(ways, ends)
-
-
-def map_of_ways(ways, ends):
-    """The map of ways, of which some end at the feet of bolls 1, 2, ..."""
-    bodies = tuple(BollBody(number, end + (1.0, 0, 2.0), 4.5, end) for number, end in enumerate(ends, 1))
-    places = np.vstack([tube_places(way.curve, 0.2, np.random.default_rng(0)) for way in ways])
-    n = len(places)
-    cloud = WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), bodies)
-    return draw_map(cloud, ways, 0.5)
-
-
-def vegetative_and_bearer_of_3(found):
-    (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
-    assert not vegetative.bolls
-    return vegetative, found.axes[{boll.boll_id: boll.branch for boll in found.bolls}[3]]
-
-
-def test_a_branch_with_two_bolls_of_its_own_is_fruiting_whatever_else_it_seems_to_bear():
-    """Such as the outer part of a branch that touches it."""
-    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40))
-    ends = np.array([(14, 6, 34), (9, 0, 40), (7.5, -1.5, 31)])
-    ways = [RawAxis(stem, -1), RawAxis(rising, 0, 2), RawAxis(line((7, 0, 30), ends[0]), 1, 1)]
-    ways.append(RawAxis(line((7.3, 0, 30), ends[2]), 1, 3))
-    assert [axis.kind for axis in map_of_ways(ways, ends).axes] == ["stem", "fruiting", "fruiting"]
-
-
-def test_a_rising_branch_that_bears_as_many_branches_as_bolls_is_vegetative():
-    """Two of its own branches are there; of two that touch it only the bolls are told from it."""
-    stem, rising = line((0, 0, 0), (0, 0, 70)), line((0, 0, 14), (6, 0, 22), (9, 0, 40))
-    ends = np.array([(14, 6, 34), (8, -9, 38), (8.6, -2.5, 37), (6.5, 2.0, 27)])
-    nodes = [(7, 0, 30), (8, 0, 34), (8.8, 0, 39), (6.7, 0, 26)]
-    ways = [RawAxis(line(node, end), 1, number) for number, (node, end) in enumerate(zip(nodes, ends, strict=True), 1)]
-    found = map_of_ways([RawAxis(stem, -1), RawAxis(rising, 0), *ways], ends)
-    (vegetative,) = [axis for axis in found.axes if axis.kind == "vegetative"]
-    assert not vegetative.bolls
-    assert sum(len(axis.bolls) for axis in found.axes if axis.parent == vegetative.rank) == 4
-
-
-def test_what_touches_the_tip_of_a_vegetative_branch_hangs_on_the_branch_beside():
-    found = mapped_vegetative_branch(np.array([8.6, -2.5, 37.0]), touches=True)
-    vegetative, branch = vegetative_and_bearer_of_3(found)
-    assert (branch.kind, branch.parent) == ("fruiting", vegetative.rank)
-    assert branch.bolls == (3, 2)
-    assert branch.curve[-1] == pytest.approx([8, -9, 38], abs=0.1)
-
-
-def test_a_vegetative_branch_that_ends_in_a_boll_has_its_last_branch_there():
-    """What is left of it beyond that branch is too short to be seen; the branch bends again at its boll."""
-    foot = np.array([13, 0, 46.0])
-    found = mapped_vegetative_branch(foot)
-    vegetative, branch = vegetative_and_bearer_of_3(found)
-    assert (branch.kind, branch.parent, branch.bolls) == ("fruiting", vegetative.rank, (3,))
-    assert branch.curve[0] == pytest.approx([9, 0, 40], abs=1)
-    assert branch.curve[-1] == pytest.approx(foot, abs=0.1)
-    assert vegetative.curve[-1] == pytest.approx(branch.curve[0], abs=0.5)
-    assert [boll.position for boll in found.bolls] == [1, 1, 1]
-
-
 @pytest.mark.parametrize(("foot_cm", "branches"), [(14.0, 4), (45.0, 2)], ids=["vegetative", "fruiting"])
 def test_fruiting_branches_bear_no_branches(foot_cm, branches):
     """What leaves one and bears nothing is a leaf's stalk, a scar or the wood of another."""
@@ -300,23 +189,6 @@ def test_a_branch_with_a_boll_and_bare_twigs_is_fruiting():
     assert found.axes[1].bolls == (1,)
 
 
-@pytest.mark.parametrize("away_cm", [2.0, 6.0], ids=["hangs on it", "too far away"])
-def test_a_boll_whose_foot_touches_the_stem_has_no_branch_there(away_cm):
-    """It hangs on the branch beside, if there is one, and else on the stem itself."""
-    stem, branch = line((0, 0, 0), (0, 0, 60)), line((0, 0, 34 - away_cm), (14, 0, 38 - away_cm))
-    places = np.vstack([tube_places(curve, 0.2, np.random.default_rng(0)) for curve in (stem, branch)])
-    foot = np.array([0.6, 0, 34.6])
-    centre = foot + (0, 1.5, 1.7)
-    ways = [RawAxis(stem, -1), RawAxis(branch, 0), RawAxis(line((0, 0, 34.5), foot), 0, boll=1)]
-    n = len(places)
-    bodies = (BollBody(7, centre, 4.5, foot),)
-    found = draw_map(WoodCloud(places, np.zeros(n, bool), np.zeros(n, np.int64), np.ones(n, bool), bodies), ways, 0.5)
-    assert [axis.rank for axis in found.axes] == [0, 1]
-    (boll,) = found.bolls
-    assert (boll.boll_id, boll.branch) == (7, 1 if away_cm == 2.0 else 0)
-    assert found.axes[boll.branch].bolls == (7,)
-
-
 def test_what_bolls_hang_on_is_no_leaf():
     """Dry bracts about the end of a branch looked like a blade, which took in the twig beside it."""
     rng = np.random.default_rng(0)
@@ -331,69 +203,3 @@ def test_what_bolls_hang_on_is_no_leaf():
     found = map_places(places, [(1, centre, 4.5), (2, its_centre, 4.5)])
     assert [axis.bolls for axis in found.branches] == [(1,), (2,)]
     assert nearest_on(found.branches[1].curve, twig)[0].max() < 0.5
-
-
-def test_a_blade_that_ends_thinly_begins_where_its_stalk_ends():
-    """A way ran along a leaf's rim twice, and two places lay past its tip: as half of it was no blade, the whole leaf
-    was the lowest branch."""
-    curve = line((0, 0, 0), (12.8, 0, 0))
-    places = [(x, 0, 0) for x in np.arange(0.05, 6, 0.1)]
-    for start, beside in zip(range(6, 12), (0.9, 0.6, 0.3, 0.9, 0.7, 0.3), strict=True):
-        across = np.where(np.arange(50) < 50 * beside, 1.0, 0.0)
-        places += [(start + (k + 0.5) / 50, y, 0) for k, y in enumerate(across)]
-    places += [(12.2, 0, 0), (12.4, 0, 0)]
-    assert bare_length(curve, np.array(places)) == 6.0
-    assert bare_length(curve, np.array(places[:60])) == np.inf, "nothing but a stalk"
-
-
-def test_parts_are_joined_with_the_nearest_of_others_whatever_their_size():
-    rng = np.random.default_rng(3)
-    crowd = rng.normal(0, 0.4, (150, 3))
-    spots = np.array([[5, 0, 0], [5.5, 0, 0], [9, 0, 0], [0, 30, 0.0]])
-    places = np.vstack([crowd, spots])
-    pairs = {tuple(pair) for pair in joined(places).pairs}
-    nearest = int(np.argmin(np.linalg.norm(crowd - spots[0], axis=1)))
-    assert (nearest, 150) in pairs
-    assert (151, 152) in pairs
-    assert not any(153 in pair for pair in pairs), "too far for a bridge"
-
-
-def test_shortest_paths_go_around_what_is_dear_and_through_no_foot():
-    straight = np.column_stack([np.zeros(21), np.zeros(21), np.arange(21) * 0.5])
-    feet = np.array([[0.4, 0, 5.0]])
-    tree = shortest_paths(joined(straight), np.zeros(21, bool), 0, feet)
-    assert tree.lengths[20] == pytest.approx(10)
-    assert tree.before[21] in (9, 10, 11)
-    assert 21 not in tree.before
-
-
-def test_a_base_is_continued_to_the_middle_of_its_parent():
-    parent = line((0, 0, 0), (0, 0, 40))
-    # A shortest path climbs the stem's surface before it leaves it.
-    curve = line((0.7, 0, 15), (0.7, 0, 19.3), (8.7, 0, 27.3), spacing=0.3)
-    straight = with_straight_base(curve, parent, 0.7)
-    assert straight[0] == pytest.approx([0, 0, 18.6], abs=0.15)
-    assert base_angle_deg(straight, parent) == pytest.approx(45, abs=1.5)
-
-
-@pytest.mark.parametrize("opaque", [0.5, 0.36])
-@pytest.mark.parametrize("radius", [0.75, 0.2])
-def test_thickness_is_that_of_the_silhouette(radius, opaque):
-    opacity = 0.9
-    # One long needle falls to an opacity at its width over sqrt(2 ln (its own / that)).
-    sigma = radius / np.sqrt(2 * np.log(opacity / opaque))
-    gaussians = Gaussians(
-        np.float32([[0, 0, 10]]),
-        np.float32([[1, 0, 0, 0]]),
-        np.log(np.float32([[sigma, sigma, 300]])),
-        np.float32([np.log(opacity / (1 - opacity))]),
-        np.zeros((1, 1, 3), np.float32),
-    )
-    (radii,) = radii_of([line((0, 0, 9.2), (0, 0, 10.8))], gaussians, np.eye(3), np.zeros(3), opaque)
-    assert np.nanmedian(radii) == pytest.approx(radius, abs=0.01)
-
-
-def test_no_gaussians_have_no_thickness():
-    none = Gaussians(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))))
-    (radii,) = radii_of([line((0, 0, 0), (0, 0, 10))], none, np.eye(3), np.zeros(3), 0.5)
-    assert np.isnan(radii).all()

@@ -6,11 +6,9 @@ from scenes.finished_scene import finished_workspace
 from scipy.ndimage import binary_erosion
 
 from cotton3dg.core.card import PATCH_LEVELS, printed_reflectance
-from cotton3dg.errors import BadUsage
 from cotton3dg.io.images import read_ids, read_image
 from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
-from cotton3dg.scale import stage as scale
 from cotton3dg.schemas.bolls import read_bolls
 from cotton3dg.schemas.patches import PatchesInfo
 from cotton3dg.traits import stage as traits
@@ -77,14 +75,3 @@ def test_traits_depend_on_masks_only_where_there_are_patches_and_always_on_photo
     assert plant.folder("masks") not in traits.inputs(plant) and plant.undistorted in traits.inputs(plant)
     with_patches(plant, ["000000.jpg"])
     assert {plant.patches_json, plant.folder("masks"), plant.undistorted} <= set(traits.inputs(plant))
-
-
-@pytest.mark.parametrize("text", ["86,53", "4,6,14,29,53,86", "white", "860,53,29,14,6,4", "86,53,29,14,6,-1"])
-def test_reflectances_that_are_none(text):
-    with pytest.raises(BadUsage, match="falling reflectances"):
-        scale._reflectances(text)
-
-
-def test_reflectances_as_measured_and_usual():
-    assert scale._reflectances("86,53,29,14,6,4") == pytest.approx((0.86, 0.53, 0.29, 0.14, 0.06, 0.04))
-    assert scale._reflectances("")[0] == pytest.approx(0.86)

@@ -4,24 +4,18 @@ import csv
 import math
 from collections import Counter
 
-import numpy as np
 import pytest
-import torch
 from scenes.documents import train_metrics
 from scenes.small_stages import filmed_plant, replace_stages
-from scenes.splat_scenes import round_gaussians
 
 from cotton3dg import pipeline
 from cotton3dg.core.outcome import StageOutcome
-from cotton3dg.core.scene import Camera
-from cotton3dg.errors import BadInput, BadUsage, CaptureFailed
-from cotton3dg.gaussians.views import View
+from cotton3dg.errors import BadUsage, CaptureFailed
 from cotton3dg.stage import Footage, Stage, stage_of
 from cotton3dg.study import work
-from cotton3dg.study.lpips import measure_lpips
 from cotton3dg.study.rows import empty_row
-from cotton3dg.study.settings import settings_of, sweeps_of
-from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, starred, summary, with_errors
+from cotton3dg.study.settings import sweeps_of
+from cotton3dg.study.tables import ERRORS
 
 VIDEO = Footage(120, 1280, 720)
 READS = {
@@ -223,150 +217,3 @@ def test_more_steps_than_the_base_has_come_from_one_longer_training(plant, stage
     done = len(stages.ran)
     study(plant, ["steps=100,2000,9000"])
     assert len(stages.ran) == done
-
-
-def test_settings_name_what_the_footage_does_not_allow(plant):
-    def obstacles(sweep, source=VIDEO):
-        return {item.value: item.obstacle for item in settings_of(sweep, plant, "draft", {}, source) if item.obstacle}
-
-    assert set(obstacles("images")) == {"150", "200", "250", "300"}
-    assert obstacles("views") == {"72": "only 60 images are taken"}
-    assert set(obstacles("resolution", Footage(120, 400, 300))) == {"960"}
-    assert obstacles("style", Footage(80, 1280, 720, is_video=False)) == {"partial": "only a video can be cropped"}
-
-
-def test_values_are_ordered_and_checked(plant):
-    values = [item.value for item in settings_of("gaussians", plant, "draft", {}, VIDEO, ["90000", "500"])]
-    assert values == ["500", "60000", "90000"]
-    with pytest.raises(BadUsage, match="sh_degree"):
-        settings_of("sh", plant, "draft", {}, VIDEO, ["7"])
-    with pytest.raises(BadUsage, match="unknown"):
-        sweeps_of(["colour"])
-    assert list(sweeps_of(["all"]))[:4] == ["resolution", "steps", "schedule", "images"]
-
-
-# ------------------------------------------------------------------- tables
-def row(sweep, setting, seconds, psnr_db, count, **more):
-    made = empty_row(sweep, setting, "done") | dict.fromkeys(ERRORS, count)
-    return made | {
-        "full_psnr_db": psnr_db, "seconds": seconds, "idle_seconds": seconds, "cpu_seconds": 2 * seconds,
-        "trait_error_pct": abs(count - 10), **more,
-    }  # fmt: skip
-
-
-def test_errors_are_relative_to_the_truth():
-    truth = dict.fromkeys(ERRORS, 8.0)
-    (told,) = with_errors([row("sh", "0", 1, 20, 10.0)], truth)
-    assert told["boll_count_error_pct"] == 25.0 and told["trait_error_pct"] == 25.0 and told["reference"] == "truth"
-
-
-def test_without_a_truth_the_finest_setting_is_the_reference():
-    failed = empty_row("sh", "3", "failed", "x")
-    coarse, fine, last = with_errors([row("sh", "0", 1, 20, 9.0), row("sh", "1", 2, 21, 10.0), failed], {})
-    assert coarse["trait_error_pct"] == pytest.approx(10.0) and coarse["reference"] == "sh 1"
-    assert math.isnan(fine["trait_error_pct"])
-    assert math.isnan(last["trait_error_pct"])
-
-
-def test_a_trait_that_was_not_measured_has_no_error():
-    (told,) = with_errors([row("sh", "0", 1, 20, math.nan)], dict.fromkeys(ERRORS, 8.0))
-    assert math.isnan(told["trait_error_pct"])
-
-
-def some_rows():
-    base = row("base", "draft", 50.0, 30.0, 10.0)
-    return [
-        base,
-        row("resolution", "120", 20.0, 22.0, 13.0),
-        row("resolution", "240", 60.0, 25.0, 12.0),
-        {**base, "sweep": "resolution", "setting": "480"},
-        row("views", "4", 48.0, 30.0, 14.0),
-        row("style", "partial", 10.0, 99.0, 30.0),
-        empty_row("images", "300", "skipped", "there are only 120 images"),
-    ]
-
-
-def test_the_fronts_compare_only_what_can_be_compared():
-    rows = some_rows()
-    # The same model with fewer masks, and other images, are no better renders.
-    assert front(rows, "full_psnr_db") == {("base", "draft"), ("resolution", "120")}
-    assert front(rows, "trait_error_pct") == {("base", "draft"), ("resolution", "120"), ("style", "partial")}
-    assert ("resolution", "480") in starred(rows)  # the base by another name
-    assert ("resolution", "240") not in starred(rows)
-
-
-def test_markdown_has_a_table_a_sweep_with_a_column_of_seconds():
-    text = markdown(some_rows())
-    lines = text.splitlines()
-    assert [line for line in lines if line.startswith("**")] == [
-        "**Table 1: image resolution**", "**Table 3: number of images**", "**Table 4: capture style**",
-        "**Images with masks**",
-    ]  # fmt: skip
-    head = next(line for line in lines if line.startswith("| longer side"))
-    cells = dict(zip(head.split(" | "), next(x for x in lines if x.startswith("| 240")).split(" | "), strict=True))
-    assert cells["s"] == "60" and cells["full-size"] == "25.00" and cells["SSIM"] == ""
-    assert all(line.count("|") == head.count("|") for line in lines if line.startswith("|"))
-    assert "300: skipped, there are only 120 images." in lines
-
-
-def test_a_busy_machine_is_noticed_and_told():
-    rows = some_rows()
-    assert not machine_was_busy(rows) and "Other programs" not in markdown(rows)
-    slow = [{**item, "seconds": 3 * item["seconds"]} if item["state"] == "done" else item for item in rows]
-    assert machine_was_busy(slow) and "Other programs" in markdown(slow)
-    assert front(slow, "full_psnr_db") == front(rows, "full_psnr_db")
-
-
-def test_the_summary_has_a_line_a_setting():
-    lines = summary(some_rows()).splitlines()
-    assert len(lines) == 8
-    assert lines[-1].endswith("skipped: there are only 120 images")
-
-
-def test_presets_with_other_methods_are_tried_when_they_are_named(plant):
-    usual = [item.value for item in settings_of("preset", plant, "draft", {}, VIDEO)]
-    assert usual == ["draft", "standard", "paper"]
-    named = settings_of("preset", plant, "standard", {}, VIDEO, ("paper1", "paper2"))
-    assert [item.value for item in named] == ["paper1", "paper2", "standard"]
-    assert named[1].options["segment"].method == "affinity" and named[1].options["cluster"].method == "dbscan"
-
-
-def test_affinity_is_clustered_as_published_unless_another_way_is_asked_for(plant):
-    pairs = {item.value: item.options["cluster"].method for item in settings_of("method", plant, "draft", {}, VIDEO)}
-    assert pairs == {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}
-    asked = settings_of("method", plant, "draft", {"cluster": {"method": "agglomerative"}}, VIDEO)
-    assert {item.options["cluster"].method for item in asked} == {"agglomerative"}
-
-
-def test_a_plant_filmed_close_by_takes_the_place_of_a_crop(plant):
-    assert [item.value for item in settings_of("style", plant, "draft", {}, VIDEO)] == ["partial", "whole"]
-    near, whole = settings_of("style", plant, "draft", {}, VIDEO, local=True)
-    assert (near.value, near.partial, near.obstacle) == ("local", True, "") and whole.is_base
-
-
-def test_large_images_are_trained_on_at_their_size_or_refused(plant):
-    """A row of 3840 px of a 4K video takes frames of 3840 px; of a smaller video there is no such row."""
-    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 3840, 2160), ("3840",))
-    assert (row.options["frames"].max_side, row.options["train"].max_side, row.obstacle) == (3840, 3840, "")
-    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 2560, 1440), ("3840",))
-    assert row.obstacle == "the images have only 2560 px"
-    (*_, row) = settings_of("resolution", plant, "draft", {}, Footage(120, 3840, 2160), ("1280",))
-    assert row.options["frames"].max_side == 1920
-
-
-def test_lpips_is_the_mean_over_held_out_images(tmp_path):
-    """A network that gives the mean of the squared difference; white is 2 from the black of no Gaussian."""
-
-    class Square(torch.nn.Module):
-        def forward(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-            return ((first - second) ** 2).mean()
-
-    torch.jit.script(Square()).save(str(tmp_path / "square.pt"))
-    nothing = round_gaussians(np.zeros((0, 3)), 1.0)
-    camera = Camera("a.jpg", 8, 6, 5.0, 5.0, 4.0, 3.0, np.eye(4)[:3])
-    views = [View(camera, np.full((6, 8, 3), grey, np.uint8)) for grey in (255, 0)]
-    assert measure_lpips(tmp_path / "square.pt", nothing, views, {}) == pytest.approx(2.0)
-    assert math.isnan(measure_lpips(None, nothing, views, {}))
-    (tmp_path / "none.pt").write_bytes(b"no network")
-    with pytest.raises(BadInput, match=r"docs/papers\.md"):
-        measure_lpips(tmp_path / "none.pt", nothing, views, {})

@@ -11,11 +11,11 @@ BASE ?= HEAD~1
 PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
 # Whole files to a process, as the tests of one share what they made; in their order, as the longest come first.
-PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -60,6 +60,12 @@ test-slow: setup ## the tests that make test leaves out
 
 test-all: setup ## all tests
 	$(PYTEST)
+
+coverage: MEASURED = -m coverage run
+coverage: setup ## the lines of cotton3dg that the quick tests run, worst last, and as pages in build/coverage; TESTS=tests/unit/io
+	rm -rf build/coverage && mkdir -p build/coverage
+	$(PYTEST) -m "not slow" $(TESTS); ended=$$?; $(BIN)/coverage combine -q && $(BIN)/coverage html -q \
+	&& $(BIN)/coverage report --skip-covered --sort=-cover; exit $$ended
 
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }

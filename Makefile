@@ -11,11 +11,11 @@ BASE ?= HEAD~1
 PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits/traits.csv))
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
 # Whole files to a process, as the tests of one share what they made; in their order, as the longest come first.
-PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -61,6 +61,12 @@ test-slow: setup ## the tests that make test leaves out
 test-all: setup ## all tests
 	$(PYTEST)
 
+coverage: MEASURED = -m coverage run
+coverage: setup ## the lines of cotton3dg that the quick tests run, worst last, and as pages in build/coverage; TESTS=tests/unit/io
+	rm -rf build/coverage && mkdir -p build/coverage
+	$(PYTEST) -m "not slow" $(TESTS); ended=$$?; $(BIN)/coverage combine -q && $(BIN)/coverage html -q \
+	&& $(BIN)/coverage report --skip-covered --sort=-cover; exit $$ended
+
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
 	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py tests/end_to_end/test_corrections_browser.py
@@ -68,7 +74,7 @@ browser-test: setup ## tests of the pages in Chromium, installed if it may; make
 yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultralytics brings an OpenCV with a screen
 	$(MAKE) --no-print-directory setup VENV=$(VENV)-yolo
 	PATH="$(CURDIR)/$(BIN)-yolo:$$PATH"; $(VENV)-yolo/bin/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,yolo]'
-	$(VENV)-yolo/bin/python -m pytest tests/unit/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
+	$(VENV)-yolo/bin/python -m pytest tests/unit/masks/test_yolo.py tests/end_to_end/test_mask_backends.py tests/end_to_end/test_docs_run.py -k yolo
 
 bare-test: ## install.md and the demo in a Debian with nothing in it (debootstrap, as root); BY=checkout|wheel|sdist, AS=--user
 	$(PYTHON) tests/stress/bare_machine.py results/bare --by $(BY) $(AS) $(if $(LEND),--lend $(LEND))
@@ -118,8 +124,8 @@ hard-cases: setup ## table of what must stay numerically stable, with its tests
 study-set: setup ## twelve simulated plants, run with PRESET and compared with their truth; goes on where it ended
 	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset $(PRESET) $(STUDY)
 
-coverage: setup ## 24 simulated plants, each filmed five times: whether stated errors are true; hours; goes on where it ended
-	$(BIN)/python tests/accuracy/coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
+interval-coverage: setup ## 24 simulated plants, each filmed five times: whether stated errors are true; hours; goes on where it ended
+	$(BIN)/python tests/accuracy/interval_coverage.py results/coverage --preset $(PRESET) $(COVERAGE)
 
 bolls-network: setup ## render the scenes and train the bolls' network; hours; goes on where it ended
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,training]'

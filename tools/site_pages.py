@@ -21,7 +21,12 @@ import cotton3dg
 from cotton3dg.cli.app import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md"}
+PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "tests/README.md": "tests.md",
+    "CHANGELOG.md": "CHANGELOG.md",
+}
 """Page of the repository -> of the site."""
 NOTEBOOK = "examples/tutorial.ipynb"
 OTHERS = {NOTEBOOK: "tutorial.md", "examples": "examples/one_plant.sh"}

@@ -3,7 +3,7 @@
 Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, both each
 view's own error and the common one of all views; with a boll's shape; and, where bolls touch, with the border between
 them. What a wrong count does to count and volume is in count_distribution.py. The constants marked "fitted" were chosen
-so that intervals hold the truth of films of tests/accuracy/coverage.py and of path-traced plants
+so that intervals hold the truth of films of tests/accuracy/interval_coverage.py and of path-traced plants
 (docs/notes/stated_errors.md says which, and how well).
 """
 
@@ -53,8 +53,8 @@ UNROUND: Final = 0.045
 """A touching boll is perhaps two in one if the ratio of its volume to a ball of its diameter is this much less than the
 median of the plant's bolls, ..."""
 IS_TWO: Final = 0.45
-"""... and is so with this probability: 16 of 36 on films of tests/accuracy/coverage.py (other touching bolls: 12 of
-543). ..."""
+"""... and is so with this probability: 16 of 36 on films of tests/accuracy/interval_coverage.py, where 12 of 543 other
+touching bolls were. ..."""
 AS_IF_NEAR: Final = 0.8
 """... Its volume errs as if a neighbour were no farther away."""
 PARTED_IN_SUM: Final = 0.5

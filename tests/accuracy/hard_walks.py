@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from coverage import TRAITS, holds, judged
+from interval_coverage import TRAITS, holds, judged
 from markdown_tables import markdown
 
 from cotton3dg import pipeline

@@ -125,7 +125,10 @@ def test_stated_errors_are_judged_and_the_table_says_how(plant, tmp_path, times,
     bolls["volume_error_cm3"] *= times
     bolls.to_csv(film.bolls_csv, index=False)
     done = subprocess.run(
-        [sys.executable, TOOLS / "coverage.py", tmp_path, "--judge"], capture_output=True, text=True, check=False
+        [sys.executable, TOOLS / "interval_coverage.py", tmp_path, "--judge"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "judged, 1 films" in done.stdout and "without a row: none" in done.stdout
@@ -141,7 +144,7 @@ def test_stated_errors_are_judged_and_the_table_says_how(plant, tmp_path, times,
 @pytest.mark.parametrize(("first", "half"), [(0, "fitted"), (1000, "judged")])
 def test_nothing_is_fitted_to_plants_of_another_hundred(plant, tmp_path, first, half):
     shutil.copytree(plant.run.root, tmp_path / f"plain-{first}_clean")
-    command = [sys.executable, TOOLS / "coverage.py", tmp_path, "--judge", "--from", str(first)]
+    command = [sys.executable, TOOLS / "interval_coverage.py", tmp_path, "--judge", "--from", str(first)]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     assert f"{half}, 1 films" in said
     with (tmp_path / "coverage.csv").open(newline="") as file:

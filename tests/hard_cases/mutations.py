@@ -88,11 +88,11 @@ MUTATIONS = (
     Mutation("probability that is not clamped", (Change(
         "cotton3dg/segment/probability.py", "cross_entropy_gradient",
         "np.clip(@map, MAP_MARGIN, 1 - MAP_MARGIN)", "@map",
-    ),), ("tests/unit/test_probability.py",)),
+    ),), ("tests/unit/segment/test_probability.py",)),
     Mutation("probability that is not clamped after the step", (Change(
         "cotton3dg/segment/probability.py", "train_probabilities",
         "np.clip(@probabilities, 0, 1, out=@probabilities)", "pass",
-    ),), ("tests/unit/test_probability.py",)),
+    ),), ("tests/unit/segment/test_probability.py",)),
     Mutation("joggled hull", (Change(
         "cotton3dg/geometry/convex_measures.py", "convex_volume",
         "ConvexHull(@points)", 'ConvexHull(@points, qhull_options="QJ")',

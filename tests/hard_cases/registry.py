@@ -32,10 +32,10 @@ TRAINING = "tests/hard_cases/test_core_training.py::"
 GRADIENTS = "tests/native/test_gradients.py::"
 POINTS = "tests/hard_cases/test_geometry.py::"
 SFM = "tests/hard_cases/test_sfm_failures.py::"
-PROBABILITY = "tests/unit/test_probability.py::"
-COLMAP = "tests/unit/test_colmap.py::"
-VIDEO = "tests/unit/test_video.py::"
-IMAGES = "tests/unit/test_images.py::"
+PROBABILITY = "tests/unit/segment/test_probability.py::"
+COLMAP = "tests/unit/io/test_colmap.py::"
+VIDEO = "tests/unit/io/test_video.py::"
+IMAGES = "tests/unit/io/test_images.py::"
 RESUME = "tests/hard_cases/test_resume.py::"
 WORKSPACE = "tests/unit/test_workspace.py::"
 FOLDERS = "tests/hard_cases/test_hostile_folders.py::"
@@ -46,8 +46,8 @@ FUZZ = "tests/property/test_readers.py::test_mutated_files_end_in_a_result_or_in
 
 CASES = (
     Case(1, "duplicate SfM points", "scales have a finite floor, and training from them works", (
-        "tests/unit/test_initialise.py::test_identical_points_have_finite_scales",
-        "tests/unit/test_initialise.py::test_duplicates_and_outliers_among_good_points_keep_to_the_typical_scale",
+        "tests/unit/train/test_initialise.py::test_identical_points_have_finite_scales",
+        "tests/unit/train/test_initialise.py::test_duplicates_and_outliers_among_good_points_keep_to_the_typical_scale",
         TRAINING + "test_case_01_a_hundred_identical_points_can_be_trained_from",
     )),
     Case(2, "infinite scale", "that Gaussian is culled and counted, the others are drawn to the same bits", (
@@ -68,7 +68,7 @@ CASES = (
     )),
     Case(5, "near plane fixed in metres", "the near plane and training scale with the scene", (
         PROJECTION + "test_case_05_the_near_plane_scales_with_the_scene",
-        "tests/unit/test_trainer.py::test_the_size_of_the_scene_does_not_matter",
+        "tests/unit/train/test_trainer.py::test_the_size_of_the_scene_does_not_matter",
         RELATIONS + "test_scaling_the_scene_by_a_power_of_two_changes_no_bit_of_what_can_be_scaled",
         RELATIONS + "test_scaling_in_double_leaves_only_the_rounding_of_the_logarithm",
         RELATIONS + "test_turning_the_world_changes_next_to_nothing",
@@ -158,11 +158,11 @@ CASES = (
         TRAINING + "test_case_26_the_limit_follows_the_memory_there_is",
         TRAINING + "test_case_26_the_memory_there_is_is_read_as_the_system_tells_it",
         TRAINING + "test_case_26_the_budget_holds_when_everything_wants_to_split",
-        "tests/unit/test_densify.py::test_the_budget_is_never_exceeded",
+        "tests/unit/train/test_densify.py::test_the_budget_is_never_exceeded",
     )),
     Case(27, "NaN in sampling weights", "finite and not negative; poisoned ones choose nothing", (
         TRAINING + "test_case_27_poisoned_statistics_choose_nothing",
-        "tests/unit/test_densify.py::test_poisoned_needs_and_gaussians_are_never_chosen",
+        "tests/unit/train/test_densify.py::test_poisoned_needs_and_gaussians_are_never_chosen",
     )),
     Case(28, "-ffast-math removes isnan", "forbidden, and noticed at import", (
         TRAINING + "test_case_28_fast_math_is_forbidden",
@@ -235,7 +235,7 @@ CASES = (
     )),
     Case(40, "variable frame rate", "timestamps, never frame counts", (
         VIDEO + "test_variable_frame_rate_keeps_true_times",
-        "tests/unit/test_one_pass.py::test_lingering_does_not_double_views_and_hurrying_does_not_tear_the_orbit",
+        "tests/unit/frames/test_keyframe_buffer.py::test_lingering_does_not_double_views_and_hurrying_does_not_tear_the_orbit",
         CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
     Case(41, "rotation tag, EXIF orientation", "applied to the pixels, recorded", (
@@ -258,7 +258,7 @@ CASES = (
         FOLDERS + "test_case_44_relative_names_that_look_like_options_reach_the_run_as_names",
     )),
     Case(45, "hostile PLY", "sizes checked before memory is taken, values checked", (
-        "tests/unit/test_ply.py::test_hostile_files_are_refused",
+        "tests/unit/io/test_ply.py::test_hostile_files_are_refused",
         FUZZ,
     )),
     Case(46, "hostile NPZ and checkpoint", "no pickle, no bombs, sizes checked before memory is taken", (
@@ -316,7 +316,7 @@ CASES = (
         RESUME + "test_case_54_a_step_that_is_not_finite_changes_nothing",
         RESUME + "test_case_54_training_goes_on_and_keeps_what_the_step_was_given",
         RESUME + "test_case_54_too_many_such_steps_end_the_stage_with_the_reason_and_the_evidence",
-        "tests/unit/test_trainer.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
+        "tests/unit/train/test_trainer.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
     )),
     Case(55, "memory limit reached", "exit code 7 and what to do, before the start where it can be known", (
         "tests/unit/test_resource_checks.py::test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start",

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import ast
-import sys
-from pathlib import Path
 
 import pytest
-from source_changes import Change, apply_change
-
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests" / "benchmarks")]
-
-from bench_guards import GUARDS  # noqa: E402
-from mutations import MUTATIONS  # noqa: E402
-from registry import CASES, CORE, GEOMETRY  # noqa: E402
-from report import page  # noqa: E402
+from bench_guards import GUARDS
+from mutations import MUTATIONS
+from registry import CASES, CORE, GEOMETRY
+from report import page
+from source_changes import ROOT, Change, apply_change
 
 
 def test_numbers_are_complete_and_never_reused() -> None:

@@ -6,6 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cotton3dg.core.plant_map import PlantMap
+from cotton3dg.plant_map.map_plant import map_places
+from cotton3dg.plant_map.wood import thinned
+
 CLAMP_CM = 5.0
 
 
@@ -90,3 +94,10 @@ def branch_scene():
     places += [tube_places(stalk, 0.12, rng, 25), blade]
     everything = np.vstack(places)
     return BranchScene(everything + rng.normal(0, 0.03, everything.shape), bolls, stem, branches, nodes)
+
+
+@cache
+def mapped() -> PlantMap:
+    """The scene's plant map."""
+    scene = branch_scene()
+    return map_places(thinned(scene.places, 0.25), scene.bolls)

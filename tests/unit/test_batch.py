@@ -1,6 +1,5 @@
 """Batches whose plants are run by a stand-in that does what the plant's `behaviour` file says."""
 
-import csv
 import os
 import signal
 import subprocess
@@ -10,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from scenes.stand_in_runs import STAND_IN, make_plant, stand_in_command, table, until
 
 from cotton3dg.batch import (
     BOLL_TABLE,
@@ -28,36 +28,10 @@ from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.io.tables import BOLLS, TRAITS, csv_text
 from cotton3dg.pipeline import stage_options
 
-STAND_IN = """
-import os, pathlib, signal, sys, time
-signal.signal(signal.SIGINT, signal.SIG_DFL)
-plant = pathlib.Path(sys.argv[1])
-(plant / "arguments").write_text(" ".join(sys.argv[2:]))
-tries = plant / "tries"
-tries.write_text(str(int(tries.read_text()) + 1 if tries.exists() else 1))
-what, _, rest = (plant / "behaviour").read_text().partition(" ")
-if what == "fail":
-    print("frames: starts\\n" + plant.name + ": " + rest, file=sys.stderr)
-    sys.exit(4)
-if what == "die":
-    os.kill(os.getpid(), signal.SIGKILL)
-if what == "flaky" and tries.read_text() == "1":
-    print(plant.name + ": a fault; try again", file=sys.stderr)
-    sys.exit(1)
-if what == "sleep":
-    (plant / "awake").touch()
-    time.sleep(float(rest))
-(plant / "traits").mkdir(exist_ok=True)
-for name in ("traits", "bolls"):
-    (plant / "traits" / (name + ".csv")).write_bytes((plant / (name + ".template")).read_bytes())
-"""
-
 
 @pytest.fixture
 def stand_in(tmp_path):
-    script = tmp_path / "stand_in.py"
-    script.write_text(STAND_IN)
-    return [sys.executable, str(script)]
+    return stand_in_command(tmp_path)
 
 
 @pytest.fixture(autouse=True)
@@ -66,24 +40,6 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
-
-
-def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
-    plant = folder / name
-    plant.mkdir(parents=True)
-    (plant / "walk.mp4").touch()
-    (plant / "behaviour").write_text(behaviour)
-    row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
-    row |= {"plant_id": "=" + plant.name, "seconds": 90.04}
-    bolls = [{column.name: -2.5 if column.digits is not None else 3 if column.unit else "007" for column in BOLLS}] * 2
-    (plant / "traits.template").write_text(csv_text(TRAITS, [row], excel=True), newline="")
-    (plant / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
-    return plant
-
-
-def table(folder: Path, name: str = TABLE) -> list[dict[str, str]]:
-    with (folder / name).open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_plants_share_cores_and_memory_among_themselves_and_not_with_jobs_that_do_not_exist(tmp_path, stand_in):
@@ -341,13 +297,6 @@ def test_a_run_that_was_ended_from_outside_waits(code):
 
 def press() -> None:
     os.kill(os.getpid(), signal.SIGINT)
-
-
-def until(condition) -> None:
-    limit = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < limit
-        time.sleep(0.05)
 
 
 def test_the_field_book_stands_behind_the_columns(tmp_path, stand_in):

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from test_batch import STAND_IN, make_plant, table, until
+from scenes.stand_in_runs import make_plant, stand_in_command, table, until
 
 from cotton3dg import slurm
 from cotton3dg.batch import TABLE, Batch, Result, find_plants
@@ -23,9 +23,7 @@ from cotton3dg.staleness import StageState
 
 @pytest.fixture
 def stand_in(tmp_path):
-    script = tmp_path / "stand_in.py"
-    script.write_text(STAND_IN)
-    return [sys.executable, str(script)]
+    return stand_in_command(tmp_path)
 
 
 @pytest.fixture

@@ -47,7 +47,10 @@ class Calibration:
     slope: float = 1.0
 
     def probability(self, stated: float) -> float:
-        """The calibrated probability for a stated one."""
+        """The calibrated probability for a stated one. A boll states 1 if nothing was joined to it and no other part is
+        near: nothing was measured, so there is nothing to calibrate."""
+        if stated == 1:
+            return 1.0
         return logistic(self.constant + self.slope * log_odds(stated))
 
 

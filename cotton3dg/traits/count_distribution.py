@@ -1,8 +1,11 @@
 """The distribution of the true number of bolls, given what was counted, and what miscounting does to their volume.
 
-What was found for one boll is none, one or two (Poisson binomial with three outcomes, convolved exactly); bolls that no
-image shows and the difference between halves of the images are added as further independent counts. The constants
-marked "fitted" are those of tests/accuracy (docs/notes/stated_errors.md says which films, and how well).
+What was found for one boll is none, one or two (Poisson binomial with three outcomes, convolved exactly). The bolls of
+a plant err alike: where a kind of boll is new to the network, all that are not one boll are two, or all are parts of
+one, and all are less sure than they say, or surer. So the distribution is a mixture over such common states, a logistic
+normal model with its integral by Gauss and Hermite. Bolls that no image shows and the difference between halves of the
+images are further independent counts. The constants marked "fitted" are those of tests/accuracy
+(docs/notes/stated_errors.md says which films, and how well).
 """
 
 from __future__ import annotations
@@ -19,8 +22,10 @@ from .error_model import IS_TWO, UNROUND_FLAG, WELL_FILMED, Filming
 
 TAIL: Final = 0.025
 """Probability beyond either end of a 95 % interval."""
-TWO_OF_UNSURE: Final = 0.3
-"""Share of the bolls that are not one boll which are two; the others are parts of one. Fitted (`make same-boll`)."""
+COMMON_DEVIATION: Final = 0.5
+"""Standard deviation between plants of the log odds of one boll. Fitted to kinds left out (`make same-boll`)."""
+NODES: Final = 5
+"""Of the integral over plants."""
 MAY_BE_NONE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "few_views", "disputed"))
 """Flags of bolls that may be none, which is then taken to be as likely as not."""
 MAY_BE_TWO: Final = frozenset(("too_large", "large"))
@@ -78,12 +83,42 @@ class CountDistribution:
         return min(low, count), max(high, count)
 
 
+class Common(NamedTuple):
+    """What the bolls of a plant may have in common."""
+
+    weight: float
+    """Probability."""
+    shift: float
+    """Of the log odds of one boll."""
+    are_two: bool
+    """Whether those that are not one boll are two; else they are parts of one."""
+
+
+def common_states(deviation: float) -> tuple[Common, ...]:
+    """The states, as nodes of the integral over plants.
+
+    Args:
+        deviation: of the log odds.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    weights /= 2 * weights.sum()
+    return tuple(
+        Common(weight, deviation * node, are_two)
+        for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True)
+        for are_two in (False, True)
+    )
+
+
+COMMON: Final = common_states(COMMON_DEVIATION)
+
+
 def distribute_count(
     bolls: Sequence[BollTraits],
     touching: Iterable[bool],
     halves: tuple[int, int] | None = None,
     filming: Filming = WELL_FILMED,
     left_out: Sequence[Possible] = (),
+    common: Sequence[Common] = COMMON,
 ) -> CountDistribution | None:
     """The distribution of the true count; None without anything found, and for a plant that no image shows whole.
 
@@ -92,16 +127,19 @@ def distribute_count(
         touching: of each, whether it may touch another.
         halves: counts by either half of the images. The mean squared difference of two counts with one variance is
             twice the variance; the count by all images is assumed to be no surer than that by half of them.
-        left_out: what may be further bolls.
+        left_out: what may be further bolls. common: states that the bolls share.
     """
     if not filming.whole or not (bolls or left_out):
         return None
-    hidden = hidden_probability(filming)
-    counts = np.ones(1)
-    for boll, touches in zip(bolls, touching, strict=True):
-        counts = np.convolve(counts, outcomes(boll, touches))
-        if hidden and is_counted(boll.flags):
-            counts = np.convolve(counts, [1 - hidden, hidden])
+    hidden, counts = hidden_probability(filming), np.zeros(2 * len(bolls) + 1)
+    touches = list(touching)
+    for state in common:
+        one_by_one = np.ones(1)
+        for boll, touch in zip(bolls, touches, strict=True):
+            one_by_one = np.convolve(one_by_one, outcomes(boll, touch, state))
+        counts += state.weight * one_by_one
+    for _ in range(sum(is_counted(boll.flags) for boll in bolls) if hidden else 0):
+        counts = np.convolve(counts, [1 - hidden, hidden])
     for possible in left_out:
         counts = np.convolve(counts, [1 - possible.probability, possible.probability])
     if halves and halves[0] != halves[1]:
@@ -112,13 +150,14 @@ def distribute_count(
     return CountDistribution(counts)
 
 
-def outcomes(boll: BollTraits, touches: bool) -> Outcomes:
+def outcomes(boll: BollTraits, touches: bool, common: Common) -> Outcomes:
     """What a boll may be, by its confidence, its flags and its neighbour.
 
     Two parts of one boll are both not one boll and only one of them is too many, so a part counts in half.
     """
-    unsure = 1 - boll.confidence
-    none, two = 0.5 * (1 - TWO_OF_UNSURE) * unsure, TWO_OF_UNSURE * unsure
+    # Odds, not log odds, as a boll may be certain.
+    unsure = (1 - boll.confidence) / (1 - boll.confidence + boll.confidence * math.exp(common.shift))
+    none, two = (0.0, unsure) if common.are_two else (0.5 * unsure, 0.0)
     if touches:
         none, two = max(none, MISCOUNTED / 2), max(two, MISCOUNTED / 2)
     if UNROUND_FLAG in boll.flags:
@@ -138,13 +177,27 @@ def miscounted_volume(
     touching: Iterable[bool],
     filming: Filming = WELL_FILMED,
     left_out: Sequence[Possible] = (),
+    common: Sequence[Common] = COMMON,
 ) -> Moments:
     """What the true total volume has more than the sum of the counted bolls', because some of these may be none or two,
     others have no volume, hang on nothing, or are hidden. A part of a boll has its volume in the sum.
 
     Args:
-        bolls, touching, filming, left_out: as for `distribute_count`.
+        bolls, touching, filming, left_out, common: as for `distribute_count`.
     """
+    touches = list(touching)
+    states = [(state.weight, _miscounted(bolls, touches, filming, left_out, state)) for state in common]
+    mean = sum(weight * one.mean for weight, one in states)
+    return Moments(mean, sum(weight * (one.variance + (one.mean - mean) ** 2) for weight, one in states))
+
+
+def _miscounted(
+    bolls: Sequence[BollTraits],
+    touching: Sequence[bool],
+    filming: Filming,
+    left_out: Sequence[Possible],
+    common: Common,
+) -> Moments:
     counted = [boll for boll in bolls if is_counted(boll.flags)]
     known = np.array([boll.volume_cm3 for boll in counted if np.isfinite(boll.volume_cm3)])
     if not len(known):
@@ -159,7 +212,7 @@ def miscounted_volume(
             moments.append(_with_probability(present, boll.volume_cm3))
         else:
             moments.append(_with_probability(1 - present, -boll.volume_cm3))
-            moments.append(_with_probability(outcomes(boll, touches).two, -HULL_OF_TWO * boll.volume_cm3))
+            moments.append(_with_probability(outcomes(boll, touches, common).two, -HULL_OF_TWO * boll.volume_cm3))
     moments += [_with_probability(hidden_probability(filming), mean_cm3, variance)] * len(counted)
     moments += [_with_probability(possible.probability, possible.volume_cm3) for possible in left_out]
     return Moments(sum(one.mean for one in moments), sum(one.variance for one in moments))

@@ -110,6 +110,7 @@ class Begun(NamedTuple):
     """True boll of each row, 0 = none's, -1 = of several."""
 
 
+UNCALIBRATED = Calibration()
 Film = Sequence[Begun]
 """A plant by all views, then by either half of them, as what half of the views say differs as another film would."""
 
@@ -209,7 +210,8 @@ def calibrate(score: Score, plants: Sequence[Begun]) -> Score:
     """The score whose probabilities of one boll are as often right as they say, over all plants."""
     from scipy.optimize import minimize
 
-    pairs = [pair for plant in plants for pair in outcomes(plant, replace(score, one_boll=Calibration()))]
+    pairs = [pair for plant in plants for pair in outcomes(plant, replace(score, one_boll=UNCALIBRATED))]
+    pairs = [(stated, bolls) for stated, bolls in pairs if stated < 1]
     odds = np.array([log_odds(stated) for stated, _ in pairs])
     true = np.array([1.0 if bolls == 1 else -1.0 for _, bolls in pairs])
 

@@ -205,7 +205,7 @@ def targets() -> dict[str, tuple[Read, list[bytes]]]:
             [b"//X Y Z I\n1 2 3 4\n5 6 7 8\n2 2 2 2\n3 3 3 3\n", b"1,5;2;3\n2;3,5;4\n3;4;5\n0;0;1\n"],
         ),
         "prompts": (prompt_table.read_prompts, [b"image,x,y\na,1,2\n", b"image,x1,y1,x2,y2\na.jpg,1,2,3,4.5\n"]),
-        "toml": (toml_options, [b"[train]\nsteps = 3000\ndssim = 0.2\n[masks]\nbackend = \"lint\"\n# a\n"]),
+        "toml": (toml_options, [b"[train]\nsteps = 3000\ndssim = 0.2\n[masks]\nbackend = \"bolls\"\n# a\n"]),
     }  # fmt: skip
 
 

@@ -93,6 +93,7 @@ def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
     stated = [(0.4, int(k % 10 > 0)) for k in range(200)] + [(0.9, int(k % 100 > 0)) for k in range(200)]
     monkeypatch.setattr("same_boll.outcomes", lambda *_: stated)
     one_boll = calibrate(Score(0.0, (), 0.25), [None]).one_boll
+    assert one_boll.probability(1.0) == 1.0, "nothing near it speaks against one boll"
     assert one_boll.probability(0.4) == pytest.approx(0.9, abs=0.01)
     assert one_boll.probability(0.9) == pytest.approx(0.99, abs=0.01)
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.measurements import BollTraits, is_counted
-from cotton3dg.traits import count_distribution
 from cotton3dg.traits.count_distribution import (
     AS_LIKELY_AS_NOT,
+    COMMON,
     HULL_OF_TWO,
     MAY_BE_NONE,
+    Common,
     Possible,
+    common_states,
     distribute_count,
     hidden_probability,
     miscounted_volume,
@@ -45,11 +47,19 @@ PLANTS = {
 }
 
 
+def draw_states(rng: np.random.Generator) -> list[np.ndarray]:
+    """The draws (n,) of each common state."""
+    states = rng.choice(len(COMMON), DRAWS, p=[state.weight for state in COMMON])
+    return [np.flatnonzero(states == k) for k in range(len(COMMON))]
+
+
 def draw(bolls: list[BollTraits], touching: list[bool], filming: Filming) -> np.ndarray:
     """(DRAWS,) true counts."""
     rng, counts = np.random.default_rng(0), np.zeros(DRAWS, np.int64)
+    draws_of = draw_states(rng)
     for one, touches in zip(bolls, touching, strict=True):
-        counts += rng.choice(3, DRAWS, p=outcomes(one, touches))
+        for draws, state in zip(draws_of, COMMON, strict=True):
+            counts[draws] += rng.choice(3, len(draws), p=outcomes(one, touches, state))
         if is_counted(one.flags):
             counts += rng.random(DRAWS) < hidden_probability(filming)
     return counts
@@ -66,7 +76,7 @@ def test_the_count_is_distributed_as_draws_of_its_model(name, filming, touches) 
     seen = np.bincount(drawn, minlength=len(stated.probabilities)) / DRAWS
     assert stated.probabilities == pytest.approx(seen, abs=0.012)
     assert stated.probabilities.sum() == pytest.approx(1.0)
-    assert stated.error_about(counted) == pytest.approx(np.sqrt(((drawn - counted) ** 2).mean()), abs=0.03)
+    assert stated.error_about(counted) == pytest.approx(np.sqrt(((drawn - counted) ** 2).mean()), rel=0.03, abs=0.03)
     low, high = stated.interval(counted)
     assert ((low <= drawn) & (drawn <= high)).mean() > 0.948
     assert low <= counted <= high
@@ -96,16 +106,24 @@ def test_without_a_boll_or_a_whole_plant_no_distribution_is_known() -> None:
     assert distribute_count([boll()], [False], filming=Filming(whole=False)) is None
 
 
-def test_two_parts_of_one_boll_are_one_too_many(monkeypatch) -> None:
+def test_two_parts_of_one_boll_are_one_too_many() -> None:
     """Ten pairs of parts, each pair one boll with probability 0.4: both parts state that, and the mean is right."""
-    monkeypatch.setattr(count_distribution, "TWO_OF_UNSURE", 0.0)
     parts = [boll(0.6)] * 20
-    stated = distribute_count(parts, [False] * 20).probabilities
+    stated = distribute_count(parts, [False] * 20, common=[Common(1.0, 0.0, are_two=False)]).probabilities
     joined = np.random.default_rng(0).binomial(10, 0.4, DRAWS)
     mean = stated @ np.arange(len(stated))
     assert mean == pytest.approx((20 - joined).mean(), abs=0.05)
     deviation = np.sqrt(stated @ (np.arange(len(stated)) - mean) ** 2)
     assert joined.std() < deviation < 1.3 * joined.std()
+
+
+def test_what_bolls_have_in_common_makes_the_count_less_sure_and_certain_ones_stay_certain() -> None:
+    bolls = [boll(0.85)] * 20
+    alone = distribute_count(bolls, [False] * 20, common=common_states(0.0)[:1])
+    alike = distribute_count(bolls, [False] * 20)
+    assert sum(state.weight for state in COMMON) == pytest.approx(1.0)
+    assert alike.error_about(20) > 1.3 * alone.error_about(20)
+    assert distribute_count([boll()] * 20, [False] * 20, common=common_states(3.0)).interval(20) == (20, 20)
 
 
 def test_halves_that_count_differently_widen_the_error() -> None:
@@ -127,6 +145,7 @@ def test_halves_do_not_lead_below_no_boll() -> None:
 def test_the_volume_of_what_is_miscounted_is_that_of_draws(name, filming) -> None:
     bolls = PLANTS[name]
     rng, missing = np.random.default_rng(0), np.zeros(DRAWS)
+    draws_of = draw_states(rng)
     known = [one.volume_cm3 for one in bolls if is_counted(one.flags) and np.isfinite(one.volume_cm3)]
     for one in bolls:
         none = MAY_BE_NONE.isdisjoint(one.flags) < (rng.random(DRAWS) < AS_LIKELY_AS_NOT)
@@ -135,7 +154,9 @@ def test_the_volume_of_what_is_miscounted_is_that_of_draws(name, filming) -> Non
         elif not is_counted(one.flags):
             missing += np.where(none, 0.0, one.volume_cm3)
         else:
-            two = rng.random(DRAWS) < outcomes(one, False).two
+            two = np.zeros(DRAWS, bool)
+            for draws, state in zip(draws_of, COMMON, strict=True):
+                two[draws] = rng.random(len(draws)) < outcomes(one, False, state).two
             missing -= np.where(none, one.volume_cm3, 0.0) + np.where(two, HULL_OF_TWO * one.volume_cm3, 0.0)
         if is_counted(one.flags):
             missing += (rng.random(DRAWS) < hidden_probability(filming)) * rng.choice(known, DRAWS)

@@ -46,7 +46,7 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
     for trait in ("plant_height_cm", "canopy_size_cm", "plant_height_published_cm"):
         assert getattr(both.traits, trait) == pytest.approx(getattr(alone.traits, trait), rel=1e-3)
     # The fifth is a boll of this plant as likely as not.
-    assert both.traits.boll_count_error**2 == pytest.approx(alone.traits.boll_count_error**2 + 0.5, rel=0.1)
+    assert both.traits.boll_count_error**2 == pytest.approx(alone.traits.boll_count_error**2 + 0.5, rel=0.2)
     low, high = both.traits.boll_count_interval
     assert low <= 4 and high == 6
     assert both.traits.boll_volume_interval_cm3[1] > both.traits.boll_volume_cm3 + both.bolls[4].volume_cm3
@@ -62,7 +62,7 @@ def test_what_was_left_out_is_in_the_intervals_and_said_where_it_is():
     faint = LeftOut(tuple(parts.bolls[0].centre_cm / SCALE.cm_per_su), 4.0 / SCALE.cm_per_su, "faint", 0.5)
     sure, unsure = measure_whole(parts), measure_whole(parts, left_out=[faint])
     assert unsure.traits.boll_count == sure.traits.boll_count
-    assert unsure.traits.boll_count_interval[1] > sure.traits.boll_count_interval[1]
+    assert unsure.traits.boll_count_error > sure.traits.boll_count_error + 0.1
     more_cm3 = unsure.traits.boll_volume_interval_cm3[1] - sure.traits.boll_volume_interval_cm3[1]
     assert more_cm3 > 0.5 * np.pi / 6 * 4.0**3
     assert "bolls_left_out" in unsure.flags and "bolls_left_out" not in sure.flags

@@ -291,7 +291,7 @@ class ScaleOptions:
 
     @property
     def table_is_assumed(self) -> bool:
-        """Whether nobody said how large the table is."""
+        """Whether nobody gave the size of the table."""
         return not (self.table_length_cm and self.table_width_cm)
 
 
@@ -392,8 +392,8 @@ def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) 
     try:
         return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
     except BadUsage as error:
-        said = f"{stage} was made by an earlier version: {error}"
-        raise BadUsage(f"{said}; run `cotton3dg {stage}` again") from error
+        problem = f"{stage} was made by an earlier version: {error}"
+        raise BadUsage(f"{problem}; run `cotton3dg {stage}` again") from error
 
 
 def is_former_default(stage: str, version: int, name: str, value: Any) -> bool:

@@ -284,7 +284,7 @@ def masks_train(folder: Path, **flags: Any) -> None:
             typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
 
 
-# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be told from a folder of that name.
+# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be distinguished from a folder of that name.
 def masks_export(plant_dir: PlantDir) -> None:
     """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
     from ..commands.masks_export import export

@@ -99,7 +99,7 @@ def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[R
 def _printed_card(plant_id: str) -> Float32:
     """(H, W, 3) sRGB in 0..1 of a card on A4, as printed with black ink on white paper."""
     if problem := id_problem(plant_id):
-        raise BadUsage(f"--card {plant_id!r} is no id: {problem}")
+        raise BadUsage(f"--card {plant_id!r} is not an id: {problem}")
     sheet = draw_card(code_picture(card_text(plant_id)), plant_id, (), PAPER_CM["a4"], CARD_DOTS)
     return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
 

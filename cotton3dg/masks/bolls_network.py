@@ -251,7 +251,7 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
             assert network.head.bias is not None
             network.head.bias.copy_(_as_tensor(constants["maps.b"], network.head.bias))
     except (KeyError, ValueError) as error:
-        raise BadInput(f"{name} is no network of bolls; {REMEDY}") from error
+        raise BadInput(f"{name} is not a network of bolls; {REMEDY}") from error
     network.eval()
     return network
 

@@ -71,10 +71,10 @@ def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
         return {}
     try:
         length = read_unit_length(workspace)
-        said = f"{length:.4g}".encode() if length else b"none"
+        content = f"{length:.4g}".encode() if length else b"none"
     except BadInput:  # the stage itself refuses the file
-        said = workspace.scale_json.read_bytes()
-    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(said).hexdigest()}
+        content = workspace.scale_json.read_bytes()
+    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(content).hexdigest()}
 
 
 def read_unit_length(workspace: Workspace) -> float | None:

@@ -99,8 +99,8 @@ def of_framing(n_lost: int, n_placed: int) -> Finding | None:
 def of_distance(width_px: float, text: str) -> Finding:
     """Whether bolls are large enough in the images where they are measured; `text` is the remark if so."""
     if width_px < SMALL_BOLL_PX:
-        said = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
-        return Finding(YELLOW, "Bolls", said, "film closer, or raise train.max_side")
+        problem = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
+        return Finding(YELLOW, "Bolls", problem, "film closer, or raise train.max_side")
     return Finding(GREEN, "Bolls", text)
 
 

@@ -101,7 +101,7 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
     """
     done = [row for row in rows if row["state"] == State.DONE]
     finest = done[-1] if done else {}
-    told = []
+    completed = []
     for row in rows:
         errors = {
             f"{trait}_error_pct": _error_pct(row.get(trait), truth.get(trait) if truth else finest.get(trait))
@@ -112,9 +112,9 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
         reference = "truth" if truth else f"{finest['sweep']} {finest['setting']}" if finest else ""
         # The finest setting's change against itself does not show its accuracy.
         known = len(finite) == len(ERRORS) and (bool(truth) or row is not finest)
-        told.append({**row, **errors, "trait_error_pct": sum(finite) / len(finite) if known else math.nan})
-        told[-1]["reference"] = reference
-    return told
+        completed.append({**row, **errors, "trait_error_pct": sum(finite) / len(finite) if known else math.nan})
+        completed[-1]["reference"] = reference
+    return completed
 
 
 def _error_pct(value: float | None, reference: float | None) -> float:

@@ -62,15 +62,15 @@ def read_dataparser_transforms(path: Path) -> Similarity:
     Raises:
         BadInput: it has no `transform` (3, 4) with a rotation, or no `scale` above 0.
     """
-    told = DataparserTransforms.load(path)
-    lengths = {len(row) for row in told.transform}
-    matrix = np.array(told.transform, np.float64) if lengths == {4} else np.zeros(0)
-    if matrix.shape != (3, 4) or not np.isfinite(matrix).all() or not 0 < told.scale < np.inf:
-        raise BadInput(f"{path.name} has no 3 x 4 transform with a scale above 0; {told.REMEDY}")
+    transforms = DataparserTransforms.load(path)
+    lengths = {len(row) for row in transforms.transform}
+    matrix = np.array(transforms.transform, np.float64) if lengths == {4} else np.zeros(0)
+    if matrix.shape != (3, 4) or not np.isfinite(matrix).all() or not 0 < transforms.scale < np.inf:
+        raise BadInput(f"{path.name} has no 3 x 4 transform with a scale above 0; {transforms.REMEDY}")
     rotation = matrix[:, :3]
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
-        raise BadInput(f"{path.name} has a transform that is no rotation; {told.REMEDY}")
-    return Similarity(rotation, matrix[:, 3], told.scale)
+        raise BadInput(f"{path.name} has a transform that is not a rotation; {transforms.REMEDY}")
+    return Similarity(rotation, matrix[:, 3], transforms.scale)
 
 
 def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:

@@ -94,8 +94,8 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
     unusable = {reason: n for reason, n in metrics.culled.items() if n}
     if unusable:
         flags.append("gaussians_culled")
-        told = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
-        warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
+        counts = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
+        warnings.append(f"Gaussians that cannot be drawn were left out ({counts}, summed over steps)")
     if metrics.skipped_updates:
         warnings.append(
             f"{metrics.skipped_updates} updates of single Gaussians were left out, as their gradient was not finite"

@@ -176,12 +176,12 @@ def mark_corrections(before: Measured, after: Measured, corrected: Corrected, mo
     volumes = {boll.boll_id: boll.volume_cm3 for boll in before.bolls}
 
     def marked(boll: BollTraits) -> BollTraits:
-        told = corrected.words.get(boll.boll_id, "rescaled" if moved_corners else "")
-        if not told:
+        change = corrected.words.get(boll.boll_id, "rescaled" if moved_corners else "")
+        if not change:
             return boll
         was = corrected.origins.get(boll.boll_id, (boll.boll_id,))
         volume = sum(volumes[boll_id] for boll_id in was) if was else np.nan
-        return replace(boll, corrected=told, original_bolls="+".join(map(str, was)), original_volume_cm3=volume)
+        return replace(boll, corrected=change, original_bolls="+".join(map(str, was)), original_volume_cm3=volume)
 
     traits = replace(
         after.traits,

@@ -159,7 +159,7 @@ class Batch:
         names = [plant.relative_to(self.folder).as_posix() for plant in plants]
         self.jobs = min(self.jobs, max(1, len(names)))  # each gets its share of cores and memory
         self.results |= {name: Result(name) for name in names}
-        self.look_over()
+        self.check_plants()
         self.save()
         slots: SimpleQueue[list[int]] = SimpleQueue()
         for slot in range(self.jobs):
@@ -189,7 +189,7 @@ class Batch:
             future.result()
         return self.ordered()
 
-    def look_over(self) -> None:
+    def check_plants(self) -> None:
         """Look at the plants before anything is written: report which share a film, and flag these in the table.
 
         Raises:

@@ -137,7 +137,7 @@ def max_array_size() -> int:
 
 def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int) -> dict[str, str]:
     """Submit the plants that no job works on, in arrays of at most `array_size`; return the jobs by plant."""
-    batch.look_over()
+    batch.check_plants()
     jobs = _jobs(batch.folder)
     waiting = _queued(jobs.values()) if jobs else {}
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
@@ -162,7 +162,7 @@ def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> 
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
     if jobs:
         batch.results |= {name: _result(batch.folder, name, jobs.get(name), waiting) for name in names}
-        batch.look_over()
+        batch.check_plants()
         batch.save()
     else:
         batch.results = {name: Result(name) for name in names} | saved_results(batch.folder)

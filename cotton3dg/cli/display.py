@@ -130,7 +130,7 @@ def print_plan(steps: list[Step]) -> None:
         print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
 
 
-def tell_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
+def print_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
     """What is not usual about a plant's options, and how they differ from what its results were made with."""
     for word, text in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
         if text:

@@ -82,7 +82,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         exposures = [exposure_ev(frame, options) for frame in range(options.frames)]
         write_text_atomically(folder / "cameras.json", json_text(camera_truth(path, options, exposures)))
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
-        _say_table(Workspace(folder).options_file, options)
+        _print_table(Workspace(folder).options_file, options)
         partial.replace(folder / "video.mp4")
     return folder
 
@@ -104,7 +104,7 @@ def _printed_card(plant_id: str) -> Float32:
     return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
 
 
-def _say_table(options_file: Path, options: SimulateOptions) -> None:
+def _print_table(options_file: Path, options: SimulateOptions) -> None:
     """Write what a person would measure; keep a file that somebody changed."""
     ours = not options_file.exists() or options_file.read_text(encoding="utf-8").startswith(TABLE_REMARK)
     if options.table and ours:

@@ -53,7 +53,7 @@ class Maps:
         return lint
 
 
-def seen_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
+def input_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
     """Width and height, px, of the network's input for an image."""
     factor = look * min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
     return max(round(width * factor), 1), max(round(height * factor), 1)
@@ -81,7 +81,7 @@ class BollNetwork:
             window: the part that the network sees, which saves time; all outside of it counts as not a plant.
         """
         height, width = image.shape[:2]
-        size = seen_size(height, width, look)
+        size = input_size(height, width, look)
         smaller = size[0] < width
         seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
         rows, columns = seen.shape[:2]

@@ -22,7 +22,7 @@ from ..io.tables import parse_number
 from ..schemas.bolls import boll_labels, read_bolls
 from ..schemas.scale import read_scale
 from ..schemas.skeleton import read_map
-from ..traits.surface import as_drawn
+from ..traits.surface import dilate_gaussians
 from ..workspace import Workspace
 from .facts import Facts
 from .figures import (
@@ -252,7 +252,7 @@ class Pictures:
         volumes = {int(row["boll_id"]): parse_number(row["volume_cm3"]) for row in self.facts.bolls}
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
         pixel_su = self.facts.metrics.pixel_su if self.facts.metrics else 0.0
-        drawn = as_drawn(self.gaussians, pixel_su)
+        drawn = dilate_gaussians(self.gaussians, pixel_su)
         return {
             "pixel": pixel_su * self.scale.cm_per_su if self.scale else 0.0,
             "relative_error": self.scale.relative_error if self.scale else 0.0,

@@ -24,7 +24,7 @@ from ..schemas.patches import PatchesInfo
 from ..stage import Cost, Stage
 from ..workspace import Workspace
 from .corners import move_corners, refuse_moves
-from .estimate_scale import FoundScale, Plant, no_scale, seek_scale
+from .estimate_scale import FoundScale, Plant, estimate_scale, no_scale
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -63,7 +63,7 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
         tracks = read_points(workspace.undistorted / "sparse")[0]
         solid = gaussians.means[gaussians.opacities > 0.5]
         plant = load_plant(workspace, options, workspace.undistorted, tracks, solid)
-        found = seek_scale(plant, options, progress)
+        found = estimate_scale(plant, options, progress)
         found = _moved(workspace, found, plant, options, moved) if moved else found
     if options.require_scale and found.info.scale is None:
         warnings = (*found.outcome.warnings, f"{found.info.reason}; use --method table or drop --require-scale")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput, MissingInput
-from ..gaussians.harmonics import turned
+from ..gaussians.harmonics import rotate_harmonics
 from ..io.ply import read_gaussians
 from ..schemas.nerfstudio import DataparserTransforms
 from ..schemas.train import TrainMetrics
@@ -53,7 +53,7 @@ def read_foreign(ply: Path, transforms: Path | None = None) -> Gaussians:
         if path and not path.is_file():
             raise MissingInput(f"{path} is not there; give the file that the other program exported")
     gaussians = read_gaussians(ply, remedy="export it again")
-    return undo(gaussians, read_dataparser_transforms(transforms)) if transforms else gaussians
+    return apply_inverse(gaussians, read_dataparser_transforms(transforms)) if transforms else gaussians
 
 
 def read_dataparser_transforms(path: Path) -> Similarity:
@@ -73,7 +73,7 @@ def read_dataparser_transforms(path: Path) -> Similarity:
     return Similarity(rotation, matrix[:, 3], transforms.scale)
 
 
-def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
+def apply_inverse(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     """The Gaussians in the frame that a similarity starts from."""
     rotation, scale = similarity.rotation, similarity.scale
     return Gaussians(
@@ -81,7 +81,7 @@ def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
         _after(gaussians.quats, rotation.T),
         (gaussians.log_scales - np.log(scale)).astype(np.float32),
         gaussians.opacity_logits,
-        turned(gaussians.sh, rotation),
+        rotate_harmonics(gaussians.sh, rotation),
     )
 
 

@@ -33,7 +33,7 @@ class Judged:
     """Name of a held-out photo -> (H, 2 W, 3) the photo beside its render."""
 
 
-def judged(result: Fit, capture: Capture) -> Judged:
+def evaluate_held_out(result: Fit, capture: Capture) -> Judged:
     """Compare the model with the held-out photos."""
     views, held_out = capture.views, capture.held_out
     orbit = fit_orbit([view.camera for view in views])

@@ -1,4 +1,4 @@
-"""What the commands share: their arguments and flags, and how they tell errors."""
+"""What the commands share: their arguments and flags, and how they report errors."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
 
 
 def keep_given(flags: dict[str, Any]) -> dict[str, Any]:
-    """The flags that the user gave; the others are None so that TOML and presets can speak."""
+    """The flags that the user gave; the others are None, so that TOML and presets apply."""
     return {name: value for name, value in flags.items() if value is not None}
 
 

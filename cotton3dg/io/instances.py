@@ -127,7 +127,7 @@ def paint_all(images: Mapping[str, AnnotatedImage], classes: Collection[str], so
     outlined = sum(len(item.pixels) > 0 for items in kept.values() for item in items)
     boxes = sum(map(len, kept.values())) - outlined
     if boxes and not outlined:
-        raise BadInput(f"{source}: none of {boxes} instances has an outline; draw outlines, boxes alone are no masks")
+        raise BadInput(f"{source}: none of {boxes} instances has an outline; draw outlines, boxes alone are not masks")
     note = f"{boxes} of {boxes + outlined} instances of {source} have no outline and are left out; draw theirs too"
     masks = MaskSet({}, {}, notes=(note,) if boxes else ())
     for stem, image in images.items():

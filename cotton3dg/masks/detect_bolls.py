@@ -29,7 +29,7 @@ things and one a part of a boll. ..."""
 THING_IS_BOLL: Final = 0.1
 """... The same for a white thing. These plants had too few of them to measure it."""
 FEWEST_TO_HALVE: Final = 12
-"""Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
+"""Least number of views whose halves are compared. Halves of fewer views do not measure the whole."""
 
 
 def detect_bolls(

@@ -39,7 +39,7 @@ class Bolls(Middles):
 
 
 class Separated(NamedTuple):
-    """What the votes tell apart."""
+    """The bolls that the votes separate."""
 
     bolls: Bolls
     faint: Bolls

@@ -149,7 +149,7 @@ def fit_table_to_corners(
     left = float((residuals**2).sum()) / 4
     error = float(np.sqrt((errors**2 * np.abs(known) ** 2).sum() / spread**2 + left / spread)) / abs(factor)
     if error > MAX_ERROR:
-        refused.append(f"the picks tell the table's size to {error:.0%} only; pick it in photos from other sides")
+        refused.append(f"the picks give the table's size to {error:.0%} only; pick it in photos from other sides")
         return MovedTable(None, None, tuple(refused))
     x = (factor / abs(factor)).real * axes[0] + (factor / abs(factor)).imag * axes[1]
     middle = there.mean()

@@ -239,9 +239,9 @@ class Pictures:
         """Coordinates of the 3D view and of the map of the walk."""
         cells = {row["boll_id"]: [parse_number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
         centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
-        told_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
+        known_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
         plant = self.gaussians.means[self.plant_rows] if self.gaussians is not None else np.zeros((0, 3))
-        centres_cm = np.array(told_cm, np.float64).reshape(-1, 3)
+        centres_cm = np.array(known_cm, np.float64).reshape(-1, 3)
         return plant_frame(self.scale, self.orbit, centres, centres_cm, plant)
 
     def scene(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ _HOMES: Final = {
     "traits.measure": ("measure_bolls", "summarise_plant"),
     "traits.plant_segmentation": ("isolate_plant",),
     "traits.plant_size": ("measure_silhouette",),
-    "traits.surface": ("as_drawn",),
+    "traits.surface": ("dilate_gaussians",),
     "workspace": ("Workspace",),
 }
 """Module -> public names; __init__.pyi tells type checkers the same."""

@@ -63,7 +63,7 @@ from .traits.measure import measure_bolls as measure_bolls
 from .traits.measure import summarise_plant as summarise_plant
 from .traits.plant_segmentation import isolate_plant as isolate_plant
 from .traits.plant_size import measure_silhouette as measure_silhouette
-from .traits.surface import as_drawn as as_drawn
+from .traits.surface import dilate_gaussians as dilate_gaussians
 from .workspace import Workspace as Workspace
 
 __version__: str

@@ -159,7 +159,7 @@ class Batch:
         names = [plant.relative_to(self.folder).as_posix() for plant in plants]
         self.jobs = min(self.jobs, max(1, len(names)))  # each gets its share of cores and memory
         self.results |= {name: Result(name) for name in names}
-        self.look_over()
+        self.check_plants()
         self.save()
         slots: SimpleQueue[list[int]] = SimpleQueue()
         for slot in range(self.jobs):
@@ -189,7 +189,7 @@ class Batch:
             future.result()
         return self.ordered()
 
-    def look_over(self) -> None:
+    def check_plants(self) -> None:
         """Look at the plants before anything is written: report which share a film, and flag these in the table.
 
         Raises:
@@ -238,10 +238,10 @@ class Batch:
         self._processes.add(process)
         _bound(process.pid, slot, self.jobs)
         try:
-            _, said = process.communicate()
+            _, output = process.communicate()
         finally:
             self._processes.discard(process)
-        return result_of(name, process.returncode, said)
+        return result_of(name, process.returncode, output)
 
     def _interrupt(self, number: int) -> None:
         for process in list(self._processes):
@@ -344,19 +344,19 @@ def saved_results(folder: Path) -> dict[str, Result]:
     return {result.folder: result for result in results if (folder / result.folder).is_dir()}
 
 
-def result_of(name: str, code: int, said: str) -> Result:
+def result_of(name: str, code: int, output: str) -> Result:
     """The result of a plant whose run has ended.
 
     Args:
         name: the plant's folder, relative to the batch's.
         code: exit code; negative: the signal that ended the run.
-        said: the run's output.
+        output: the run's output.
     """
     if code == 0:
         return Result(name, State.DONE, 0)
     if code in INTERRUPTING:
         return Result(name, State.WAITING, None, "interrupted")
-    return Result(name, State.FAILED, code, _reason(Path(name).name, code, said))
+    return Result(name, State.FAILED, code, _reason(Path(name).name, code, output))
 
 
 def _bound(pid: int, slot: list[int], jobs: int) -> None:
@@ -371,14 +371,14 @@ def _bound(pid: int, slot: list[int], jobs: int) -> None:
         pass  # it has already ended, and its exit code says how
 
 
-def _reason(name: str, code: int, said: str) -> str:
+def _reason(name: str, code: int, output: str) -> str:
     """The last line that a failed run printed, without its plant's name; or the signal that ended it."""
-    if OUT_OF_MEMORY.search(said):  # also if a library ended the process by itself
+    if OUT_OF_MEMORY.search(output):  # also if a library ended the process by itself
         return "ran out of memory; use fewer --jobs, --preset draft or a machine with more memory"
     if code < 0:
         cause = " (out of memory?); use fewer --jobs" if code == -signal.SIGKILL else ""
         return f"ended by signal {-code}{cause}"
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     printed = " ".join(printable(name).split())  # on one line, for any name of the folder
     return lines[-1].removeprefix(f"{printed}: ") if lines else "no reason was given; see its run.log"
 

@@ -324,16 +324,16 @@ def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, .
     """
     if named := _presets(files):
         return Base(plant, files, *named[0]).choices(made)
-    best, said_most = Base(plant, files, STANDARD), 0
+    best, most_set = Base(plant, files, STANDARD), 0
     usual = best.options
     for preset, values in PRESET_VALUES.items():
         base = Base(plant, files, preset)
-        said = {stage: differences(base.options[stage], usual[stage]).keys() for stage in values}
+        preset_values = {stage: differences(base.options[stage], usual[stage]).keys() for stage in values}
         holds = values.keys() <= made.keys() and all(
-            own.isdisjoint(differences(made[stage], base.options[stage])) for stage, own in said.items()
+            own.isdisjoint(differences(made[stage], base.options[stage])) for stage, own in preset_values.items()
         )
-        if holds and sum(map(len, said.values())) > said_most:
-            best, said_most = base, sum(map(len, said.values()))
+        if holds and sum(map(len, preset_values.values())) > most_set:
+            best, most_set = base, sum(map(len, preset_values.values()))
     return best.choices(made)
 
 

@@ -105,7 +105,7 @@ def unknown(what: str, word: str, known: Iterable[str]) -> BadUsage:
 
 
 @contextmanager
-def blame_capture() -> Iterator[None]:
+def as_capture_failure() -> Iterator[None]:
     """Report an unreadable file inside the block as a fault of the capture, for which another film may help."""
     try:
         yield

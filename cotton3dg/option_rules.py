@@ -43,7 +43,7 @@ def option(
 
     Args:
         idle_with: methods of the stage with which it has no effect.
-        retired: former choices; who still names one is told what replaces it.
+        retired: former choices, with what replaces each; the error for one that is still given says it.
     """
     return field(
         default=default,
@@ -174,7 +174,7 @@ def given_values(
         (layer[chooser.name] for layer in reversed(every_layer) if chooser.name in layer), chooser.item.default
     )
     _check_value(f"{stage}.{chooser.name}", _converted(f"{stage}.{chooser.name}", method, chooser.kind), chooser)
-    said: dict[str, Given] = {}
+    given: dict[str, Given] = {}
     for number, layer in enumerate(every_layer):
         for name, value in _paths(layer, {place.methods[0] for place in known if place.table}):
             found = [place for place in known if name in (place.name, place.path)]
@@ -184,8 +184,8 @@ def given_values(
             if not active and (layer is asked or name != found[0].path):
                 raise _no_effect(stage, name, chooser.name, method, found)
             for place in active or found:
-                said[place.path] = Given(place, _converted(f"{stage}.{name}", value, place.kind), number)
-    return list(said.values())
+                given[place.path] = Given(place, _converted(f"{stage}.{name}", value, place.kind), number)
+    return list(given.values())
 
 
 def _paths(layer: Mapping[str, Any], tables: set[str]) -> Iterator[tuple[str, Any]]:
@@ -210,12 +210,12 @@ def _no_option(stage: str, name: str, known: Sequence[Place]) -> BadUsage:
 
 def _no_effect(stage: str, name: str, chooser: str, method: Any, found: list[Place]) -> BadUsage:
     """The error for an option that the user gave and that has no effect."""
-    said = f"{stage}.{name} has no effect with {chooser} = {method}; "
+    problem = f"{stage}.{name} has no effect with {chooser} = {method}; "
     others = " or ".join(dict.fromkeys(other for place in found for other in place.methods))
     if not others:
-        return BadUsage(f"{said}leave it out")
+        return BadUsage(f"{problem}leave it out")
     table = f"[{stage}.{found[0].methods[0]}]"
-    return BadUsage(f"{said}choose {chooser} = {others}, leave it out, or keep it below {table} in cotton3dg.toml")
+    return BadUsage(f"{problem}choose {chooser} = {others}, leave it out, or keep it below {table} in cotton3dg.toml")
 
 
 def checked(stage: str, options: Any) -> Any:
@@ -271,7 +271,7 @@ def flags(options: type) -> dict[str, tuple[Place, str]]:
 
 
 def retired_flags(options: type) -> list[str]:
-    """Flags of methods that are gone. They are still parsed, so that whoever types one is told what replaces it."""
+    """Flags of methods that are gone. They are still parsed, so that an error can say what replaces one."""
     return [name for gone in places(options)[0].item.metadata["retired"].values() for name in gone.options]
 
 

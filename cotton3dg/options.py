@@ -26,7 +26,7 @@ FINER_PRESETS: Final = ("draft", "standard", "paper")
 USUAL_TABLE_CM: Final = (120.0, 60.0)
 """What a table is taken for that nobody measured: the published one."""
 FORMER_DEFAULTS: Final = {"scale": (11, {"table_length_cm": USUAL_TABLE_CM[0], "table_width_cm": USUAL_TABLE_CM[1]})}
-"""Stage -> its version since which these are no defaults any more."""
+"""Stage -> its version since which these are not defaults any more."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 STANDARD: Final = "standard"
 """All defaults."""
@@ -291,7 +291,7 @@ class ScaleOptions:
 
     @property
     def table_is_assumed(self) -> bool:
-        """Whether nobody said how large the table is."""
+        """Whether nobody gave the size of the table."""
         return not (self.table_length_cm and self.table_width_cm)
 
 
@@ -383,7 +383,7 @@ def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) 
     """Options as a record has them. An old one also has those of methods that were not chosen; they had no effect.
 
     Args:
-        version: of the stage that wrote the record; what was the default of an older one was no choice.
+        version: of the stage that wrote the record. Nobody chose a value that was the default of an older version.
     Raises:
         BadUsage: an earlier version had an option or a method that this one does not have.
     """
@@ -392,8 +392,8 @@ def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) 
     try:
         return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
     except BadUsage as error:
-        said = f"{stage} was made by an earlier version: {error}"
-        raise BadUsage(f"{said}; run `cotton3dg {stage}` again") from error
+        problem = f"{stage} was made by an earlier version: {error}"
+        raise BadUsage(f"{problem}; run `cotton3dg {stage}` again") from error
 
 
 def is_former_default(stage: str, version: int, name: str, value: Any) -> bool:

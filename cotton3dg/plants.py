@@ -137,7 +137,7 @@ def _folders(folder: Path) -> list[Path]:
 
 def _plant_of_film(film: Path, make: bool) -> Workspace:
     if film.suffix.lower() not in VIDEO_SUFFIXES:
-        raise BadInput(f"{film.name} is no video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
+        raise BadInput(f"{film.name} is not a video ({', '.join(VIDEO_SUFFIXES)}); give a video or a plant's folder")
     if has_results(Workspace(film.parent)):
         return Workspace(film.parent)
     folder = film.parent / film.stem

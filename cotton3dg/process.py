@@ -21,7 +21,7 @@ ENDING: Final = {signal.SIGTERM: TERMINATED, signal.SIGHUP: HUNG_UP}
 
 
 @contextmanager
-def orderly() -> Iterator[None]:
+def exit_cleanly() -> Iterator[None]:
     """Let the command inside end with an exit code of its own and at most one line, whatever happens to its process.
 
     A signal ends it as Ctrl-C does: its child processes end too, and the same command can continue in its folder.

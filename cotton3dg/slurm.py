@@ -130,14 +130,14 @@ def _setting(text: str) -> tuple[str, int | float | str]:
 
 def max_array_size() -> int:
     """Largest number of jobs in one array on this cluster."""
-    told = _said_by("scontrol", "show", "config")
-    found = re.search(r"^MaxArraySize\s*=\s*(\d+)", told, re.MULTILINE)
+    output = _output_of("scontrol", "show", "config")
+    found = re.search(r"^MaxArraySize\s*=\s*(\d+)", output, re.MULTILINE)
     return max(1, int(found[1]) if found else MAX_ARRAY_SIZE)
 
 
 def submit(batch: Batch, plants: Sequence[Path], executor: Any, array_size: int) -> dict[str, str]:
     """Submit the plants that no job works on, in arrays of at most `array_size`; return the jobs by plant."""
-    batch.look_over()
+    batch.check_plants()
     jobs = _jobs(batch.folder)
     waiting = _queued(jobs.values()) if jobs else {}
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
@@ -162,7 +162,7 @@ def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> 
     names = [plant.relative_to(batch.folder).as_posix() for plant in plants]
     if jobs:
         batch.results |= {name: _result(batch.folder, name, jobs.get(name), waiting) for name in names}
-        batch.look_over()
+        batch.check_plants()
         batch.save()
     else:
         batch.results = {name: Result(name) for name in names} | saved_results(batch.folder)
@@ -209,16 +209,16 @@ def _jobs(folder: Path) -> dict[str, str]:
 
 def _queued(jobs: Any) -> dict[str, str]:
     """State of the jobs among `jobs` that wait or run."""
-    told = _said_by("squeue", "--noheader", "--array", "--user", getpass.getuser(), "--format", "%i %T")
-    found = dict(line.split(maxsplit=1) for line in told.splitlines() if " " in line.strip())
+    output = _output_of("squeue", "--noheader", "--array", "--user", getpass.getuser(), "--format", "%i %T")
+    found = dict(line.split(maxsplit=1) for line in output.splitlines() if " " in line.strip())
     return {job: found[job].strip() for job in jobs if job in found}
 
 
-def _said_by(*command: str) -> str:
+def _output_of(*command: str) -> str:
     try:
         return subprocess.run(command, check=True, capture_output=True, text=True, errors="replace").stdout
     except (OSError, subprocess.CalledProcessError) as error:
-        said = getattr(error, "stderr", "") or str(error)
+        reason = getattr(error, "stderr", "") or str(error)
         raise EnvironmentUnusable(
-            f"{command[0]} fails ({said.strip().splitlines()[-1]}); start it where Slurm's commands work"
+            f"{command[0]} fails ({reason.strip().splitlines()[-1]}); start it where Slurm's commands work"
         ) from error

@@ -142,11 +142,11 @@ class Stage:
             MissingInput: one is missing. BadInput: one is a folder instead of a file, or a file instead of a folder.
         """
         for place, path in self._named(workspace, options):
-            said, kind = f"{self.name}.{place} = {str(path)!r}", self.names[place]
+            option, kind = f"{self.name}.{place} = {str(path)!r}", self.names[place]
             if not path.exists():
-                raise MissingInput(f"{said} is not there, neither in the plant's folder nor here; mend the path")
+                raise MissingInput(f"{option} is not there, neither in the plant's folder nor here; mend the path")
             if path.is_dir() == (kind == FILE) and kind != EITHER:
-                raise BadInput(f"{said} is a {FOLDER if path.is_dir() else FILE}; give a {kind}")
+                raise BadInput(f"{option} is a {FOLDER if path.is_dir() else FILE}; give a {kind}")
 
     def require_results(self, workspace: Workspace, made: Collection[str] = ()) -> None:
         """Look for the results of the stages that it follows.

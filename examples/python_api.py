@@ -57,7 +57,7 @@ scale = c3d.scale_from_table(table, 120, 60) if isinstance(table, c3d.TableFit) 
 # traits: without a scale, all but the count is NaN.
 is_boll = c3d.boll_labels(bolls, len(gaussians)) > 0
 body = c3d.isolate_plant(gaussians, scale, 4.0, is_boll) if scale else None
-drawn = c3d.as_drawn(gaussians, pixel_su)
+drawn = c3d.dilate_gaussians(gaussians, pixel_su)
 measured = c3d.measure_bolls(drawn, bolls, scale, body.foot if body else None, pixel_su)
 silhouette = c3d.measure_silhouette(drawn, body, scale) if body and scale else None
 traits = c3d.summarise_plant(measured, silhouette, scale, pixel_su)

@@ -54,10 +54,12 @@ def _photos(look: Look) -> list[dict[str, str]]:
         ids = np.where(np.isin(sight.ids, here), sight.ids, np.uint16(0))
         drawn = outline_masks(read_image(look.images / name), ids, {})
         time_s = times.get(name)
-        told = f"{len(here)} of {len(counted)} bolls from here" + (f", at {time_s:.0f} s" if time_s is not None else "")
-        photos.append({"src": jpeg_uri(drawn, PHOTO_SIDE_PX), "told": told})
+        caption = f"{len(here)} of {len(counted)} bolls from here" + (
+            f", at {time_s:.0f} s" if time_s is not None else ""
+        )
+        photos.append({"src": jpeg_uri(drawn, PHOTO_SIDE_PX), "caption": caption})
     references = look.scale.pictures.values()
-    return photos + [{"src": jpeg_uri(picture, PHOTO_SIDE_PX), "told": "the reference"} for picture in references]
+    return photos + [{"src": jpeg_uri(picture, PHOTO_SIDE_PX), "caption": "the reference"} for picture in references]
 
 
 def strip_of(frames: FramesInfo, folder: Path) -> list[dict[str, str]]:
@@ -66,7 +68,7 @@ def strip_of(frames: FramesInfo, folder: Path) -> list[dict[str, str]]:
     return [
         {
             "src": jpeg_uri(read_image(folder / image.name), STRIP_SIDE_PX),
-            "told": image.name if image.timestamp_s is None else f"{image.timestamp_s:.0f} s",
+            "caption": image.name if image.timestamp_s is None else f"{image.timestamp_s:.0f} s",
         }
         for image in images
     ]

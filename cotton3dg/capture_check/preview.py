@@ -22,7 +22,7 @@ from ..io.colmap import read_cameras, read_points, read_positions, read_tracks
 from ..io.images import read_image
 from ..masks.bolls import open_bolls
 from ..options import ScaleOptions
-from ..scale.estimate_scale import FoundScale, Plant, no_scale, seek_scale
+from ..scale.estimate_scale import FoundScale, Plant, estimate_scale, no_scale
 from ..scale.stage import load_plant
 from ..scale.table import outlines_table
 from ..schemas.frames import FramesInfo
@@ -30,7 +30,7 @@ from ..train.photos import SparseModel, motion_blur_of
 from ..workspace import Workspace
 from .first_count import FoundBoll, find_bolls_in_space
 from .plane_sweep import find_agreeing_places
-from .view_detections import Sight, see
+from .view_detections import Sight, detect_in_view
 
 VIEWS: Final = 12
 """Number of images in which bolls are searched."""
@@ -59,7 +59,7 @@ class Look:
     """Motion blur in images of the size that `run` trains on; 0 where none is found."""
 
 
-def look_at(
+def preview_capture(
     workspace: Workspace,
     names: Sequence[str],
     undistorted: Path,
@@ -86,11 +86,11 @@ def look_at(
     plant = load_plant(workspace, options, undistorted, tracks, np.zeros((0, 3)))
     # The search for the table keeps one core busy and leaves the others to the network.
     with ThreadPoolExecutor(1) as beside:
-        scale = beside.submit(_seek_scale, plant, orbit, chosen, photos, options)
+        scale = beside.submit(_estimate_scale, plant, orbit, chosen, photos, options)
         sights = []
         for number, (camera, photo, window) in enumerate(zip(chosen, photos, windows, strict=True)):
             progress(number, len(chosen) + 1, "looking for bolls")
-            sights.append(see(photo, camera, network, window))
+            sights.append(detect_in_view(photo, camera, network, window))
         progress(len(chosen), len(chosen) + 1, "looking for the table")
     frames = FramesInfo.load(workspace.frames_json)
     return Look(
@@ -116,7 +116,7 @@ def _blur_px(undistorted: Path, cameras: Sequence[Camera], frames: FramesInfo, s
     return blur.median_px if blur and blur.found else 0.0
 
 
-def _seek_scale(
+def _estimate_scale(
     plant: Plant, orbit: Orbit, cameras: Sequence[Camera], photos: Sequence[NDArray[np.uint8]], options: ScaleOptions
 ) -> FoundScale:
     """The scale by the points of structure from motion, or by these and places at which photos agree.
@@ -146,7 +146,7 @@ def _seek_scale(
 
     found: list[FoundScale] = []
     for source in likely_first():
-        found.append(seek_scale(source, options, views=TABLE_VIEWS))
+        found.append(estimate_scale(source, options, views=TABLE_VIEWS))
         if found[-1].info.scale is not None:
             return found[-1]
     return found[0]

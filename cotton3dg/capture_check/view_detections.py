@@ -58,7 +58,9 @@ class Sight:
         return tuple(side for side, edge in zip(SIDES, edges, strict=True) if edge.mean() > CUT)
 
 
-def see(image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: Window | None = None) -> Sight:
+def detect_in_view(
+    image: NDArray[np.uint8], camera: Camera, network: BollNetwork, window: Window | None = None
+) -> Sight:
     """The network's detections in an (H, W, 3) sRGB image, or in the window of it that shows the plant."""
     maps = network.maps(image, window=window)
     ids, _ = group_votes(maps)

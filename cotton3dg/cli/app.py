@@ -14,7 +14,7 @@ from ..command_options import (
     SimulateOptions,
 )
 from ..options import STAGE_OPTIONS
-from ..process import orderly
+from ..process import exit_cleanly
 from . import accuracy, field, install, stages
 from .arguments import CardFiles, ModelDir, NewFile, NewFolder, PlantDir, add_flags
 
@@ -28,7 +28,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point of the console script."""
-    with orderly():
+    with exit_cleanly():
         app()
 
 

@@ -1,4 +1,4 @@
-"""What the commands share: their arguments and flags, and how they tell errors."""
+"""What the commands share: their arguments and flags, and how they report errors."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def report_errors(plant_dir: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        told = explained(error, plant_dir)
-        _end(plant_dir, str(told), told.exit_code, error)
+        explanation = explained(error, plant_dir)
+        _end(plant_dir, str(explanation), explanation.exit_code, error)
     except KeyboardInterrupt as error:
         _end(plant_dir, "interrupted; the same command continues", INTERRUPTED, error)
 
@@ -80,7 +80,7 @@ def parse_overrides(assignments: list[str] | None) -> dict[str, dict[str, Any]]:
 
 
 def keep_given(flags: dict[str, Any]) -> dict[str, Any]:
-    """The flags that the user gave; the others are None so that TOML and presets can speak."""
+    """The flags that the user gave; the others are None, so that TOML and presets apply."""
     return {name: value for name, value in flags.items() if value is not None}
 
 
@@ -91,8 +91,8 @@ def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> 
     for name, annotation in arguments.items():
         kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
         parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
-    for name, (place, told) in flags(options).items():
-        flag = typer.Option(help=told, show_default=str(place.item.default) or "none")
+    for name, (place, help_text) in flags(options).items():
+        flag = typer.Option(help=help_text, show_default=str(place.item.default) or "none")
         annotation = Annotated[place.kind | None, flag]
         parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
     for name in retired_flags(options):

@@ -130,11 +130,11 @@ def print_plan(steps: list[Step]) -> None:
         print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
 
 
-def tell_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
+def print_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
     """What is not usual about a plant's options, and how they differ from what its results were made with."""
-    for word, told in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
-        if told:
-            print(f"{word}: {told}", file=sys.stderr)
+    for word, text in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
+        if text:
+            print(f"{word}: {text}", file=sys.stderr)
 
 
 def status_entries(states: list[StageState], chosen: Chosen) -> list[dict[str, Any]]:
@@ -213,13 +213,13 @@ def print_corrections(outcome: Outcome) -> None:
     """What is kept of a plant, what does not apply, and what it changed."""
     lengths = iter(outcome.lengths)
     for correction in outcome.kept.corrections:
-        print(correction.told, *([_told_length(next(lengths))] if correction.kind == RULER else []))
+        print(correction.summary, *([_length_text(next(lengths))] if correction.kind == RULER else []))
     for reason in outcome.refused:
         print(reason)
     print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
 
 
-def _told_length(length: Length | None) -> str:
+def _length_text(length: Length | None) -> str:
     return f"{length.length_cm:.2f} ± {length.error_cm:.2f} cm" if length else "(its ends or the scale are not known)"
 
 

@@ -39,7 +39,7 @@ def import_(
     how: Annotated[str, typer.Option(help="copy | move | link")] = "copy",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="change nothing: only say what would happen")] = False,
 ) -> None:
-    """A folder for each plant from videos that show its card; what is in doubt is told and never guessed."""
+    """A folder for each plant from videos that show its card; it reports what is in doubt and guesses nothing."""
     from ..commands.import_ import DOUBT, Import, import_videos
     from . import display
 
@@ -70,7 +70,7 @@ def correct(
     ] = None,
     undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
 ) -> None:
-    """Mend bolls and the scale, for good: what is said is kept in corrections.json and applied by every run."""
+    """Mend bolls and the scale, for good: corrections.json keeps each correction, and every run applies them."""
     from ..commands.correct import Asked
     from ..commands.correct import correct as mend
     from ..plants import plant_at

@@ -39,7 +39,7 @@ def demo(
             film_once(folder, SimulateOptions(), watcher.watched("simulate"))
             workspace = Workspace(folder)
             chosen = choose(workspace, Asked(preset))
-            display.tell_options(chosen)
+            display.print_options(chosen)
             choices = chosen.to_keep(STAGES)
             pipeline.run(workspace, chosen.options, watcher=watcher, report=True, choices=choices)
         display.print_traits(workspace)

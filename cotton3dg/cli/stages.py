@@ -63,7 +63,7 @@ def run(
         workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == STAGES[0] and not dry_run)
         budget = _budget(workspace, time_budget, asked) if time_budget else None
         chosen = budget.chosen if budget else chosen
-        display.tell_options(chosen, stages)
+        display.print_options(chosen, stages)
         if dry_run:
             pipeline.require_inputs(workspace, chosen.options, stages)
             display.print_plan(pipeline.plan(workspace, chosen.options, stages, force=force))
@@ -173,7 +173,7 @@ def status(
     with report_errors(plant_dir):
         workspace, chosen = _plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
         states = pipeline.status(workspace, chosen.options)
-        display.tell_options(chosen)
+        display.print_options(chosen)
         if as_json:
             typer.echo(json.dumps(display.status_entries(states, chosen), indent=1))
         else:
@@ -198,7 +198,7 @@ def check(
 
     with report_errors(film):
         workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
-        display.tell_options(chosen, ("frames", "sfm"))
+        display.print_options(chosen, ("frames", "sfm"))
         with display.ProgressDisplay() as watcher:
             info = look(workspace, chosen.options, watcher, chosen.to_keep(("frames",)))
         if as_json:
@@ -244,7 +244,7 @@ def stage_command(stage: str) -> Callable[..., None]:
         with report_errors(plant_dir):
             asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
             workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == STAGES[0])
-            display.tell_options(chosen, stages)
+            display.print_options(chosen, stages)
             with display.ProgressDisplay() as watcher:
                 pipeline.run(
                     workspace, chosen.options, stages, force=force, watcher=watcher, choices=chosen.to_keep(stages)
@@ -284,7 +284,7 @@ def masks_train(folder: Path, **flags: Any) -> None:
             typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
 
 
-# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be told from a folder of that name.
+# `masks PLANT_DIR` takes a folder, so a sub-command of it could not be distinguished from a folder of that name.
 def masks_export(plant_dir: PlantDir) -> None:
     """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
     from ..commands.masks_export import export

@@ -257,7 +257,7 @@ def _reconcile(
     """Join groups that are parts of one boll, by the Gaussians of all views of each group.
 
     Halves that no view sees together have no evidence between them; they are joined when they fit into one boll of
-    ordinary size, unless views speak against it.
+    ordinary size, unless views vote against it.
 
     Returns:
         (F,) group of each candidate, -1 = none.

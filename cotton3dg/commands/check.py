@@ -16,7 +16,7 @@ from typing import Any
 
 from ..capture_check.judge import judge, refuse
 from ..capture_check.page import check_page, strip_of
-from ..capture_check.preview import Look, look_at
+from ..capture_check.preview import Look, preview_capture
 from ..errors import CaptureFailed
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
@@ -24,7 +24,7 @@ from ..pipeline import Watcher, begin, run
 from ..schemas.check import CheckInfo, film_of
 from ..schemas.choices import Choices
 from ..schemas.frames import FramesInfo
-from ..sfm.keyframes import Keyframes, will_do
+from ..sfm.keyframes import Keyframes, has_enough_images
 from ..sfm.lens import undistort
 from ..sfm.registration_quality import decide_distortion, describe_cameras
 from ..stage import STAGES
@@ -54,7 +54,7 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choic
             with _passing_folder(place) as scratch:
                 names, undistorted = _place(place, options, watcher, scratch, choices)
                 side_px = options["train"].max_side
-                look = look_at(place, names, undistorted, options["scale"], side_px, watcher.watched("check"))
+                look = preview_capture(place, names, undistorted, options["scale"], side_px, watcher.watched("check"))
                 info = judge(look, side_px, time.perf_counter() - start)
                 return _save(workspace, info, look, frames, place)
         except CaptureFailed as error:
@@ -100,7 +100,7 @@ def _place(
         if workspace.sfm_begun.is_dir():
             keyframes = Keyframes.load(workspace.sfm_begun)
             model = keyframes.read_model()
-            if will_do(model, len(keyframes.images)):
+            if has_enough_images(model, len(keyframes.images)):
                 chosen = tuple(names[i] for i in keyframes.images)
                 return chosen, _undistort(workspace, model, chosen, options["sfm"].distortion, scratch)
         run(workspace, options, ("sfm",), watcher=watcher, choices=choices)

@@ -96,8 +96,8 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     known = _Known(workspace)
     own: tuple[Correction, ...] = ()
     # Kept corrections already have their places, unless somebody copied the page's file here.
-    said = kept.corrections[:-1] if asked.undo else kept.corrections
-    for correction in (*said, *_from_file(asked.file), *_from_words(asked)):
+    earlier = kept.corrections[:-1] if asked.undo else kept.corrections
+    for correction in (*earlier, *_from_file(asked.file), *_from_words(asked)):
         if problem := correction.problem():
             raise BadUsage(f"a correction makes no sense: {problem}")
         if correction.model not in ("", known.model) and correction not in kept.corrections:
@@ -199,7 +199,7 @@ class _Known:
     def _seen(self, pick: Pick) -> Pick:
         """The pick with its image's hash."""
         if pick.image not in self.cameras:
-            raise BadUsage(f"{pick.image} is no placed image; look into sfm/undistorted/images")
+            raise BadUsage(f"{pick.image} is not a placed image; look into sfm/undistorted/images")
         if not self.workspace.has_images((pick,)):
             raise BadUsage(f"{pick.image} is another image now; open the plant's report anew and point again")
         (sha256,) = self.workspace.hashes(self.workspace.undistorted_image(pick.image)).values()

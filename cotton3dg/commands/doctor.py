@@ -151,16 +151,16 @@ def _examine_library(name: str) -> Finding:
     return _import_finding(name, version, done.returncode, done.stderr)
 
 
-def _import_finding(name: str, version: str, code: int, said: str) -> Finding:
+def _import_finding(name: str, version: str, code: int, output: str) -> Finding:
     """The finding for an `import` that has ended."""
     if code == 0:
         return Finding(name, version)
-    if library := missing_library(said):
+    if library := missing_library(output):
         return _library_finding(name, f"{version}, but {library} is missing", remedy_of(library))
     if code < 0:
         remedy = f"install a build of {name} for this processor"
         return _library_finding(name, f"{version} ends with signal {-code}", remedy)
-    reason = next((line for line in reversed(said.strip().splitlines()) if line.strip()), "no reason was given")
+    reason = next((line for line in reversed(output.strip().splitlines()) if line.strip()), "no reason was given")
     remedy = f"pip install --force-reinstall {name}"
     return _library_finding(name, f"{version} cannot be imported: {reason}", remedy)
 
@@ -182,8 +182,8 @@ def _examine_core() -> Finding:
 def _examine_ffmpeg() -> list[Finding]:
     try:
         binary = ffmpeg_binary()
-        version = _said_by(binary, "-version").splitlines()[0]
-        decoders = _said_by(binary, "-hide_banner", "-decoders")
+        version = _output_of(binary, "-version").splitlines()[0]
+        decoders = _output_of(binary, "-hide_banner", "-decoders")
     except (Cotton3dgError, OSError, IndexError) as error:
         return [Finding("ffmpeg", f"missing: {error}", "sudo apt-get install ffmpeg", fatal=True)]
     lacking = [codec for codec in PHONE_CODECS if not re.search(rf"^ V\S* {codec}\b", decoders, re.MULTILINE)]
@@ -195,7 +195,7 @@ def _examine_ffmpeg() -> list[Finding]:
     return [Finding("ffmpeg", f"{version.split(' Copyright')[0]} ({binary})"), codecs]
 
 
-def _said_by(*command: str) -> str:
+def _output_of(*command: str) -> str:
     return subprocess.run(command, check=False, capture_output=True, text=True, errors="replace").stdout
 
 

@@ -20,7 +20,7 @@ from ..core.columns import Column
 from ..core.machine import usable_cores
 from ..core.progress import Progress, silent
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
-from ..identity.codes import LEAST_FRAMES, read_codes, whose
+from ..identity.codes import LEAST_FRAMES, identify_plant, read_codes
 from ..identity.names import folder_name, id_problem
 from ..io import video
 from ..io.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
@@ -279,7 +279,7 @@ def _identify(path: Path, read: ReadVideo, book: FieldBook | None, given: str) -
         return Row(str(path), "" if problem else given, reason=problem)
     if read.problem:
         return Row(str(path), reason=read.problem, frames=read.frames)
-    found = whose(read.codes, book.rows if book else ())
+    found = identify_plant(read.codes, book.rows if book else ())
     n_votes = max(found.votes.values(), default=0)
     remedy = f"; {_REMEDY}" if found.doubt else ""
     return Row(str(path), found.plant_id, reason=found.doubt + remedy, frames_read=n_votes, frames=read.frames)

@@ -26,11 +26,11 @@ from ..io.images import read_image, write_image
 from ..io.saving import explain_disk_errors, file_sha256, json_text, write_text_atomically
 from ..io.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
-from ..masks.bolls import SHIPPED_FILE, BollNetwork, seen_size
+from ..masks.bolls import SHIPPED_FILE, BollNetwork, input_size
 from ..masks.builtin_weights import read_shipped
 from ..masks.group_votes import group_votes
 from ..masks.photometric_augmentation import augment
-from ..masks.test_time_augmentation import see_at_all_looks
+from ..masks.test_time_augmentation import predict_with_augmentation
 from ..masks.train_yolo import export_onnx, train_yolo
 from ..option_rules import as_dict
 from ..simulate.backgrounds import paint_backgrounds
@@ -249,7 +249,7 @@ def _read_photo(name: str, path: Path, ids: NDArray[np.uint16]) -> AnnotatedPhot
     import cv2
 
     image = _find_image(name, path, ids)
-    size = seen_size(*ids.shape)
+    size = input_size(*ids.shape)
     return AnnotatedPhoto(
         cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
     )
@@ -274,7 +274,7 @@ def _measure_accuracy(
 ) -> dict[str, Any]:
     """Precision, recall and F1 by IoU, and mIoU, over images with their true ids."""
     # This judges the network alone, without the doubts of `single_image` about faint bolls among leaves.
-    found = ((group_votes(see_at_all_looks(image, network))[0], ids) for image, ids in judged)
+    found = ((group_votes(predict_with_augmentation(image, network))[0], ids) for image, ids in judged)
     scores, miou = score_masks(found)
     table = {
         str(score.iou): {key: _round(getattr(score, key)) for key in ("precision", "recall", "f1")} for score in scores

@@ -82,7 +82,7 @@ def simulate(folder: Path, options: SimulateOptions, progress: Progress = silent
         exposures = [exposure_ev(frame, options) for frame in range(options.frames)]
         write_text_atomically(folder / "cameras.json", json_text(camera_truth(path, options, exposures)))
         write_text_atomically(folder / "truth.json", json_text(plant_truth(plant, options, masks)))
-        _say_table(Workspace(folder).options_file, options)
+        _print_table(Workspace(folder).options_file, options)
         partial.replace(folder / "video.mp4")
     return folder
 
@@ -99,12 +99,12 @@ def _stage(plant: PlantMeshes, path: Orbit, options: SimulateOptions) -> tuple[R
 def _printed_card(plant_id: str) -> Float32:
     """(H, W, 3) sRGB in 0..1 of a card on A4, as printed with black ink on white paper."""
     if problem := id_problem(plant_id):
-        raise BadUsage(f"--card {plant_id!r} is no id: {problem}")
+        raise BadUsage(f"--card {plant_id!r} is not an id: {problem}")
     sheet = draw_card(code_picture(card_text(plant_id)), plant_id, (), PAPER_CM["a4"], CARD_DOTS)
     return np.repeat(to_srgb(printed_reflectance(sheet))[..., None], 3, axis=2)
 
 
-def _say_table(options_file: Path, options: SimulateOptions) -> None:
+def _print_table(options_file: Path, options: SimulateOptions) -> None:
     """Write what a person would measure; keep a file that somebody changed."""
     ours = not options_file.exists() or options_file.read_text(encoding="utf-8").startswith(TABLE_REMARK)
     if options.table and ours:

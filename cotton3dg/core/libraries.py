@@ -51,9 +51,9 @@ def import_pycolmap() -> Any:
     return pycolmap
 
 
-def missing_library(said: str) -> str:
+def missing_library(output: str) -> str:
     """The shared library that a failed import names; empty when it names none."""
-    found = re.search(r"(lib[\w.+-]+\.so[.\d]*): cannot open", said)
+    found = re.search(r"(lib[\w.+-]+\.so[.\d]*): cannot open", output)
     return found.group(1) if found else ""
 
 

@@ -23,7 +23,7 @@ def _commit(package: Path) -> str:
     if not (package.parent / ".git").exists():
         return ""
     try:
-        told = subprocess.run(
+        described = subprocess.run(
             ["git", "-C", str(package.parent), "describe", "--always", "--dirty"],
             check=True,
             capture_output=True,
@@ -31,4 +31,4 @@ def _commit(package: Path) -> str:
         )
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return told.stdout.strip()
+    return described.stdout.strip()

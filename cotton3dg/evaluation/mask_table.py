@@ -28,9 +28,9 @@ COLUMNS: Final = (
     Column("n_found", "1", "found masks"),
     *(Column(f"hits_{s}", "1", f"pairs with an IoU of 0.{s} or more") for s in SUFFIXES),
     *(
-        Column(f"{name}_{s}", "1", f"{said}, at an IoU of 0.{s}", 4)
+        Column(f"{name}_{s}", "1", f"{meaning}, at an IoU of 0.{s}", 4)
         for s in SUFFIXES
-        for name, said in (("precision", "hits by found masks"), ("recall", "hits by true masks"), ("f1", "F1"))
+        for name, meaning in (("precision", "hits by found masks"), ("recall", "hits by true masks"), ("f1", "F1"))
     ),
     Column("miou_hits", "1", "mean IoU of the pairs at 0.5, as Table 5 of Cotton3DGaussians is read", 4),
     Column("miou_all", "1", "mean IoU over all true masks, missed ones with 0", 4),

@@ -111,7 +111,7 @@ class Repeats:
         return len(self.plants[0].films)
 
     @property
-    def told(self) -> list[TraitRepeat]:
+    def reported_traits(self) -> list[TraitRepeat]:
         """Traits with a stated error, and those of single bolls."""
         return [row for row in self.traits if math.isfinite(row.error) or row.trait in BOLL_TRAITS]
 
@@ -269,7 +269,7 @@ def repeats_text(repeats: Repeats) -> str:
     lines += [
         f"{row.trait:<34}{row.n:>5}{row.mean:>10.2f}{row.sd:>9.3f}{row.cv_pct:>8.2f}"
         + (f"{row.error:>9.3f}" if math.isfinite(row.error) else "")
-        for row in repeats.told
+        for row in repeats.reported_traits
     ]
     lines += [
         f"{row.film}: {row.trait} {row.bias_pct:+.2f} % against the first film (n = {row.n}, p = {row.p:.3f})"

@@ -52,7 +52,7 @@ def repeats_page(repeats: Repeats, picture: Path) -> str:
         "films": [str(Path(film.name).parent) if several else film.name for film in repeats.plants[0].films],
         "several": several,
         "picture": png_uri(picture),
-        "traits": repeats.told,
+        "traits": repeats.reported_traits,
         "bias": repeats.bias,
         "refused": repeats.refused,
         "bolls": [{"row": row, "films": films} for row, films in zip(repeats.bolls, matched, strict=True)],
@@ -123,7 +123,7 @@ def _draw_agreement(axes: Axes, repeats: Repeats) -> None:
 
 def _draw_scatter(axes: Axes, repeats: Repeats) -> None:
     """Coefficient of variation of each trait beside its stated standard error."""
-    shown = [row for row in repeats.told if np.isfinite(row.cv_pct)]
+    shown = [row for row in repeats.reported_traits if np.isfinite(row.cv_pct)]
     places = np.arange(len(shown))
     axes.barh(places, [row.cv_pct for row in shown], color="#1f5fa8", label="found: CV within a plant")
     stated = [100 * row.error / abs(row.mean) for row in shown]

@@ -290,12 +290,12 @@ def evaluation_text(evaluation: TableEvaluation) -> str:
     ]
     if math.isfinite(evaluation.weight_error_pct):
         lines.append(f"boll weight, each plant predicted from the others: {evaluation.weight_error_pct:.1f} % a plant")
-    told = {
+    remarks = {
         "not measured (in the truth only)": evaluation.missing,
         "without truth (measured only)": evaluation.extra,
         "left out, twice in a table": evaluation.repeated,
     } | {f"{trait} is blank": plants for trait, plants in evaluation.blank.items()}
-    lines += [f"{what}: {', '.join(plants)}" for what, plants in told.items() if plants]
+    lines += [f"{what}: {', '.join(plants)}" for what, plants in remarks.items() if plants]
     return "\n".join(lines)
 
 

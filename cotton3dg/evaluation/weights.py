@@ -91,8 +91,8 @@ def write_weights(folder: Path, model: WeightModel, points: dict[str, tuple[Floa
 
 def weights_text(model: WeightModel) -> str:
     """A line of text for each line of the model."""
-    told = [f"{WEIGHT} by {line.predictor}: " + ", ".join(_notes(line)) for line in model.lines]
-    return "\n".join([*told, *([f"lint: {model.lint_pct:.1f} % of it"] if model.lint_pct is not None else [])])
+    lines = [f"{WEIGHT} by {line.predictor}: " + ", ".join(_notes(line)) for line in model.lines]
+    return "\n".join([*lines, *([f"lint: {model.lint_pct:.1f} % of it"] if model.lint_pct is not None else [])])
 
 
 def _notes(line: Line) -> list[str]:

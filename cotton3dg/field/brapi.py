@@ -87,7 +87,7 @@ def _variable(column: Column) -> dict[str, Any]:
 
 
 def _observation(field: Field, row: dict[str, Any], column: Column, value: Any, study_id: str) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    observation: dict[str, Any] = {
         "observationDbId": f"{study_id}/{row['plant_id']}/{column.name}",
         "observationUnitDbId": row["plant_id"],
         "observationUnitName": row["plant_id"],
@@ -98,15 +98,15 @@ def _observation(field: Field, row: dict[str, Any], column: Column, value: Any, 
         "uploadedBy": f"cotton3dg {row['version']}",
     }
     if germplasm := field.role(row, "genotype"):
-        told |= {"germplasmDbId": germplasm, "germplasmName": germplasm}
+        observation |= {"germplasmDbId": germplasm, "germplasmName": germplasm}
     if date := field.date(row):
         # RFC 3339 requires a time and a zone; without them the text means only the day.
         day, _, time = date.partition("T")
-        told["observationTimeStamp"] = f"{day}T{_full_time(time)}"
+        observation["observationTimeStamp"] = f"{day}T{_full_time(time)}"
     if year := field.role(row, "season"):
-        told["season"] = {"year": int(year)} if year.isdecimal() else {"season": year}
-        told["season"]["seasonDbId"] = year
-    return told
+        observation["season"] = {"year": int(year)} if year.isdecimal() else {"season": year}
+        observation["season"]["seasonDbId"] = year
+    return observation
 
 
 def _full_time(time: str) -> str:

@@ -68,14 +68,14 @@ def miappe_sheets(field: Field, study: Study) -> Sheets:
         "Person": {"studyId": study_id},
     }
 
-    def told(section: str, columns: Sequence[str]) -> tuple[Sequence[str], list[list[Any]]]:
-        values = defaults[section] | dict(study.told.get(section, {}))
+    def sheet_of(section: str, columns: Sequence[str]) -> tuple[Sequence[str], list[list[Any]]]:
+        values = defaults[section] | dict(study.sections.get(section, {}))
         return columns, [[values.get(name, "") for name in columns]]
 
     sheets: Sheets = {
-        "Investigation": told("Investigation", INVESTIGATION),
-        "Study": told("Study", STUDY),
-        "Person": told("Person", PERSON),
+        "Investigation": sheet_of("Investigation", INVESTIGATION),
+        "Study": sheet_of("Study", STUDY),
+        "Person": sheet_of("Person", PERSON),
         "Data file": (
             ("studyId", "dataFileLink", "dataFileDesc", "dataFileVersion"),
             [[study_id, DATA_FILE, "tab-separated text, a row for each plant", "1"]],

@@ -24,9 +24,9 @@ def cottongen_sheets(field: Field, study: Study) -> Sheets:
     for row in field.plants:
         stock = field.role(row, "genotype") or row["plant_id"]
         date = field.date(row)[:10]
-        told = [dataset, stock, "Gossypium", field.species(row), row["plant_id"], study.get("Person", "personName")]
-        told += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
-        rows.append([*told, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
+        cells = [dataset, stock, "Gossypium", field.species(row), row["plant_id"], study.get("Person", "personName")]
+        cells += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
+        rows.append([*cells, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
     descriptors = [
         [column.name, "numeric", column.ontology, "count" if column.unit == "1" else column.unit, column.description]
         for column in traits
@@ -82,12 +82,12 @@ def data_package(field: Field) -> dict[str, Any]:
 
 def _field(column: Column) -> dict[str, Any]:
     kind = "string" if not column.unit else "integer" if column.digits is None else "number"
-    told: dict[str, Any] = {"name": column.name, "type": kind, "description": column.description}
+    descriptor: dict[str, Any] = {"name": column.name, "type": kind, "description": column.description}
     if column.unit:
-        told["unit"] = column.unit
+        descriptor["unit"] = column.unit
     if column.ontology:
-        told["rdfType"] = f"https://cropontology.org/rdf/{column.ontology}"
-    return told
+        descriptor["rdfType"] = f"https://cropontology.org/rdf/{column.ontology}"
+    return descriptor
 
 
 def _slug(text: str) -> str:

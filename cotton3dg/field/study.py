@@ -19,11 +19,11 @@ SECTIONS: Final = ("Investigation", "Study", "Person")
 class Study:
     """Facts of a study; empty if the lab gives none."""
 
-    told: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    sections: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Section -> code name -> text."""
 
     def get(self, section: str, name: str, default: str = "") -> str:
-        return self.told.get(section, {}).get(name, default)
+        return self.sections.get(section, {}).get(name, default)
 
 
 def read_study(folder: Path) -> Study:
@@ -36,10 +36,10 @@ def read_study(folder: Path) -> Study:
     if not path.is_file():
         return Study()
     try:
-        told = tomllib.loads(read_text(path))
+        tables = tomllib.loads(read_text(path))
     except (tomllib.TOMLDecodeError, OSError) as error:
         raise BadInput(f"{STUDY_FILE}: {error}; mend it") from error
-    for name, table in told.items():
+    for name, table in tables.items():
         if name not in SECTIONS or not isinstance(table, dict):
             raise unknown(f"{STUDY_FILE}: [{name}]", name, SECTIONS)
-    return Study({name: {key: str(value) for key, value in table.items()} for name, table in told.items()})
+    return Study({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})

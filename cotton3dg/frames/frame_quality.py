@@ -92,7 +92,7 @@ def stands_still(displacements: tuple[float, ...]) -> bool:
     return 2 * len(known) > len(displacements) and float(np.percentile(known, 95)) < STILL_DISPLACEMENT
 
 
-def raise_concerns(blur: float, highlight: float, white_share: float) -> dict[str, str]:
+def quality_flags(blur: float, highlight: float, white_share: float) -> dict[str, str]:
     """Quality flags and their warnings from the medians of a capture's images."""
     found = {}
     if blur > BLURRED:

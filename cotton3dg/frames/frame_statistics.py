@@ -92,7 +92,7 @@ def outcome_of(taken: Taken) -> StageOutcome:
         key: float(np.median([getattr(entry, key) for entry in entries]))
         for key in ("blur", "mean_luminance", "highlight", "white_share")
     }
-    concerns = frame_quality.raise_concerns(medians["blur"], medians["highlight"], medians["white_share"])
+    concerns = frame_quality.quality_flags(medians["blur"], medians["highlight"], medians["white_share"])
     return StageOutcome(
         summary={"n_frames": len(entries), **{key: round(value, 3) for key, value in medians.items()}},
         flags=(*taken.flags, *concerns),

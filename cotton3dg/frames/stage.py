@@ -8,7 +8,7 @@ from typing import Final
 
 from ..core.outcome import StageOutcome
 from ..core.progress import Progress
-from ..errors import blame_capture
+from ..errors import as_capture_failure
 from ..io.images import list_images, write_image
 from ..options import FramesOptions
 from ..stage import Cost, Stage, Work
@@ -39,7 +39,7 @@ def run(workspace: Workspace, options: FramesOptions, progress: Progress) -> Sta
         def keep(name: str, image: Picture) -> None:
             write_image(folder / name, image)
 
-        with blame_capture():
+        with as_capture_failure():
             if source.is_dir():
                 taken = take_photos(source, options, keep, progress)
             else:

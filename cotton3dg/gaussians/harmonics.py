@@ -38,7 +38,7 @@ def basis(directions: Float64, n_coefficients: int) -> Float64:
     return np.stack(functions[:n_coefficients], axis=1)
 
 
-def turned(sh: Float32, rotation: Float64) -> Float32:
+def rotate_harmonics(sh: Float32, rotation: Float64) -> Float32:
     """(N, K, 3) coefficients in a frame x of the colour that (N, K, 3) coefficients have in the frame `rotation` @ x.
 
     Functions of one degree turn into each other, so their values at turned directions are a linear map of those at the

@@ -106,7 +106,7 @@ def _with_patterns(upright: Picture, modules: int) -> Picture:
     return drawn
 
 
-def whose(frames: Mapping[str, int], known: Collection[str] = ()) -> Identity:
+def identify_plant(frames: Mapping[str, int], known: Collection[str] = ()) -> Identity:
     """The plant that the codes of a video name.
 
     A card's code names its id. Another code, such as the label of a plot, counts only if a field book has its text.

@@ -13,7 +13,7 @@ from .tonemap import HLG, PQ
 
 DECODER_DELAY_FRAMES: Final = 32
 """A threaded decoder reports a damaged frame up to this many frames before it comes out."""
-SAID: Final = re.compile(r"(?:\[[^\]]+ @ \w+\] )*\[(\w+)\] (.*)")
+MESSAGE: Final = re.compile(r"(?:\[[^\]]+ @ \w+\] )*\[(\w+)\] (.*)")
 """A line of ffmpeg's log at `level+info`: the part of ffmpeg that prints it, the level, and the message."""
 HARMLESS: Final = re.compile(
     "co located POCs unavailable|mmco: unref short failure|non monotonically increasing dts", re.IGNORECASE
@@ -85,8 +85,8 @@ def _facts_of_stream(text: str, duration_s: float) -> VideoFacts | None:
         width, height = height, width
     # E.g. `yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67, progressive)`: matrix, primaries and transfer function, which
     # are one name if all three are alike.
-    told = line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0]
-    colours = re.search(r"([\w-]+)/[\w-]+/([\w-]+)", told) or re.search(r"\b((bt709))\b", told)
+    coding = line.split(", ", 1)[1].split(f", {size[1]}x{size[2]}")[0]
+    colours = re.search(r"([\w-]+)/[\w-]+/([\w-]+)", coding) or re.search(r"\b((bt709))\b", coding)
     pixel_format = re.search(r", (\w+)", line)
     rate = re.search(r"([\d.]+)(k?) fps", line)
     return VideoFacts(
@@ -97,7 +97,7 @@ def _facts_of_stream(text: str, duration_s: float) -> VideoFacts | None:
         pixel_format=pixel_format[1] if pixel_format else "",
         transfer=colours[2] if colours and colours[2] != "unknown" else "",
         matrix=colours[1] if colours and colours[1] != "unknown" else "",
-        full_range="(pc" in told or (pixel_format is not None and pixel_format[1].startswith("yuvj")),
+        full_range="(pc" in coding or (pixel_format is not None and pixel_format[1].startswith("yuvj")),
         fps=float(rate[1]) * (1000 if rate[2] else 1) if rate else float("nan"),
         duration_s=duration_s,
         stream=int(codec[1]),
@@ -143,10 +143,10 @@ def sizes_of_frames(text: str) -> list[str]:
 
 
 def _tells_damage(line: str) -> bool:
-    said = SAID.match(line)
-    if said is None:
+    message = MESSAGE.match(line)
+    if message is None:
         return False
-    level, what = said.groups()
+    level, what = message.groups()
     if level == "warning":
         return "corrupt decoded frame" in what
     return level in ("error", "fatal") and not HARMLESS.search(what)

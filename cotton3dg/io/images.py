@@ -120,7 +120,7 @@ def read_ids(path: Path) -> NDArray[np.uint16]:
 
     ids = decode(path, read_checked(path), cv2.IMREAD_UNCHANGED)
     if ids.ndim != 2 or ids.dtype not in (np.uint8, np.uint16):
-        raise BadInput(f"{path.name} is no mask; masks are grey PNG files of 8 or 16 bits, one value an object")
+        raise BadInput(f"{path.name} is not a mask; masks are grey PNG files of 8 or 16 bits, one value an object")
     return ids.astype(np.uint16)
 
 

@@ -58,7 +58,7 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
-        raise BadInput(f"{path.name} is no whole JSON file; export it again") from error
+        raise BadInput(f"{path.name} is not a whole JSON file; export it again") from error
 
 
 def check_size(height: int, width: int) -> None:
@@ -85,7 +85,7 @@ def fill_polygons(polygons: Sequence[Any], height: int, width: int) -> NDArray[n
         if len(corners) < 3:
             raise BadInput(f"a polygon has {len(corners)} corners, it takes 3; draw it again")
         if not np.isfinite(corners).all() or (np.abs(corners) > FARTHEST_PX).any():
-            raise BadInput("a polygon has a corner that is no number or far outside; export the file again")
+            raise BadInput("a polygon has a corner that is not a number or lies far outside; export the file again")
         low = np.clip(np.floor(corners.min(axis=0)), 0, [width, height]).astype(int)
         high = np.clip(np.ceil(corners.max(axis=0)), low, [width, height]).astype(int)
         if (high <= low).any():
@@ -127,7 +127,7 @@ def paint_all(images: Mapping[str, AnnotatedImage], classes: Collection[str], so
     outlined = sum(len(item.pixels) > 0 for items in kept.values() for item in items)
     boxes = sum(map(len, kept.values())) - outlined
     if boxes and not outlined:
-        raise BadInput(f"{source}: none of {boxes} instances has an outline; draw outlines, boxes alone are no masks")
+        raise BadInput(f"{source}: none of {boxes} instances has an outline; draw outlines, boxes alone are not masks")
     note = f"{boxes} of {boxes + outlined} instances of {source} have no outline and are left out; draw theirs too"
     masks = MaskSet({}, {}, notes=(note,) if boxes else ())
     for stem, image in images.items():

@@ -56,7 +56,7 @@ def read_drawn_ids(path: Path) -> NDArray[np.uint16]:
 
     pixels = decode(path, read_checked(path), cv2.IMREAD_UNCHANGED)
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise BadInput(f"{path.name} is no mask; masks are PNG files of 8 or 16 bits, one value an object")
+        raise BadInput(f"{path.name} is not a mask; masks are PNG files of 8 or 16 bits, one value an object")
     ids = _without_colours(path, pixels).astype(np.uint16)
     highest = np.iinfo(pixels.dtype).max
     areas, loose = _values(ids)
@@ -107,6 +107,6 @@ def _pieces(ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
     count, pieces = cv2.connectedComponents((ids > 0).astype(np.uint8))
     if count - 1 > np.iinfo(np.uint16).max:
-        raise BadInput(f"a mask has {count - 1} pieces, so it is no mask of bolls; draw it again")
+        raise BadInput(f"a mask has {count - 1} pieces, so it is not a mask of bolls; draw it again")
     numbered: NDArray[np.uint16] = pieces.astype(np.uint16)
     return numbered

@@ -102,7 +102,7 @@ def read_constants(model_bytes: bytes, name: str) -> dict[str, NDArray[Any]]:
                 constants[key] = values
         return constants
     except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
-        raise BadInput(f"{name} is no network that cotton3dg wrote") from error
+        raise BadInput(f"{name} is not a network that cotton3dg wrote") from error
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:

@@ -27,7 +27,7 @@ SEPARATORS: Final = "\t;,"
 """A header with commas in its names has as many semicolons or more; one of commas has no semicolons."""
 TRIED_ROWS: Final = 20
 """Number of rows that show which separator divides them into as many cells as the header."""
-SAID_SEPARATOR: Final = re.compile(r'"?sep=(.)"?\n', re.IGNORECASE)
+SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\n', re.IGNORECASE)
 """The first line of a CSV file that is meant for Excel."""
 FORMULA_ERRORS: Final = frozenset({"#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!"})
 
@@ -131,8 +131,8 @@ def _at(row: list[str], place: int) -> str:
 
 def _csv_cells(text: str, name: str) -> tuple[str, list[list[str]]]:
     """The separator, and all rows."""
-    if said := SAID_SEPARATOR.match(text):
-        separator, text = said[1], text[said.end() :]
+    if stated := SEPARATOR_LINE.match(text):
+        separator, text = stated[1], text[stated.end() :]
     else:
         separator = max(SEPARATORS, key=lambda each: _fit(text, each))
     try:

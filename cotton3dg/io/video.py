@@ -84,9 +84,9 @@ def probe(path: Path) -> VideoFacts:
     """
     if not path.is_file():
         raise MissingInput(f"{path.name} is not there; copy the plant's video into its folder")
-    found = parse_description(_ask_ffmpeg(path))
+    found = parse_description(_run_ffmpeg(path))
     if not found:
-        why = "is empty (0 bytes)" if path.stat().st_size == 0 else "is no video that can be read"
+        why = "is empty (0 bytes)" if path.stat().st_size == 0 else "is not a video that can be read"
         raise BadInput(f"{path.name} {why}; copy it again from the phone or export it as mp4")
     facts = found[0]
     if len(found) > 1:
@@ -98,7 +98,7 @@ def probe(path: Path) -> VideoFacts:
     return facts
 
 
-def _ask_ffmpeg(path: Path, *arguments: str) -> str:
+def _run_ffmpeg(path: Path, *arguments: str) -> str:
     """ffmpeg's output about a file and about what it makes of the file."""
     command = [ffmpeg_binary(), "-nostdin", "-hide_banner", *_input_arguments(), "-i", _url(path), *arguments]
     done = subprocess.run(command, capture_output=True, check=False, stdin=subprocess.DEVNULL)
@@ -107,8 +107,8 @@ def _ask_ffmpeg(path: Path, *arguments: str) -> str:
 
 def _length_s(path: Path, stream: int) -> float:
     """Length of one stream, read to its end without decoding."""
-    said = _ask_ffmpeg(path, "-map", f"0:{stream}", "-c", "copy", "-f", "null", "-")
-    times = re.findall(r"\btime=(\d+):(\d+):([\d.]+)", said)
+    log = _run_ffmpeg(path, "-map", f"0:{stream}", "-c", "copy", "-f", "null", "-")
+    times = re.findall(r"\btime=(\d+):(\d+):([\d.]+)", log)
     return seconds_of(*times[-1]) if times else 0.0
 
 

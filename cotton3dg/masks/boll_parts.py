@@ -53,7 +53,7 @@ def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) ->
     owners = middles.nearest(places)
     owned = np.concatenate([middles.nearest(view.surfaces) for view in votes])
     names = ("places", "rays", "weights")
-    said, rays, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in names)
+    aims, rays, weights = (np.concatenate([getattr(view, name) for view in votes]) for name in names)
     parts = {}
     for k in range(len(middles.centres)):
         rows = np.flatnonzero(owned == k + 1)
@@ -66,7 +66,7 @@ def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) ->
             support=float(middles.support[k]),
             views=int(middles.views[k]),
             lint=places[owners == k + 1],
-            places=said[rows],
+            places=aims[rows],
             rays=rays[rows],
             weights=weights[rows] / weights[rows].sum(),
         )

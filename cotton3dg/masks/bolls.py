@@ -53,7 +53,7 @@ class Maps:
         return lint
 
 
-def seen_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
+def input_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
     """Width and height, px, of the network's input for an image."""
     factor = look * min(LARGEST_ZOOM, IMAGE_SIDE / max(height, width))
     return max(round(width * factor), 1), max(round(height * factor), 1)
@@ -70,9 +70,9 @@ class BollNetwork:
         try:
             self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
         except cv2.error as error:
-            raise BadInput(f"{name} is no network that OpenCV reads; {REMEDY}") from error
+            raise BadInput(f"{name} is not a network that OpenCV reads; {REMEDY}") from error
         if self._raw(np.zeros((1, 3, STRIDE, STRIDE), np.float32), name).shape[1] != CHANNELS:
-            raise BadInput(f"{name} is no network of bolls; {REMEDY}")
+            raise BadInput(f"{name} is not a network of bolls; {REMEDY}")
 
     def maps(self, image: NDArray[np.uint8], look: float = 1.0, window: Window | None = None) -> Maps:
         """The network's maps of an (H, W, 3) sRGB image, scaled by the factor `look`.
@@ -81,7 +81,7 @@ class BollNetwork:
             window: the part that the network sees, which saves time; all outside of it counts as not a plant.
         """
         height, width = image.shape[:2]
-        size = seen_size(height, width, look)
+        size = input_size(height, width, look)
         smaller = size[0] < width
         seen = cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
         rows, columns = seen.shape[:2]
@@ -116,7 +116,7 @@ class BollNetwork:
         except cv2.error as error:
             raise BadInput(f"{name} does not take images; {REMEDY}") from error
         if maps.ndim != 4 or maps.shape[2] != blob.shape[2] // 2:
-            raise BadInput(f"{name} is no network of bolls; {REMEDY}")
+            raise BadInput(f"{name} is not a network of bolls; {REMEDY}")
         return np.asarray(maps, np.float32)
 
 

@@ -232,7 +232,7 @@ def load_imagenet(network: BollsNetwork, weights: Mapping[str, Tensor]) -> None:
                 take(block.project, name + "_project_conv", name + "_bn2")
             number += count
     except (KeyError, RuntimeError) as error:
-        raise BadInput("these are no weights of EfficientNet-Lite0") from error
+        raise BadInput("these are not weights of EfficientNet-Lite0") from error
 
 
 def from_onnx(model: bytes, name: str) -> BollsNetwork:
@@ -251,7 +251,7 @@ def from_onnx(model: bytes, name: str) -> BollsNetwork:
             assert network.head.bias is not None
             network.head.bias.copy_(_as_tensor(constants["maps.b"], network.head.bias))
     except (KeyError, ValueError) as error:
-        raise BadInput(f"{name} is no network of bolls; {REMEDY}") from error
+        raise BadInput(f"{name} is not a network of bolls; {REMEDY}") from error
     network.eval()
     return network
 

@@ -16,7 +16,7 @@ from ..gaussians.rasterizer import Window
 from .bolls import BollNetwork
 from .lint_edges import open_edges
 from .lint_in_space import LintInSpace, gather_lint
-from .lint_owners import hear_votes
+from .lint_owners import average_votes
 from .meeting_votes import Middles, Votes, cast_votes
 from .outline_bolls import outline_bolls
 from .separate_bolls import Separated, separate_bolls
@@ -27,9 +27,9 @@ FAINT_IS_BOLL: Final = 0.25
 """Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants, two were
 things and one a part of a boll. ..."""
 THING_IS_BOLL: Final = 0.1
-"""... The same of a white thing, of which these plants had too few to tell."""
+"""... The same for a white thing. These plants had too few of them to measure it."""
 FEWEST_TO_HALVE: Final = 12
-"""Least number of views whose halves are compared. Halves of fewer views are no measure of the whole."""
+"""Least number of views whose halves are compared. Halves of fewer views do not measure the whole."""
 
 
 def detect_bolls(
@@ -69,7 +69,7 @@ def detect_bolls(
     lint = gather_lint(maps, cameras, gaussians, np.ones(len(gaussians), bool) if allowed is None else allowed)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
     (bolls, faint), *halves = separate_all(votes, lint, cm_per_su)
-    owners = hear_votes(votes, bolls)
+    owners = average_votes(votes, bolls)
     edges, likely = open_edges(), [of_image.lint for of_image in maps]
     seen = zip(images, likely, cameras, strict=True)
     outlined = stream_on_all_cores(lambda one: outline_bolls(*one, lint, owners, edges), seen)

@@ -113,8 +113,8 @@ def train_edges(pictures: Iterable[EdgePicture], steps: int, seed: int = 0) -> n
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, steps)
     for _ in range(steps):
         pieces = np.stack([_cut(lessons[number], rng) for number in rng.integers(len(lessons), size=BATCH)])
-        told, true, known = torch.from_numpy(pieces).split([CHANNELS, 1, 1], dim=1)
-        loss = functional.binary_cross_entropy_with_logits(network(told), true, reduction="none") * known
+        inputs, true, known = torch.from_numpy(pieces).split([CHANNELS, 1, 1], dim=1)
+        loss = functional.binary_cross_entropy_with_logits(network(inputs), true, reduction="none") * known
         optimiser.zero_grad()
         loss.mean().backward()
         optimiser.step()
@@ -173,8 +173,8 @@ def _learnable(picture: EdgePicture, rng: np.random.Generator) -> _Lesson:
     strange = _hardly_covered(rendered, true) | _hardly_covered(true, rendered)
     known = cv2.dilate(strange.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     edges = np.argwhere((seen.share > 0.05) & (seen.share < 0.95) & known)
-    told = describe(seen.image, seen.share, seen.likely)
-    return _Lesson(np.concatenate([told, true[None], known[None]]).astype(np.float32), edges)
+    inputs = describe(seen.image, seen.share, seen.likely)
+    return _Lesson(np.concatenate([inputs, true[None], known[None]]).astype(np.float32), edges)
 
 
 def _hardly_covered(patches: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArray[np.bool_]:

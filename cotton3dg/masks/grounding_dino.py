@@ -69,9 +69,9 @@ def open_grounding_dino(folder: Path, text: str, *, trusted: bool) -> Finder:
         height, width = image.shape[:2]
         factor = min(SHORT_SIDE_PX / min(height, width), LONG_SIDE_PX / max(height, width))
         pixels = normalise(image, max(round(height * factor), 1), max(round(width * factor), 1))
-        told = model(pixel_values=torch.from_numpy(pixels[None]), **words)
-        scores = told.logits[0].sigmoid().max(dim=1).values.double().numpy()
-        middle, size = told.pred_boxes[0].double().numpy().reshape(-1, 2, 2).swapaxes(0, 1)
+        output = model(pixel_values=torch.from_numpy(pixels[None]), **words)
+        scores = output.logits[0].sigmoid().max(dim=1).values.double().numpy()
+        middle, size = output.pred_boxes[0].double().numpy().reshape(-1, 2, 2).swapaxes(0, 1)
         boxes = np.hstack([middle - size / 2, middle + size / 2]) * np.tile([width, height], 2)
         return np.clip(boxes, 0, np.tile([width, height], 2)), scores
 

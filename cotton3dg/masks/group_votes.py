@@ -65,7 +65,7 @@ def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float
     rows, columns = rows[order], columns[order]
     places = ((np.stack([columns, rows], axis=1) + 0.5 - MARGIN) * maps.scale).astype(np.float32)
     sizes = (sized[rows, columns] / heat[rows, columns]).astype(np.float32)
-    kept = find_apart(places, sizes)
+    kept = suppress_non_maxima(places, sizes)
     return places[kept], sizes[kept]
 
 
@@ -76,7 +76,7 @@ def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], si
     return gathered
 
 
-def find_apart(places: Float32, sizes: Float32) -> NDArray[np.intp]:
+def suppress_non_maxima(places: Float32, sizes: Float32) -> NDArray[np.intp]:
     """Which of (N, D) places, the surest first, keep the distance `APART`, in the larger size (N,), from surer ones."""
     from scipy.spatial import cKDTree
 

@@ -51,7 +51,7 @@ def join_parts(parts: Mapping[int, Part], cm_per_su: float, likely: Callable[[Pa
     while True:
         pairs = {
             (a, b): likely(measure_pair(parts[a], parts[b], cm_per_su)) if changed & {a, b} else pairs[a, b]
-            for a, b in find_near(parts, REACH_CM / cm_per_su)
+            for a, b in find_near_pairs(parts, REACH_CM / cm_per_su)
         }
         best = max(pairs, key=lambda pair: (pairs[pair], pair), default=None)
         if best is None or pairs[best] < 0.5:
@@ -62,7 +62,7 @@ def join_parts(parts: Mapping[int, Part], cm_per_su: float, likely: Callable[[Pa
         changed = {a}
 
 
-def find_near(parts: Mapping[int, Part], reach: float) -> list[tuple[int, int]]:
+def find_near_pairs(parts: Mapping[int, Part], reach: float) -> list[tuple[int, int]]:
     """Rows a < b of parts whose middles are nearer to each other than `reach`, su."""
     from scipy.spatial import cKDTree
 

@@ -86,9 +86,9 @@ class EdgeNetwork:
         try:
             shape = self._logits(np.zeros((1, CHANNELS, TILE_PX, TILE_PX), np.float32)).shape
         except cv2.error as error:
-            raise BadInput(f"{name} is no network of edges that OpenCV reads; {REINSTALL}") from error
+            raise BadInput(f"{name} is not a network of edges that OpenCV reads; {REINSTALL}") from error
         if shape != (1, TILE_PX, TILE_PX):
-            raise BadInput(f"{name} is no network of edges; {REINSTALL}")
+            raise BadInput(f"{name} is not a network of edges; {REINSTALL}")
 
     def find_lint(
         self, image: NDArray[np.uint8], share: Float32, likely: Float32, diameter_px: float
@@ -109,27 +109,27 @@ class EdgeNetwork:
         lint: NDArray[np.bool_] = shown & (cv2.resize(logits, image.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0)
         return lint
 
-    def _logits_where(self, asked: NDArray[np.bool_], told: Float32) -> Float32:
-        """Logits (H, W) of the inputs from `describe`, in all tiles that hold pixels of `asked`; elsewhere -1."""
-        height, width = asked.shape
+    def _logits_where(self, where: NDArray[np.bool_], inputs: Float32) -> Float32:
+        """Logits (H, W) of the inputs from `describe`, in all tiles that hold pixels of `where`; elsewhere -1."""
+        height, width = where.shape
         rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
         below, right = rows * TILE_PX - height, columns * TILE_PX - width
-        held = np.pad(asked, ((0, below), (0, right))).reshape(rows, TILE_PX, columns, TILE_PX).any(axis=(1, 3))
+        held = np.pad(where, ((0, below), (0, right))).reshape(rows, TILE_PX, columns, TILE_PX).any(axis=(1, 3))
         logits = np.full((rows, TILE_PX, columns, TILE_PX), -1, np.float32)
         places = np.argwhere(held)
         if len(places):
-            wide = np.pad(told, ((0, 0), (REACH_PX, below + REACH_PX), (REACH_PX, right + REACH_PX)), mode="edge")
+            wide = np.pad(inputs, ((0, 0), (REACH_PX, below + REACH_PX), (REACH_PX, right + REACH_PX)), mode="edge")
             side = TILE_PX + 2 * REACH_PX
             tiles = np.stack([wide[:, y : y + side, x : x + side] for y, x in TILE_PX * places])
             inner = slice(REACH_PX, -REACH_PX)
             logits.transpose(0, 2, 1, 3)[held] = self._logits(tiles)[:, inner, inner]
         return logits.reshape(rows * TILE_PX, columns * TILE_PX)[:height, :width]
 
-    def _logits(self, told: Float32) -> Float32:
+    def _logits(self, inputs: Float32) -> Float32:
         """(B, H, W) of (B, CHANNELS, H, W)."""
         if not hasattr(self._own, "net"):
             self._own.net = cv2.dnn.readNetFromONNX(np.frombuffer(self._weights, np.uint8))
-        self._own.net.setInput(told)
+        self._own.net.setInput(inputs)
         return np.asarray(self._own.net.forward(), np.float32)[:, 0]
 
 

@@ -19,7 +19,7 @@ from .meeting_votes import FARTHEST, Middles, Votes
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-SAID: Final = 1.0
+VOTE_WEIGHT: Final = 1.0
 """Weight of the votes' distance from a middle, relative to the distance of the lint itself."""
 AROUND: Final = 32
 """Number of nearest votes that a place averages."""
@@ -36,37 +36,37 @@ class LintOwners:
     """The votes' evidence for the boll that lint belongs to."""
 
     middles: Middles
-    heard_at: cKDTree
+    samples: cKDTree
     """Tree of the (S, 3) places at which votes are averaged, su."""
-    said: Float32
+    distances: Float32
     """(S, B) mean distance of the votes around each place from each boll's middle, in diameters of that boll."""
 
     def at(self, places: Float32) -> NDArray[np.uint16]:
         """Boll (N,) that lint at (N, 3) places belongs to, from 1; 0 = no boll is near."""
         owners, least = np.zeros(len(places), np.uint16), np.full(len(places), np.inf, np.float32)
-        if not len(places) or not self.heard_at.n:
+        if not len(places) or not self.samples.n:
             return owners
-        nearest = self.heard_at.query(places)[1]
+        nearest = self.samples.query(places)[1]
         for boll, (centre, diameter) in enumerate(zip(self.middles.centres, self.middles.diameters, strict=True)):
             away = np.linalg.norm(places - centre, axis=1) / diameter
-            total = away + np.float32(SAID) * self.said[nearest, boll]
+            total = away + np.float32(VOTE_WEIGHT) * self.distances[nearest, boll]
             better = (away < FARTHEST) & (total < least)
             owners[better], least[better] = boll + 1, total[better]
         return owners
 
 
-def hear_votes(votes: Sequence[Votes], middles: Middles) -> LintOwners:
+def average_votes(votes: Sequence[Votes], middles: Middles) -> LintOwners:
     """Average the votes of all views around the lint that they start from."""
     from scipy.spatial import cKDTree
 
     step = max(1, sum(len(view.places) for view in votes) // MOST_VOTES)
     surfaces = np.concatenate([view.surfaces for view in votes])[::step]
     aims = np.concatenate([view.places for view in votes])[::step]
-    heard_at = surfaces[::VOTES_A_PLACE]
+    samples = surfaces[::VOTES_A_PLACE]
     count = max(min(AROUND, len(surfaces)), 1)
-    around = cKDTree(surfaces).query(heard_at, k=count)[1].reshape(len(heard_at), count)
-    said = np.empty((len(heard_at), len(middles.centres)), np.float32)
+    around = cKDTree(surfaces).query(samples, k=count)[1].reshape(len(samples), count)
+    distances = np.empty((len(samples), len(middles.centres)), np.float32)
     for boll, (centre, diameter) in enumerate(zip(middles.centres, middles.diameters, strict=True)):
         away = np.linalg.norm(aims - centre, axis=1) / diameter
-        said[:, boll] = away.clip(max=FARTHEST_VOTE)[around].mean(axis=1)
-    return LintOwners(middles, cKDTree(heard_at), said)
+        distances[:, boll] = away.clip(max=FARTHEST_VOTE)[around].mean(axis=1)
+    return LintOwners(middles, cKDTree(samples), distances)

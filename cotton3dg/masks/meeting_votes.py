@@ -103,7 +103,7 @@ class Middles:
         """Some of its rows (B,)."""
         return replace(self, **{item.name: getattr(self, item.name)[chosen] for item in fields(self)})
 
-    def and_also(self, others: Middles) -> Middles:
+    def merged_with(self, others: Middles) -> Middles:
         """Both, the surest first."""
         rows = [np.concatenate([getattr(self, item.name), getattr(others, item.name)]) for item in fields(self)]
         both = Middles(*rows)

@@ -116,7 +116,8 @@ def table_prompts(table: Path, cameras: Sequence[Camera]) -> dict[str, Prompts]:
     for stem, rows in read_prompts(table).items():
         if stem not in by_stem:
             raise BadInput(
-                f"{table.name} prompts {stem}, which is no image with a pose; use names such as {next(iter(by_stem))}"
+                f"{table.name} prompts {stem}, which is not an image with a pose; "
+                f"use names such as {next(iter(by_stem))}"
             )
         camera = by_stem[stem]
         limits = np.tile([camera.width, camera.height], rows.shape[1] // 2)
@@ -157,20 +158,20 @@ def open_sam(folder: Path, *, trusted: bool) -> Segmenter:
         masks, scores = [], []
         for first in range(0, len(prompts.centres), PROMPTS_AT_ONCE):
             part = prompts.choose(np.arange(first, min(first + PROMPTS_AT_ONCE, len(prompts.centres))), (0, 0))
-            asked = {}
+            prompt_inputs = {}
             if part.points is not None:
-                asked["input_points"] = torch.from_numpy((part.points * factor)[None, :, None]).float()
-                asked["input_labels"] = torch.ones(asked["input_points"].shape[:3], dtype=torch.int32)
+                prompt_inputs["input_points"] = torch.from_numpy((part.points * factor)[None, :, None]).float()
+                prompt_inputs["input_labels"] = torch.ones(prompt_inputs["input_points"].shape[:3], dtype=torch.int32)
             if part.boxes is not None:
-                asked["input_boxes"] = torch.from_numpy((part.boxes * np.tile(factor, 2))[None]).float()
+                prompt_inputs["input_boxes"] = torch.from_numpy((part.boxes * np.tile(factor, 2))[None]).float()
             # A point alone is ambiguous, so the surest of three masks, whole to part, is taken; a box is unambiguous.
-            told = model(image_embeddings=code, multimask_output=part.boxes is None, **asked)
-            surest = told.iou_scores[0].argmax(dim=1)
+            output = model(image_embeddings=code, multimask_output=part.boxes is None, **prompt_inputs)
+            surest = output.iou_scores[0].argmax(dim=1)
             rows = torch.arange(len(surest))
-            logits = F.interpolate(told.pred_masks[0][rows, surest][:, None], (side, side), mode="bilinear")
+            logits = F.interpolate(output.pred_masks[0][rows, surest][:, None], (side, side), mode="bilinear")
             logits = F.interpolate(logits[..., : inner[0], : inner[1]], (height, width), mode="bilinear")
             masks.append((logits[:, 0] > 0).numpy())
-            scores.append(told.iou_scores[0][rows, surest].clamp(0, 1).numpy())
+            scores.append(output.iou_scores[0][rows, surest].clamp(0, 1).numpy())
         return np.concatenate(masks), np.concatenate(scores)
 
     segmenter: Segmenter = segment

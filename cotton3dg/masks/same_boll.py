@@ -34,7 +34,7 @@ class Term:
 
     name: str
     usual: float
-    """The value that speaks neither for one boll nor against it."""
+    """The value that is evidence neither for one boll nor against it."""
     weight: float
     """Log odds of one boll for each unit beyond."""
 

@@ -39,7 +39,7 @@ class Bolls(Middles):
 
 
 class Separated(NamedTuple):
-    """What the votes tell apart."""
+    """The bolls that the votes separate."""
 
     bolls: Bolls
     faint: Bolls
@@ -91,7 +91,7 @@ def find_peaks(votes: Sequence[Votes]) -> Middles:
     others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
     away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
     hidden = (away > APART * 0.5 * (others.diameters[:, None] + middles.diameters)).all(axis=1)
-    return middles.and_also(others.take(hidden))
+    return middles.merged_with(others.take(hidden))
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import LEAF
 from .bolls import BollNetwork, Maps
 from .group_votes import group_votes
-from .test_time_augmentation import see_at_all_looks
+from .test_time_augmentation import predict_with_augmentation
 
 IN_LEAF: Final = 0.02
 """Share of an image's pixels that are leaf from which much may only look like lint: bracts, flowers, shine. All of 100
@@ -31,7 +31,7 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
     Returns:
         ids (H, W), 1 ... B from the surest on, 0 = no lint; and each boll's score.
     """
-    maps = see_at_all_looks(image, network)
+    maps = predict_with_augmentation(image, network)
     ids, scores = group_votes(maps)
     in_leaf = (maps.probabilities[LEAF] > 0.5).mean() > IN_LEAF
     if in_leaf and weigh_evidence(ids, maps) < EVIDENCE:

@@ -155,7 +155,7 @@ def split_parts(middles: Middles, votes: Sequence[Votes], least_gain: float) -> 
         return middles
     centres, sizes, support, views = map(np.array, zip(*halves, strict=True))
     both = Middles(centres.astype(np.float32), sizes.astype(np.float32), support.astype(np.float32), views)
-    return middles.take(np.array(whole, np.intp)).and_also(both)
+    return middles.take(np.array(whole, np.intp)).merged_with(both)
 
 
 def _split(votes: PlacedVotes, diameter: float, least_gain: float) -> Mixture | None:

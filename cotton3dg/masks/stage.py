@@ -26,7 +26,7 @@ from ..schemas.scale import ScaleInfo
 from ..stage import EITHER, FILE, FOLDER, Cost, Stage, Work
 from ..workspace import Workspace
 from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, Plant
-from .bolls import SHIPPED_FILE, seen_size
+from .bolls import SHIPPED_FILE, input_size
 from .lint_edges import EDGES_FILE
 from .same_boll import SCORE_FILE
 
@@ -71,10 +71,10 @@ def parts(workspace: Workspace, options: MasksOptions) -> dict[str, str]:
         return {}
     try:
         length = read_unit_length(workspace)
-        said = f"{length:.4g}".encode() if length else b"none"
+        content = f"{length:.4g}".encode() if length else b"none"
     except BadInput:  # the stage itself refuses the file
-        said = workspace.scale_json.read_bytes()
-    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(said).hexdigest()}
+        content = workspace.scale_json.read_bytes()
+    return {f"{workspace.scale_json.relative_to(workspace.root)}#cm_per_su": hashlib.sha256(content).hexdigest()}
 
 
 def read_unit_length(workspace: Workspace) -> float | None:
@@ -165,7 +165,7 @@ def _cost(work: Work) -> Cost:
     width, height = work.size
     image_mp = width * height / 1e6
     if work.options["masks"].backend == "bolls":
-        seen_mp = math.prod(seen_size(height, width)) / 1e6
+        seen_mp = math.prod(input_size(height, width)) / 1e6
         return Cost((0.46 * seen_mp + 0.22 * image_mp) * work.views)
     return Cost((0.16 + 0.41 * image_mp) * work.views)
 

@@ -15,7 +15,7 @@ from ..core.scene import Float32
 from .bolls import BollNetwork, Maps, middles_of_pixels
 
 LOOKS: Final = (1.0, 0.5, 0.25)
-"""Sizes, relative to `seen_size`, at which the network sees an image: it recognises a boll that fills the image only
+"""Sizes, relative to `input_size`, at which the network sees an image: it recognises a boll that fills the image only
 when it is small."""
 EDGES_PX: Final = 3.0
 EDGES_GAIN: Final = 1.5
@@ -26,11 +26,11 @@ FAMILIAR_OCTAVES: Final = 1.0
 """... one that is that many octaves (standard deviation) wider or narrower counts less."""
 
 
-def see_at_all_looks(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
+def predict_with_augmentation(image: NDArray[np.uint8], network: BollNetwork) -> Maps:
     """The network's maps of an (H, W, 3) sRGB image, and of it sharpened and mirrored, all `LOOKS` together."""
     other = np.ascontiguousarray(sharpen(image)[:, ::-1])
     as_it_is = [network.maps(image, look) for look in LOOKS]
-    return mix_looks(as_it_is + [mirror(network.maps(other, look)) for look in LOOKS])
+    return merge_maps(as_it_is + [mirror(network.maps(other, look)) for look in LOOKS])
 
 
 def mirror(maps: Maps) -> Maps:
@@ -50,7 +50,7 @@ def sharpen(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.addWeighted(image, 1 + EDGES_GAIN, soft, -EDGES_GAIN, 0), np.uint8)
 
 
-def mix_looks(looks: Sequence[Maps]) -> Maps:
+def merge_maps(looks: Sequence[Maps]) -> Maps:
     """Mix the maps of several looks at one image, at the size of the first. Where bolls are large, the looks in which
     they are small count most."""
     first = looks[0]

@@ -58,13 +58,13 @@ def load_model(class_name: str, folder: Path, *, trusted: bool) -> Any:
     if pickled:
         demand_trust(f"the model in {folder.name}", trusted, "save it as .safetensors")
     try:
-        model, told = model_class.from_pretrained(
+        model, loading_info = model_class.from_pretrained(
             folder, local_files_only=True, use_safetensors=not pickled, output_loading_info=True
         )
     # Damaged weights make the readers raise almost any exception.
     except Exception as error:
         raise BadInput(f"the model in {folder.name} cannot be read ({error!r:.80}); copy its folder again") from error
-    if lacking := len(told["missing_keys"]) + len(told["mismatched_keys"]):
+    if lacking := len(loading_info["missing_keys"]) + len(loading_info["mismatched_keys"]):
         raise BadInput(f"the weights in {folder.name} lack {lacking} parts of the model; copy its folder again")
     return model.eval()
 

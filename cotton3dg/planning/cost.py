@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ..core.machine import usable_cores
-from ..errors import blame_capture
+from ..errors import as_capture_failure
 from ..io.images import image_size, list_images
 from ..sfm.stage import VIDEO_FEATURE_SIDE
 from ..stage import STAGES, Cost, Footage, Work, stage_of
@@ -48,7 +48,7 @@ def examine_footage(workspace: Workspace) -> Footage:
         images = list_images(source)
         size = image_size(images[0].read_bytes()) if images else None
         return Footage(len(images), *(size or (VIDEO_FEATURE_SIDE, VIDEO_FEATURE_SIDE)), is_video=False)
-    with blame_capture():
+    with as_capture_failure():
         facts = video.probe(source)
     frames = facts.duration_s * facts.fps
     return Footage(max(1, round(frames)) if math.isfinite(frames) else USUAL_FRAMES, facts.width, facts.height)

@@ -27,7 +27,7 @@ STILL_RIGHT: Final = 0.67
 """Share of the bolls beyond such a place that are nevertheless on the right branch."""
 
 
-def doubted(plant_map: PlantMap) -> PlantMap:
+def lower_confidence(plant_map: PlantMap) -> PlantMap:
     """The map with less confidence in a boll's branch if the branch passes near another one on the way to the boll."""
     by_rank = {axis.rank: axis for axis in plant_map.axes}
     first = {axis.rank: _first_pass_cm(axis, by_rank) for axis in plant_map.branches}

@@ -20,7 +20,7 @@ from ..geometry.polylines import (
 )
 from .positions import STEP_CM, Sited, bends_deg, infer_positions, sharpest
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
-from .untangle import leaves_low, untangled
+from .untangle import leaves_low, untangle_paths
 from .wood import BollBody, WoodCloud
 
 STALK_CM: Final = 5.0
@@ -77,7 +77,7 @@ def draw_map(cloud: WoodCloud, raw: list[RawAxis], stem_radius: float) -> PlantM
     """
     if not raw:
         return PlantMap((), (), "no_stem")
-    ways = _without_carpels(untangled(raw), cloud.bolls)
+    ways = _without_carpels(untangle_paths(raw), cloud.bolls)
     stem = ways[0].curve
     branches, on_stem = _sorted_out(ways, cloud)
     for branch in branches:

@@ -73,7 +73,7 @@ class _Line:
     """Where it enters each of its segments."""
 
 
-def opened(ways: list[RawAxis], meetings: list[Meeting]) -> list[RawAxis]:
+def open_loops(ways: list[RawAxis], meetings: list[Meeting]) -> list[RawAxis]:
     """The paths, with every loop that the meetings close opened so that the branches go on straight."""
     if not meetings:
         return ways

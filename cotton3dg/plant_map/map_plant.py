@@ -12,9 +12,9 @@ from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
 from ..core.scene import Float64, Gaussians
 from ..geometry.polylines import nearest_on, path_lengths
-from .branch_confidence import doubted
+from .branch_confidence import lower_confidence
 from .branching_order import draw_map
-from .loops import opened
+from .loops import open_loops
 from .radii import radii_of
 from .skeleton import SURFACE_CM, extract_axes, stem_radius
 from .wood import classify, thinned, wood_places
@@ -65,7 +65,7 @@ def map_places(places: Float64, bolls: Sequence[BollPlace]) -> PlantMap:
     raw, meetings = extract_axes(cloud)
     if not raw:
         return PlantMap((), (), "no_stem")
-    return doubted(draw_map(cloud, opened(raw, meetings), stem_radius(raw[0].curve, places)))
+    return lower_confidence(draw_map(cloud, open_loops(raw, meetings), stem_radius(raw[0].curve, places)))
 
 
 def _surface_radii(curve: Float64, points: Float64) -> Float64:

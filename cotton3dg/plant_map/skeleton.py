@@ -306,10 +306,10 @@ def bare_length(curve: Float64, free: Float64) -> float:
         return np.inf
     bins = np.arange(0.0, length_of(curve) + 1.0)
     counts = np.histogram(station[near], bins)[0]
-    told = counts >= FEWEST_PLACES_PER_CM
-    blade = told & (np.histogram(station[near & beside], bins)[0] > BLADE_SHARE * counts)
+    dense = counts >= FEWEST_PLACES_PER_CM
+    blade = dense & (np.histogram(station[near & beside], bins)[0] > BLADE_SHARE * counts)
     # The blade begins at the first piece that is blade, as is most of the way behind it.
-    onwards = np.cumsum(blade[::-1])[::-1] / np.maximum(np.cumsum(told[::-1])[::-1], 1)
+    onwards = np.cumsum(blade[::-1])[::-1] / np.maximum(np.cumsum(dense[::-1])[::-1], 1)
     first = np.flatnonzero(blade & (onwards > BLADE_ONWARDS))
     return float(first[0]) if len(first) else length_of(curve)
 

@@ -27,7 +27,7 @@ VIEWS: Final = 60
 LONGER_PX: Final = 960
 """Longer side of the photos that are used, px."""
 VEILED: Final = 0.1
-"""Opacity of the plant's model from which on a pixel is no evidence about twigs that the model lacks."""
+"""Opacity of the plant's model from which on a pixel says nothing about twigs that the model lacks."""
 STEP_CM: Final = 1.0
 SPACING_CM: Final = 0.25
 """Spacing of the places of a trail."""

@@ -61,7 +61,7 @@ class _Pairing:
     apply: Callable[[], None]
 
 
-def untangled(raw: list[RawAxis]) -> list[RawAxis]:
+def untangle_paths(raw: list[RawAxis]) -> list[RawAxis]:
     """The paths, paired so that they go on straight; the stem stays first."""
     ways = [replace(way) for way in raw]
     touches = _Touches()

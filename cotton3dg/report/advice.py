@@ -61,7 +61,7 @@ FLAGS: Final = {
     ),
     "overexposed": Meaning(
         "The images are burnt out",
-        "Much of the images is pure white, and lint cannot be told from it.",
+        "Much of the images is pure white, and lint cannot be distinguished from it.",
         "Lower the exposure, or dim the light.",
     ),
     "few_frames_registered": Meaning(

@@ -106,13 +106,13 @@ def _genotype_plot(fit: Fit, means: Sequence[Mean]) -> dict[str, Any]:
         }
         for mean, error in zip(shown, errors, strict=True)
     ]
-    told = [f"{fit.genotypes} genotypes, {fit.plants} plants"]
-    told += [f"F {fit.f_genotype:.2f}, p {fit.p_genotype:.3g}"] if np.isfinite(fit.p_genotype) else []
-    told += [f"heritability {fit.heritability:.2f}"] if np.isfinite(fit.heritability) else []
+    statistics = [f"{fit.genotypes} genotypes, {fit.plants} plants"]
+    statistics += [f"F {fit.f_genotype:.2f}, p {fit.p_genotype:.3g}"] if np.isfinite(fit.p_genotype) else []
+    statistics += [f"heritability {fit.heritability:.2f}"] if np.isfinite(fit.heritability) else []
     return {
         "name": name, "unit": unit, "lines": lines, "height": 16 * len(lines) + 22,
         "low": f"{low:.{digits}f}", "high": f"{high:.{digits}f}",
-        "text": "; ".join(told), "left_out": len(means) - len(shown),
+        "text": "; ".join(statistics), "left_out": len(means) - len(shown),
     }  # fmt: skip
 
 
@@ -188,11 +188,11 @@ def _histogram(trait: str, values: np.ndarray) -> dict[str, Any]:
     """Columns of a histogram in a box of 200 x 90."""
     known = values[np.isfinite(values)]
     name, unit, digits = SHOWN[trait]
-    told: dict[str, Any] = {"name": name, "unit": unit, "n": len(known), "columns": [], "text": "no values yet"}
+    chart: dict[str, Any] = {"name": name, "unit": unit, "n": len(known), "columns": [], "text": "no values yet"}
     if not len(known):
-        return told
+        return chart
     counts, edges = np.histogram(known, bins=min(BINS, max(1, len(known))))
-    told["columns"] = [
+    chart["columns"] = [
         {
             "x": 200 * i / len(counts),
             "width": 200 / len(counts) - 1,
@@ -201,6 +201,6 @@ def _histogram(trait: str, values: np.ndarray) -> dict[str, Any]:
         }
         for i, count in enumerate(counts)
     ]
-    told["low"], told["high"] = f"{edges[0]:.{digits}f}", f"{edges[-1]:.{digits}f}"
-    told["text"] = f"median {np.median(known):.{digits}f} {unit}".strip() + f", {len(known)} plants"
-    return told
+    chart["low"], chart["high"] = f"{edges[0]:.{digits}f}", f"{edges[-1]:.{digits}f}"
+    chart["text"] = f"median {np.median(known):.{digits}f} {unit}".strip() + f", {len(known)} plants"
+    return chart

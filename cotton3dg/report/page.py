@@ -181,15 +181,15 @@ def give_verdict(facts: Facts, failure: str) -> dict[str, str]:
 
 def write_headline(facts: Facts) -> str:
     """The film and its outcome in one line."""
-    told = []
+    parts = []
     if facts.frames:
-        told.append(facts.frames.file or "photos")
+        parts.append(facts.frames.file or "photos")
         if video := facts.frames.video:
-            told.append(f"{format_figure(video.duration_s)} s, {video.width} × {video.height} px")
+            parts.append(f"{format_figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
-        told.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
-        told.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s")
-    return "; ".join(told) or "nothing could be read from what was filmed"
+        parts.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
+        parts.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s")
+    return "; ".join(parts) or "nothing could be read from what was filmed"
 
 
 def trait_cards(facts: Facts) -> list[dict[str, str]]:
@@ -209,8 +209,8 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
             no_bolls = column == "boll_volume_cm3" and not counted
             why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
             return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
-        told = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
-        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": told, "note": note}
+        limits = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
+        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": limits, "note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
     solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in counted]

@@ -22,7 +22,7 @@ from ..io.tables import parse_number
 from ..schemas.bolls import boll_labels, read_bolls
 from ..schemas.scale import read_scale
 from ..schemas.skeleton import read_map
-from ..traits.surface import as_drawn
+from ..traits.surface import dilate_gaussians
 from ..workspace import Workspace
 from .facts import Facts
 from .figures import (
@@ -239,9 +239,9 @@ class Pictures:
         """Coordinates of the 3D view and of the map of the walk."""
         cells = {row["boll_id"]: [parse_number(row[f"{axis}_cm"]) for axis in "xyz"] for row in self.facts.bolls}
         centres = np.array([boll.centre for boll in self.bolls]).reshape(-1, 3)
-        told_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
+        known_cm = [cells.get(str(boll.boll_id), [math.nan] * 3) for boll in self.bolls]
         plant = self.gaussians.means[self.plant_rows] if self.gaussians is not None else np.zeros((0, 3))
-        centres_cm = np.array(told_cm, np.float64).reshape(-1, 3)
+        centres_cm = np.array(known_cm, np.float64).reshape(-1, 3)
         return plant_frame(self.scale, self.orbit, centres, centres_cm, plant)
 
     def scene(self) -> dict[str, Any]:
@@ -252,7 +252,7 @@ class Pictures:
         volumes = {int(row["boll_id"]): parse_number(row["volume_cm3"]) for row in self.facts.bolls}
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
         pixel_su = self.facts.metrics.pixel_su if self.facts.metrics else 0.0
-        drawn = as_drawn(self.gaussians, pixel_su)
+        drawn = dilate_gaussians(self.gaussians, pixel_su)
         return {
             "pixel": pixel_su * self.scale.cm_per_su if self.scale else 0.0,
             "relative_error": self.scale.relative_error if self.scale else 0.0,

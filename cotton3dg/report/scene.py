@@ -107,7 +107,7 @@ def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
     for axis in plant_map.axes:
         pieces = [axis.curve, *(boll.stalk for boll in plant_map.bolls if boll.branch == axis.rank)]
         places = np.vstack([np.vstack([piece, np.full((1, 3), np.nan)]) for piece in pieces])
-        told = [[None if np.isnan(x) else round(float(x), 2) for x in column] for column in places.T]
+        coordinates = [[None if np.isnan(x) else round(float(x), 2) for x in column] for column in places.T]
         what = "Stem" if axis.rank == 0 else f"Branch {axis.rank}"
         bolls = f", bolls {', '.join(map(str, axis.bolls))}" if axis.bolls else ", no bolls"
         text = f"{what}: {length_of(axis.curve):.1f} cm{'' if axis.rank == 0 else ', ' + axis.kind}{bolls}"
@@ -117,7 +117,7 @@ def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
                 "name": what,
                 "text": text,
                 "bolls": list(axis.bolls),
-                "places": told,
+                "places": coordinates,
                 "colour": f"rgb({red},{green},{blue})",
             }
         )

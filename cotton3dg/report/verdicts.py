@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..frames.frame_quality import BLURRED, raise_concerns
+from ..frames.frame_quality import BLURRED, quality_flags
 from ..io.tables import parse_number
 from ..schemas.check import GREEN, YELLOW, Finding
 from ..schemas.frames import FrameInfo
@@ -81,7 +81,7 @@ def of_light(images: Sequence[FrameInfo]) -> list[Finding]:
     """What is wrong with the light of most images; empty if it is good."""
     highlight = float(np.median([image.highlight for image in images]))
     white = float(np.median([image.white_share for image in images]))
-    concerns = (concern.partition("; ") for concern in raise_concerns(0.0, highlight, white).values())
+    concerns = (concern.partition("; ") for concern in quality_flags(0.0, highlight, white).values())
     return [Finding(YELLOW, "Light", text, remedy) for text, _, remedy in concerns]
 
 
@@ -99,8 +99,8 @@ def of_framing(n_lost: int, n_placed: int) -> Finding | None:
 def of_distance(width_px: float, text: str) -> Finding:
     """Whether bolls are large enough in the images where they are measured; `text` is the remark if so."""
     if width_px < SMALL_BOLL_PX:
-        said = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
-        return Finding(YELLOW, "Bolls", said, "film closer, or raise train.max_side")
+        problem = f"bolls are {width_px:.0f} px wide, below {SMALL_BOLL_PX:.0f} they can be lost"
+        return Finding(YELLOW, "Bolls", problem, "film closer, or raise train.max_side")
     return Finding(GREEN, "Bolls", text)
 
 

@@ -15,7 +15,7 @@ from ..core.scene import Camera, Float64
 from ..geometry.picks import point_of_picks
 from ..options import ScaleOptions
 from ..schemas.scale import ScaleInfo
-from .estimate_scale import PICTURES, TABLE_SOURCES, FoundScale, Plant, doubts_of, facts_of, summary_of, table_of
+from .estimate_scale import PICTURES, TABLE_SOURCES, FoundScale, Plant, facts_of, summary_of, table_of, warnings_of
 from .rectangle import Rectangle
 from .references import LEAST_ERROR, Reference, reconcile, scale_on
 from .table import outline_table
@@ -61,7 +61,7 @@ def move_corners(
     if scale is None or not TABLE_SOURCES & {reference.source for reference in references}:
         refused = (*refused, *("the scale does not come from the table" for _ in moves))
     elif moves:
-        moved = lay_through(scale, cameras, moves, *options.table_cm)
+        moved = fit_table_to_corners(scale, cameras, moves, *options.table_cm)
         refused = (*refused, *moved.refused)
     if moved.reference and moved.rectangle:
         by_corners = replace(moved.reference, assumed=options.table_is_assumed)
@@ -86,7 +86,7 @@ def move_corners(
             f"{SOURCE}_{number}.jpg": outline_table(plant.photo(image), cameras[image], moved.rectangle)
             for number, image in enumerate(shown)
         }
-        found = FoundScale(info, StageOutcome(summary, *doubts_of(together, unclear_edge=False)), pictures)
+        found = FoundScale(info, StageOutcome(summary, *warnings_of(together, unclear_edge=False)), pictures)
     return refuse_moves(found, refused)
 
 
@@ -102,7 +102,7 @@ def refuse_moves(found: FoundScale, reasons: Sequence[str]) -> FoundScale:
     return replace(found, outcome=outcome)
 
 
-def lay_through(
+def fit_table_to_corners(
     scale: Scale, cameras: Mapping[str, Camera], moves: Moves, length_cm: float, width_cm: float
 ) -> MovedTable:
     """The table of known size that fits the moved corners best, in the plane of the table as it was found.
@@ -149,7 +149,7 @@ def lay_through(
     left = float((residuals**2).sum()) / 4
     error = float(np.sqrt((errors**2 * np.abs(known) ** 2).sum() / spread**2 + left / spread)) / abs(factor)
     if error > MAX_ERROR:
-        refused.append(f"the picks tell the table's size to {error:.0%} only; pick it in photos from other sides")
+        refused.append(f"the picks give the table's size to {error:.0%} only; pick it in photos from other sides")
         return MovedTable(None, None, tuple(refused))
     x = (factor / abs(factor)).real * axes[0] + (factor / abs(factor)).imag * axes[1]
     middle = there.mean()

@@ -91,7 +91,7 @@ class _Scene:
         return [(self.chosen[i], self.photos[i]) for i in (n * len(self.chosen) // PICTURES for n in range(PICTURES))]
 
 
-def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent, views: int = VIEWS) -> FoundScale:
+def estimate_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent, views: int = VIEWS) -> FoundScale:
     """Search the references that the method names, and reconcile their scales.
 
     Args:
@@ -135,7 +135,7 @@ def seek_scale(plant: Plant, options: ScaleOptions, progress: Progress = silent,
     )
     summary = summary_of(info, evidence)
     unclear = "table" in together.agreeing and isinstance(scene.table, TableFit) and bool(scene.table.unclear_edges)
-    return FoundScale(info, StageOutcome(summary, *doubts_of(together, unclear)), pictures, patches)
+    return FoundScale(info, StageOutcome(summary, *warnings_of(together, unclear)), pictures, patches)
 
 
 def no_scale(reason: str, *warnings: str) -> FoundScale:
@@ -241,7 +241,7 @@ def _table_pictures(scene: _Scene, rectangle: Rectangle) -> Pictures:
     }
 
 
-def doubts_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def warnings_of(together: Reconciled, unclear_edge: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags and warnings of a scale."""
     flags, warnings = [], []
     if together.assumed:

@@ -24,7 +24,7 @@ from ..schemas.patches import PatchesInfo
 from ..stage import Cost, Stage
 from ..workspace import Workspace
 from .corners import move_corners, refuse_moves
-from .estimate_scale import FoundScale, Plant, no_scale, seek_scale
+from .estimate_scale import FoundScale, Plant, estimate_scale, no_scale
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -37,10 +37,10 @@ def parts(workspace: Workspace, _: ScaleOptions) -> dict[str, str]:
         return {}
     name = f"{workspace.corrections_json.name}#{CORNER}"
     try:
-        said = Corrections.load(workspace.corrections_json).of(CORNER)
+        moves = Corrections.load(workspace.corrections_json).of(CORNER)
     except BadInput:  # the stage reports it when it runs
         return {name: file_sha256(workspace.corrections_json)}
-    return {name: hashlib.sha256(repr(said).encode()).hexdigest()} if said else {}
+    return {name: hashlib.sha256(repr(moves).encode()).hexdigest()} if moves else {}
 
 
 def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent) -> StageOutcome:
@@ -54,8 +54,8 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
     workspace.require(workspace.undistorted / "sparse", "sfm")
     workspace.require(workspace.gaussians_ply, "train")
     reflectances = _reflectances(options.card.patches)
-    said = Corrections.load_if_there(workspace.corrections_json)
-    moved = said.of(CORNER) if said else ()
+    corrections = Corrections.load_if_there(workspace.corrections_json)
+    moved = corrections.of(CORNER) if corrections else ()
     if options.method == "none":
         found = refuse_moves(no_scale("no reference was asked for"), ["no scale was asked for"] * len(moved))
     else:
@@ -63,7 +63,7 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
         tracks = read_points(workspace.undistorted / "sparse")[0]
         solid = gaussians.means[gaussians.opacities > 0.5]
         plant = load_plant(workspace, options, workspace.undistorted, tracks, solid)
-        found = seek_scale(plant, options, progress)
+        found = estimate_scale(plant, options, progress)
         found = _moved(workspace, found, plant, options, moved) if moved else found
     if options.require_scale and found.info.scale is None:
         warnings = (*found.outcome.warnings, f"{found.info.reason}; use --method table or drop --require-scale")
@@ -96,12 +96,12 @@ def _reflectances(text: str) -> tuple[float, ...]:
 
 
 def _moved(
-    workspace: Workspace, found: FoundScale, plant: Plant, options: ScaleOptions, said: tuple[Correction, ...]
+    workspace: Workspace, found: FoundScale, plant: Plant, options: ScaleOptions, corrections: tuple[Correction, ...]
 ) -> FoundScale:
     """The scale with the corners that a person moved, as far as the photos are still those with the picks."""
     placed = {camera.name for camera in plant.cameras}
     moves, refused = [], []
-    for correction in said:
+    for correction in corrections:
         known = {pick.image for pick in correction.picks} <= placed and workspace.has_images(correction.picks)
         if correction.problem() or not known:
             refused.append(correction.problem() or "a photo that was pointed at is another one now")

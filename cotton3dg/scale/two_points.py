@@ -43,6 +43,6 @@ def scale_from_distance(
     error = max(float(np.hypot(sigmas[0], sigmas[1])) / measured, LEAST_ERROR)
     if error > MAX_ERROR:
         return NoReference(
-            f"the two points tell their distance to {error:.0%} only; pick them in more images, from more sides"
+            f"the two points give their distance to {error:.0%} only; pick them in more images, from more sides"
         )
     return Reference("distance", distance_cm / measured, error, {"distance_su": measured}), np.array(points)

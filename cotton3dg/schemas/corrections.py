@@ -85,7 +85,7 @@ class Correction:
         return tuple(pick for pick in self.picks if pick.end == end)
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """The correction in a few words."""
         return f"{self.kind} {' + '.join(str(place.boll_id) for place in self.bolls if place.boll_id)}".strip()
 

@@ -15,8 +15,8 @@ def choose_pairs(n: int, overlap: int, ordered: bool) -> list[tuple[int, int]]:
     1.4 times the one before, for as many again: near ones give many matches, far ones stiffness. The order is
     taken as a ring, so that a full turn closes without a search for loops. Every `overlap`-th image is matched with
     every other such one, which ties a second turn, or a walk back, to the first. For unordered images all pairs are
-    returned, and `matching.find_alike` takes the good ones; very many images are paired as if ordered and twice as
-    dense.
+    returned, and `matching.find_similar_pairs` takes the good ones; very many images are paired as if ordered and
+    twice as dense.
 
     Returns:
         Ascending (i, j) with i < j, each once.

@@ -113,6 +113,6 @@ def images_between(chosen: Sequence[int], matches: Mapping[tuple[int, int], Pair
     return [image for pair, n in common.items() if n < limit for image in range(pair[0] + 1, pair[1])]
 
 
-def will_do(model: Any | None, images: int) -> bool:
+def has_enough_images(model: Any | None, images: int) -> bool:
     """Whether a model has nearly all of the images that it should have."""
     return model is not None and model.num_reg_images() >= LEAST_PLACED * images

@@ -32,7 +32,7 @@ class LensEvidence:
         return not self.rise_pct < NEEDLESS_RISE_PCT
 
 
-def straighten(model: Any) -> tuple[Any, LensEvidence]:
+def adjust_without_distortion(model: Any) -> tuple[Any, LensEvidence]:
     """The reconstruction adjusted without lens distortion, and the evidence on whether that is allowed.
 
     Focal length and distortion can compensate each other on a closed orbit: a lens without distortion may get up to

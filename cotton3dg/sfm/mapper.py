@@ -94,7 +94,7 @@ def map_images(
     return sorted(found.values(), key=lambda model: -model.num_reg_images())
 
 
-def map_at_once(database: Path, image_folder: Path, work_folder: Path, seed: int) -> list[Any]:
+def map_globally(database: Path, image_folder: Path, work_folder: Path, seed: int) -> list[Any]:
     """The models that the global mapper finds, the one with the most images first; the focal length has to be known."""
     pycolmap = import_pycolmap()
 
@@ -134,7 +134,7 @@ def place_others(model: Any, database: Path, seed: int, placed: Callable[[], Non
     return model
 
 
-def settle(model: Any) -> None:
+def bundle_adjust(model: Any) -> None:
     """Adjust all cameras and points of a pycolmap.Reconstruction once more, without observations that are far off."""
     pycolmap = import_pycolmap()
 

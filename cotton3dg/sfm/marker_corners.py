@@ -48,7 +48,7 @@ def squares_of_images(image: Callable[[int], NDArray[np.uint8]], count: int) -> 
     return {number: squares for number, squares in enumerate(found) if squares}
 
 
-def tie(
+def match_marker_corners(
     features: Mapping[int, Features], matches: Mapping[tuple[int, int], PairMatches], squares: Mapping[int, Squares]
 ) -> tuple[dict[int, Features], dict[tuple[int, int], PairMatches]]:
     """Features with the corners of markers behind them, and the matches that one motion explains with these.

@@ -58,7 +58,9 @@ def match_pairs(
     return {pair: matches for pair, matches in zip(pairs, found, strict=True) if matches is not None}
 
 
-def find_alike(images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:
+def find_similar_pairs(
+    images: Sequence[Features], pairs: Sequence[tuple[int, int]], most: int
+) -> list[tuple[int, int]]:
     """The pairs that are worth matching whole: those of each image with the `most` most similar images.
 
     Source: preemptive matching (Wu 2013), but the most similar are kept instead of all above a limit.

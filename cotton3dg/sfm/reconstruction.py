@@ -16,11 +16,19 @@ from ..schemas.sfm import RescueStep
 from .colours import colour_points
 from .epipolar_consistency import contradicted_pct
 from .features import Features, FeatureSettings, features_of_images
-from .keyframes import MODEL, Keyframes, first_keyframes, images_between, keyframe_spacing, pairs_of_keyframes, will_do
-from .mapper import drop_lost_images, map_images, place_others, settle, write_database
-from .matching import PairMatches, find_alike, match_pairs
+from .keyframes import (
+    MODEL,
+    Keyframes,
+    first_keyframes,
+    has_enough_images,
+    images_between,
+    keyframe_spacing,
+    pairs_of_keyframes,
+)
+from .mapper import bundle_adjust, drop_lost_images, map_images, place_others, write_database
+from .matching import PairMatches, find_similar_pairs, match_pairs
 from .registration_recovery import Attempt, Task, recover_registration
-from .stationary_camera import require_walk, some_apart
+from .stationary_camera import pairs_far_apart, require_walk
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ def reconstruct(
         features = features | features_of_images(image_folder, names, others, settings.features, progress)
         watch.lap("features")
         if settings.partners is not None:
-            pairs = find_alike([features[i] for i in range(len(names))], pairs, settings.partners)
+            pairs = find_similar_pairs([features[i] for i in range(len(names))], pairs, settings.partners)
             watch.lap("choosing pairs")
         seen = set(keyframes.images if keyframes else ())
         pairs = [pair for pair in pairs if not seen.issuperset(pair)]
@@ -112,7 +120,7 @@ def reconstruct(
         watch.lap("rescue")
     kept = [drop_lost_images(model) for model in best.models]
     for model in kept:
-        settle(model)
+        bundle_adjust(model)
     watch.lap("mapping")
     kept.sort(key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
     if kept:
@@ -198,7 +206,7 @@ def _match(
     features: dict[int, Features], pairs: list[tuple[int, int]], images: int
 ) -> dict[tuple[int, int], PairMatches]:
     """The pairs that fit together, in their order; matching stops if a few of them show that the camera stood still."""
-    looked_at = some_apart(pairs, images)
+    looked_at = pairs_far_apart(pairs, images)
     first = match_pairs(features, looked_at)
     require_walk(features, first)
     found = first | match_pairs(features, sorted(set(pairs) - set(looked_at)))
@@ -216,10 +224,10 @@ def _place_cameras(
 ) -> list[Any]:
     """The models of the images, from keyframes where these suffice."""
     model = keyframes.read_model() if keyframes else None
-    if keyframes and will_do(model, len(keyframes.images)):
+    if keyframes and has_enough_images(model, len(keyframes.images)):
         placed = _counted(len(names) + len(keyframes.images), len(names), progress)
         whole = place_others(model, database, settings.seed, placed)
-        if will_do(whole, len(names)):
+        if has_enough_images(whole, len(names)):
             return [whole]
     placed = _counted(len(names), len(names), progress)
     return map_images(database, image_folder, work_folder, names, settings.seed, placed)

@@ -10,7 +10,7 @@ from ..core.scene import Camera
 from ..errors import CaptureFailed
 from ..geometry.camera_orbit import find_out_of_view, fit_orbit
 from ..schemas.sfm import LensDecision, SfmInfo
-from .lens import NEEDLESS_RISE_PCT, straighten
+from .lens import NEEDLESS_RISE_PCT, adjust_without_distortion
 
 MIN_REGISTERED_PCT: Final = 40.0
 FEW_REGISTERED_PCT: Final = 80.0
@@ -65,7 +65,7 @@ def decide_distortion(model: Any, option: str) -> tuple[Any, LensDecision]:
     """The model with or without lens distortion, as the evidence or the option decides, and the evidence."""
     if option == "on":
         return model, LensDecision("on", on=True)
-    straight, evidence = straighten(model)
+    straight, evidence = adjust_without_distortion(model)
     on = option == "auto" and evidence.on
     return model if on else straight, LensDecision(option, on, evidence.rise_pct, NEEDLESS_RISE_PCT, evidence.corner_px)
 

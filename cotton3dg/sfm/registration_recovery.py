@@ -25,9 +25,9 @@ from ..core.progress import Progress
 from ..schemas.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs
-from .keyframes import will_do
-from .mapper import map_at_once, map_images, place_others, settle, write_database
-from .marker_corners import squares_of_images, tie
+from .keyframes import has_enough_images
+from .mapper import bundle_adjust, map_globally, map_images, place_others, write_database
+from .marker_corners import match_marker_corners, squares_of_images
 from .matching import PairMatches, match_pairs, verify
 from .tracking import follow
 
@@ -87,7 +87,7 @@ def recover_registration(task: Task, first: Attempt) -> tuple[Attempt, tuple[Res
     best, steps = first, []
     for name, tried in _ladder(task):
         share = best.placed / len(task.names)
-        if will_do(best.models[0] if best.models else None, len(task.names)):
+        if has_enough_images(best.models[0] if best.models else None, len(task.names)):
             break
         if name != FOLLOWING and share >= FEW:
             continue
@@ -105,10 +105,10 @@ FOLLOWING: Final = "following"
 
 def _ladder(task: Task) -> Iterator[tuple[str, Callable[[Attempt], Attempt | None]]]:
     yield FOLLOWING, lambda best: follow_into_lost(task, best)
-    yield "markers", lambda best: tie_by_markers(task, best)
-    yield "more features", lambda best: look_harder(task)
+    yield "markers", lambda best: place_by_markers(task, best)
+    yield "more features", lambda best: retry_with_more_features(task)
     yield FOLLOWING, lambda best: follow_into_lost(task, best)
-    yield "all at once", lambda best: place_at_once(task, best)
+    yield "all at once", lambda best: place_globally(task, best)
 
 
 def follow_into_lost(task: Task, best: Attempt) -> Attempt | None:
@@ -139,7 +139,7 @@ def follow_into_lost(task: Task, best: Attempt) -> Attempt | None:
     database = _fresh(task, "followed.db")
     write_database(database, task.image_folder, task.names, features, dict(sorted(matches.items())), _focal(task, best))
     model = place_others(_copied(best.models[0], task), database, task.seed, lambda: None)
-    settle(model)
+    bundle_adjust(model)
     names = {task.names[number] for number in lost}
     for image in [model.image(i) for i in model.reg_image_ids()]:
         if image.name in names and image.num_points3D < LEAST_POINTS:
@@ -157,10 +157,10 @@ def _copied(model: Any, task: Task) -> Any:
         return pycolmap.Reconstruction(folder)
 
 
-def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
+def place_by_markers(task: Task, best: Attempt) -> Attempt | None:
     """Place all again, with the corners of printed markers as matches; None where they do not tie more images."""
     squares = squares_of_images(lambda number: read_grey(task.image_folder / task.names[number]), len(task.names))
-    features, matches = tie(best.features, best.matches, squares)
+    features, matches = match_marker_corners(best.features, best.matches, squares)
     if all(pair in best.matches and len(found.rows) <= len(best.matches[pair].rows) for pair, found in matches.items()):
         return None
     database = _fresh(task, "markers.db")
@@ -169,7 +169,7 @@ def tie_by_markers(task: Task, best: Attempt) -> Attempt | None:
     return Attempt(features, matches, models)
 
 
-def look_harder(task: Task) -> Attempt:
+def retry_with_more_features(task: Task) -> Attempt:
     """Match and place all again with more features, of larger images, in more pairs."""
     settings = replace(task.features, most=MORE_FEATURES * task.features.most, max_side=LARGER * task.features.max_side)
     n = len(task.names)
@@ -183,14 +183,14 @@ def look_harder(task: Task) -> Attempt:
     return Attempt(features, matches, models)
 
 
-def place_at_once(task: Task, best: Attempt) -> Attempt | None:
+def place_globally(task: Task, best: Attempt) -> Attempt | None:
     """Place all cameras by the global mapper; None where no focal length is known."""
     focal_length_px = _focal(task, best)
     if focal_length_px is None:
         return None
     database = _fresh(task, "at_once.db")
     write_database(database, task.image_folder, task.names, best.features, best.matches, focal_length_px)
-    models = map_at_once(database, task.image_folder, task.work_folder, task.seed)
+    models = map_globally(database, task.image_folder, task.work_folder, task.seed)
     return Attempt(best.features, best.matches, models)
 
 

@@ -28,7 +28,7 @@ TOLERANCE: Final = 0.003
 """Share of the longer side by which a place that stands still differs from the motion of the whole picture."""
 
 
-def some_apart(pairs: Sequence[tuple[int, int]], images: int) -> list[tuple[int, int]]:
+def pairs_far_apart(pairs: Sequence[tuple[int, int]], images: int) -> list[tuple[int, int]]:
     """A few pairs of a capture of `images` images that are some way apart."""
     apart = [pair for pair in pairs if APART <= abs(pair[0] - pair[1]) <= images - APART]
     return apart[:: max(1, len(apart) // LOOKED_AT)]
@@ -38,7 +38,7 @@ def require_walk(features: Mapping[int, Features], matches: Mapping[tuple[int, i
     """Check, before cameras are placed, that the camera moved.
 
     Args:
-        features: by number of the image. matches: of `some_apart`.
+        features: by number of the image. matches: of `pairs_far_apart`.
     Raises:
         CaptureFailed: the camera stood still.
     """

@@ -14,7 +14,7 @@ from ..train.trainer import Fit, fit
 from ..workspace import Workspace
 
 
-def save_passing_models(
+def save_intermediate_models(
     workspace: Workspace, options: TrainOptions, targets: Mapping[int, Workspace], progress: Progress = silent
 ) -> dict[int, StageOutcome]:
     """Train once and save the model after given numbers of steps as the result of the stage train in other folders.

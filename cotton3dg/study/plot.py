@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..io.tradeoff_plot import Dot, Panel, write_tradeoff
-from .tables import MEASURES, Row, clock_of, front, judged, machine_was_busy
+from .tables import MEASURES, Row, clock_of, comparable_rows, front, machine_was_busy
 
 
 def write_plot(path: Path, rows: Sequence[Row]) -> None:
@@ -19,7 +19,7 @@ def write_plot(path: Path, rows: Sequence[Row]) -> None:
     }
     panels = []
     for measure in MEASURES:
-        shown, best = judged(rows, measure), front(rows, measure)
+        shown, best = comparable_rows(rows, measure), front(rows, measure)
         dots = [
             Dot(row["sweep"], row["setting"], row[clock], row[measure], (row["sweep"], row["setting"]) in best)
             for row in shown

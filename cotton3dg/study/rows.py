@@ -110,14 +110,14 @@ def _rendering(workspace: Workspace, options: TrainOptions, regions: PlantRegion
     _, held_out = hold_out(views, options.holdout)
     small = [view.limited(options.max_side) for view in held_out]
 
-    def judged(some: list[View]) -> list[ViewQuality]:
+    def qualities_of(some: list[View]) -> list[ViewQuality]:
         return [
             view_quality(gaussians, view, resized(plant, view), np.array(gains.get(view.camera.name, (1.0, 1.0, 1.0))))
             for view, plant in zip(some, plants, strict=True)
         ]
 
-    full = judged(held_out)
-    trained = full if options.max_side >= FULL_SIDE else judged(small)
+    full = qualities_of(held_out)
+    trained = full if options.max_side >= FULL_SIDE else qualities_of(small)
     sample = [views[round(i)] for i in np.linspace(0, len(views) - 1, TIMED_CAMERAS)]
     found = RenderingInfo(
         gaussians.sha256(),

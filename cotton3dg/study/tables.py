@@ -101,7 +101,7 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
     """
     done = [row for row in rows if row["state"] == State.DONE]
     finest = done[-1] if done else {}
-    told = []
+    completed = []
     for row in rows:
         errors = {
             f"{trait}_error_pct": _error_pct(row.get(trait), truth.get(trait) if truth else finest.get(trait))
@@ -112,9 +112,9 @@ def with_errors(rows: Sequence[Row], truth: Mapping[str, float]) -> list[dict[st
         reference = "truth" if truth else f"{finest['sweep']} {finest['setting']}" if finest else ""
         # The finest setting's change against itself does not show its accuracy.
         known = len(finite) == len(ERRORS) and (bool(truth) or row is not finest)
-        told.append({**row, **errors, "trait_error_pct": sum(finite) / len(finite) if known else math.nan})
-        told[-1]["reference"] = reference
-    return told
+        completed.append({**row, **errors, "trait_error_pct": sum(finite) / len(finite) if known else math.nan})
+        completed[-1]["reference"] = reference
+    return completed
 
 
 def _error_pct(value: float | None, reference: float | None) -> float:
@@ -132,7 +132,7 @@ def machine_was_busy(rows: Sequence[Row]) -> bool:
 
 def markdown(rows: Sequence[Row]) -> str:
     """One table per sweep; a star marks the settings on a front of accuracy against time over all sweeps."""
-    best = starred(rows)
+    best = pareto_settings(rows)
     parts = [_table(sweep, [row for row in rows if row["sweep"] == sweep], best) for sweep in TITLES]
     parts = [part for part in parts if part]
     notes = [
@@ -153,7 +153,7 @@ def clock_of(rows: Sequence[Row]) -> str:
     return "idle_seconds" if machine_was_busy(rows) else "seconds"
 
 
-def judged(rows: Sequence[Row], measure: str) -> list[Row]:
+def comparable_rows(rows: Sequence[Row], measure: str) -> list[Row]:
     """The rows whose `measure` can be compared, each setting once."""
     base = next((row for row in rows if row["sweep"] == "base"), None)
     shown: list[Row] = []
@@ -171,12 +171,12 @@ def judged(rows: Sequence[Row], measure: str) -> list[Row]:
 
 def front(rows: Sequence[Row], measure: str) -> set[tuple[str, str]]:
     """Sweep and setting of the rows that no other row beats in time and `measure`."""
-    shown, clock, sign = judged(rows, measure), clock_of(rows), MEASURES[measure]
+    shown, clock, sign = comparable_rows(rows, measure), clock_of(rows), MEASURES[measure]
     best = pareto_front([row[clock] for row in shown], [sign * row[measure] for row in shown])
     return {(shown[i]["sweep"], shown[i]["setting"]) for i in best}
 
 
-def starred(rows: Sequence[Row]) -> set[tuple[str, str]]:
+def pareto_settings(rows: Sequence[Row]) -> set[tuple[str, str]]:
     """Sweep and setting of the rows on the front of any measure, under all names of a setting."""
     best = set().union(*(front(rows, measure) for measure in MEASURES))
     if any(sweep == "base" for sweep, _ in best):
@@ -220,7 +220,8 @@ def _figure(value: float | None, form: str) -> str:
 
 def summary(rows: Sequence[Row]) -> str:
     """One line per setting, for the terminal."""
-    best, lines = starred(rows), [f"{'sweep':<12}{'setting':<14}{'PSNR dB':>9}{'traits %':>9}{'time':>10}{'CPU':>10}"]
+    best = pareto_settings(rows)
+    lines = [f"{'sweep':<12}{'setting':<14}{'PSNR dB':>9}{'traits %':>9}{'time':>10}{'CPU':>10}"]
     for row in rows:
         start = f"{row['sweep']:<12}{row['setting']:<14}"
         if row["state"] != State.DONE:

@@ -29,7 +29,7 @@ from ..schemas.train import TrainMetrics
 from ..stage import STAGES, stage_of
 from ..staleness import stale_reason
 from ..workspace import Workspace
-from .checkpoints import save_passing_models
+from .checkpoints import save_intermediate_models
 from .plant_region import PlantRegions
 from .plot import write_plot
 from .rows import empty_row, finished_row
@@ -91,7 +91,7 @@ class Study:
                 for setting in settings:
                     self._try(setting)
                     self._save()
-        return self._told_rows()
+        return self._rows_with_errors()
 
     # --------------------------------------------------------------- settings
     def _run_base(self) -> None:
@@ -180,7 +180,7 @@ class Study:
         options = passing[0].options["train"]
         base = self._workspace(self.base)
         progress = self.watcher.started(Step("train", options, "its models are kept"))
-        outcomes = save_passing_models(base, options, workspaces, progress)
+        outcomes = save_intermediate_models(base, options, workspaces, progress)
         base_record = base.read_record("train")
         for steps, outcome in outcomes.items():
             workspace = workspaces[steps]
@@ -225,14 +225,14 @@ class Study:
         row = finished_row(workspace, setting.sweep, setting.value, setting.options["train"], self.regions, self.lpips)
         self.rows[setting.sweep, setting.value] = row
 
-    def _told_rows(self) -> list[dict[str, Any]]:
+    def _rows_with_errors(self) -> list[dict[str, Any]]:
         """All rows with their errors, a sweep after the other."""
         sweeps = dict.fromkeys(sweep for sweep, _ in self.rows)
         by_sweep = [[row for key, row in self.rows.items() if key[0] == sweep] for sweep in sweeps]
         return [row for rows in by_sweep for row in with_errors(rows, self.truth)]
 
     def _save(self) -> None:
-        rows = self._told_rows()
+        rows = self._rows_with_errors()
         write_text_atomically(self.plant.study_csv, csv_text(COLUMNS, rows))
         write_text_atomically(self.plant.study_md, markdown(rows))
         with explain_disk_errors(self.plant.root):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..core.outcome import StageOutcome
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput, MissingInput
-from ..gaussians.harmonics import turned
+from ..gaussians.harmonics import rotate_harmonics
 from ..io.ply import read_gaussians
 from ..schemas.nerfstudio import DataparserTransforms
 from ..schemas.train import TrainMetrics
@@ -53,7 +53,7 @@ def read_foreign(ply: Path, transforms: Path | None = None) -> Gaussians:
         if path and not path.is_file():
             raise MissingInput(f"{path} is not there; give the file that the other program exported")
     gaussians = read_gaussians(ply, remedy="export it again")
-    return undo(gaussians, read_dataparser_transforms(transforms)) if transforms else gaussians
+    return apply_inverse(gaussians, read_dataparser_transforms(transforms)) if transforms else gaussians
 
 
 def read_dataparser_transforms(path: Path) -> Similarity:
@@ -62,18 +62,18 @@ def read_dataparser_transforms(path: Path) -> Similarity:
     Raises:
         BadInput: it has no `transform` (3, 4) with a rotation, or no `scale` above 0.
     """
-    told = DataparserTransforms.load(path)
-    lengths = {len(row) for row in told.transform}
-    matrix = np.array(told.transform, np.float64) if lengths == {4} else np.zeros(0)
-    if matrix.shape != (3, 4) or not np.isfinite(matrix).all() or not 0 < told.scale < np.inf:
-        raise BadInput(f"{path.name} has no 3 x 4 transform with a scale above 0; {told.REMEDY}")
+    transforms = DataparserTransforms.load(path)
+    lengths = {len(row) for row in transforms.transform}
+    matrix = np.array(transforms.transform, np.float64) if lengths == {4} else np.zeros(0)
+    if matrix.shape != (3, 4) or not np.isfinite(matrix).all() or not 0 < transforms.scale < np.inf:
+        raise BadInput(f"{path.name} has no 3 x 4 transform with a scale above 0; {transforms.REMEDY}")
     rotation = matrix[:, :3]
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
-        raise BadInput(f"{path.name} has a transform that is no rotation; {told.REMEDY}")
-    return Similarity(rotation, matrix[:, 3], told.scale)
+        raise BadInput(f"{path.name} has a transform that is not a rotation; {transforms.REMEDY}")
+    return Similarity(rotation, matrix[:, 3], transforms.scale)
 
 
-def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
+def apply_inverse(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     """The Gaussians in the frame that a similarity starts from."""
     rotation, scale = similarity.rotation, similarity.scale
     return Gaussians(
@@ -81,7 +81,7 @@ def undo(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
         _after(gaussians.quats, rotation.T),
         (gaussians.log_scales - np.log(scale)).astype(np.float32),
         gaussians.opacity_logits,
-        turned(gaussians.sh, rotation),
+        rotate_harmonics(gaussians.sh, rotation),
     )
 
 

@@ -33,7 +33,7 @@ class Judged:
     """Name of a held-out photo -> (H, 2 W, 3) the photo beside its render."""
 
 
-def judged(result: Fit, capture: Capture) -> Judged:
+def evaluate_held_out(result: Fit, capture: Capture) -> Judged:
     """Compare the model with the held-out photos."""
     views, held_out = capture.views, capture.held_out
     orbit = fit_orbit([view.camera for view in views])
@@ -94,8 +94,8 @@ def outcome_of(metrics: TrainMetrics, effects: Effects) -> StageOutcome:
     unusable = {reason: n for reason, n in metrics.culled.items() if n}
     if unusable:
         flags.append("gaussians_culled")
-        told = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
-        warnings.append(f"Gaussians that cannot be drawn were left out ({told}, summed over steps)")
+        counts = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in unusable.items())
+        warnings.append(f"Gaussians that cannot be drawn were left out ({counts}, summed over steps)")
     if metrics.skipped_updates:
         warnings.append(
             f"{metrics.skipped_updates} updates of single Gaussians were left out, as their gradient was not finite"

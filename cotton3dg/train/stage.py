@@ -33,7 +33,7 @@ from .densify import scheduled_count
 from .foreign_model import as_fit, explained, read_foreign
 from .initialise import FILL_SHARE, START_SHARE, start_gaussians
 from .photos import Capture, SparseModel, capture_of
-from .quality import judged, outcome_of
+from .quality import evaluate_held_out, outcome_of
 from .schedule import DENSIFY_AFTER, DENSIFY_UNTIL, levels
 from .trainer import Fit, Training, fit
 
@@ -110,7 +110,7 @@ def load_windows(workspace: Workspace, options: TrainOptions, views: list[View])
 
 def save_model(workspace: Workspace, result: Fit, capture: Capture) -> StageOutcome:
     """Judge the model by the held-out views and write the stage's folder."""
-    found = judged(result, capture)
+    found = evaluate_held_out(result, capture)
     with workspace.writing("train") as folder:
         write_gaussians(folder / workspace.gaussians_ply.name, result.gaussians)
         found.metrics.save(folder / workspace.metrics_json.name)

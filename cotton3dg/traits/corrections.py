@@ -77,9 +77,9 @@ def apply_corrections(
         problem = correction.problem()
         places = [_scene_place(place, correction, model, frame) for place in correction.bolls]
         if not problem and any(place is None for place in places):
-            problem = "its place is not known in this model; it was said of another one, without a scale"
+            problem = "its place is not known in this model; it refers to another one, without a scale"
         if problem:
-            refused.append(f"{correction.told}: {problem}")
+            refused.append(f"{correction.summary}: {problem}")
             continue
         known = [place for place in places if place is not None]
         if correction.kind == "add":
@@ -92,7 +92,7 @@ def apply_corrections(
             continue
         found = [_boll_at(place, now) for place in known]
         if None in found or len(set(found)) < len(found):
-            refused.append(f"{correction.told}: no boll is there any more")
+            refused.append(f"{correction.summary}: no boll is there any more")
             continue
         ids = [boll_id for boll_id in found if boll_id is not None]
         sources = tuple(sorted({source for boll_id in ids for source in origins[boll_id]}))
@@ -106,7 +106,7 @@ def apply_corrections(
         elif correction.kind == "split":
             parts = _split(now[ids[0]], gaussians, next_id)
             if parts is None:
-                refused.append(f"{correction.told}: too few Gaussians for two bolls")
+                refused.append(f"{correction.summary}: too few Gaussians for two bolls")
                 continue
             for part in parts:
                 now[part.boll_id], origins[part.boll_id], words[part.boll_id] = part, sources, "split"
@@ -205,5 +205,5 @@ def _added(
     if len(indices) >= LEAST_GAUSSIANS:
         indices = indices[find_compact_part(gaussians.means[indices])]
     if len(indices) < LEAST_GAUSSIANS:
-        return "the model has no lint there that is no other boll's"
+        return "the model has no lint there that does not belong to another boll"
     return _of(BollInstance(boll_id, indices, (), places[0], usual_su, 1.0), boll_id, indices, gaussians)

@@ -36,8 +36,8 @@ from .plant_segmentation import Plant, isolate_plant
 from .plant_size import PlantSize, Sized, size_plant
 from .published import hull_of_means
 from .silhouette_hull import opaque_hull
-from .surface import as_drawn, sample_surface_of_volume, surface_rows
-from .truncation import doubt_whole
+from .surface import dilate_gaussians, sample_surface_of_volume, surface_rows
+from .truncation import check_truncation
 
 ALPHA: Final = 0.25
 """Radius of the ball that rolls over a boll, in diameters. It enters between boll and branch, not between locks."""
@@ -115,11 +115,11 @@ def measure_parts(
             concerns["no_stem"] = (
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
-    cut, lost = doubt_whole(gaussians.means[plant.rows], cameras) if plant else ("", False)
+    cut, lost = check_truncation(gaussians.means[plant.rows], cameras) if plant else ("", False)
     filming = replace(filming, whole=not lost)
     if cut:
         concerns["plant_cut"] = cut
-    drawn = as_drawn(gaussians, pixel_su)
+    drawn = dilate_gaussians(gaussians, pixel_su)
     apart = {boll.boll_id for boll in bolls if plant and plant.apart[boll.indices].mean() > 0.5} - {*added}
     if apart:
         concerns["bolls_off_plant"] = (
@@ -176,12 +176,12 @@ def mark_corrections(before: Measured, after: Measured, corrected: Corrected, mo
     volumes = {boll.boll_id: boll.volume_cm3 for boll in before.bolls}
 
     def marked(boll: BollTraits) -> BollTraits:
-        told = corrected.words.get(boll.boll_id, "rescaled" if moved_corners else "")
-        if not told:
+        change = corrected.words.get(boll.boll_id, "rescaled" if moved_corners else "")
+        if not change:
             return boll
         was = corrected.origins.get(boll.boll_id, (boll.boll_id,))
         volume = sum(volumes[boll_id] for boll_id in was) if was else np.nan
-        return replace(boll, corrected=told, original_bolls="+".join(map(str, was)), original_volume_cm3=volume)
+        return replace(boll, corrected=change, original_bolls="+".join(map(str, was)), original_volume_cm3=volume)
 
     traits = replace(
         after.traits,
@@ -212,7 +212,7 @@ def measure_bolls(
     """Volume, diameter and place of each boll; traits that need a scale or a foot are NaN without it.
 
     Args:
-        drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
+        drawn: all Gaussians, as wide as they are drawn (`dilate_gaussians`).
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         apart: ids of bolls that do not hang on the plant.

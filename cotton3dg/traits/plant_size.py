@@ -79,7 +79,7 @@ def size_plant(
     """The size of a plant, up to the ends of its twigs as far as model and photos show them.
 
     Args:
-        drawn: all Gaussians, as wide as they are drawn (`as_drawn`).
+        drawn: all Gaussians, as wide as they are drawn (`dilate_gaussians`).
         clamp_cm: height of the clamp that holds the plant.
         thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
     """

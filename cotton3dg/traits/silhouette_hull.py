@@ -16,9 +16,9 @@ from ..core.scene import Float64, Gaussians, rotations
 from ..geometry.boxes import fibonacci_directions
 
 OPAQUE: Final = 0.5
-"""Opacity at which a silhouette ends, for Gaussians as wide as they are drawn (`surface.as_drawn`): the edge is a pixel
-that is half covered. This value is not fitted: with exact masks, the bolls of two path-traced plants come out at 1.00
-and 1.02 of their volume with a spread of 2 % between bolls."""
+"""Opacity at which a silhouette ends, for Gaussians as wide as they are drawn (`surface.dilate_gaussians`): the edge is
+a pixel that is half covered. This value is not fitted: with exact masks, the bolls of two path-traced plants come out
+at 1.00 and 1.02 of their volume with a spread of 2 % between bolls."""
 VIEWS: Final = 24
 RAYS: Final = 24
 """Directions in each silhouette."""

@@ -192,11 +192,11 @@ def _corrected(
     Args:
         scale: as it was found; places in corrections refer to it. plant: by this scale.
     """
-    said = Corrections.load_if_there(workspace.corrections_json)
-    if not said or not said.of(*OF_BOLLS):
+    corrections = Corrections.load_if_there(workspace.corrections_json)
+    if not corrections or not corrections.of(*OF_BOLLS):
         return None
     frame = PlantFrame(scale, plant.foot) if scale and plant else None
-    return apply_corrections(bolls, said.of(*OF_BOLLS), gaussians, gaussians.sha256(), frame)
+    return apply_corrections(bolls, corrections.of(*OF_BOLLS), gaussians, gaussians.sha256(), frame)
 
 
 def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, list[Float64]]:

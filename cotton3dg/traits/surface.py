@@ -20,7 +20,7 @@ DILATION_PX2: Final = 0.3
 """The renderer adds this to both variances of every projected Gaussian (native/src/scene.h)."""
 
 
-def as_drawn(gaussians: Gaussians, pixel_su: float) -> Gaussians:
+def dilate_gaussians(gaussians: Gaussians, pixel_su: float) -> Gaussians:
     """Gaussians as wide as the images show them.
 
     The training fits the drawn image, and everything is drawn half a pixel wider than it is. A body of the saved

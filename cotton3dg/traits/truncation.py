@@ -34,7 +34,7 @@ def find_cut(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     return cut
 
 
-def find_beheaded(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
+def find_cut_above(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     """Names of the images whose top or sides cut a plant of (N, 3) points, su; the bottom only cuts its foot."""
     cut = []
     for camera in cameras:
@@ -46,13 +46,13 @@ def find_beheaded(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:
     return cut
 
 
-def doubt_whole(plant: NDArray[Any], cameras: Sequence[Camera]) -> tuple[str, bool]:
+def check_truncation(plant: NDArray[Any], cameras: Sequence[Camera]) -> tuple[str, bool]:
     """A warning if the frame cuts a plant often, else an empty text; and whether nearly all images cut it, so that its
     size cannot be measured."""
     cut = find_cut(plant, cameras)
     if len(cut) <= OFTEN * len(cameras):
         return "", False
-    lost = len(find_beheaded(plant, cameras)) >= NEARLY_ALWAYS * len(cameras)
+    lost = len(find_cut_above(plant, cameras)) >= NEARLY_ALWAYS * len(cameras)
     effect = "height and canopy cannot be measured" if lost else "height and canopy may be too small"
     return (
         f"the frame cuts the plant in {len(cut)} of {len(cameras)} images, e.g. {cut[0]}, so {effect}; step back until"

@@ -21,7 +21,7 @@ from cotton3dg import pipeline
 from cotton3dg.commands.simulate import simulate
 from cotton3dg.io.colmap import read_points
 from cotton3dg.options import resolve
-from cotton3dg.scale.estimate_scale import seek_scale
+from cotton3dg.scale.estimate_scale import estimate_scale
 from cotton3dg.scale.stage import load_plant
 from cotton3dg.workspace import Workspace
 
@@ -37,7 +37,7 @@ def card_scale(root: Path, film: dict[str, Any]) -> dict[str, Any]:
     pipeline.run(plant, options, ("frames", "sfm"), report=False)
     chosen = resolve("scale", {"method": "card"})
     tracks = read_points(plant.undistorted / "sparse")[0]
-    found = seek_scale(load_plant(plant, chosen, plant.undistorted, tracks, np.zeros((0, 3), np.float32)), chosen)
+    found = estimate_scale(load_plant(plant, chosen, plant.undistorted, tracks, np.zeros((0, 3), np.float32)), chosen)
     scale = found.info.scale
     return {
         "film": root.name,

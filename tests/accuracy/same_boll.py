@@ -36,7 +36,7 @@ from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
 from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.masks import boll_parts, join_parts
 from cotton3dg.masks.boll_parts import Part, gather_parts
-from cotton3dg.masks.join_parts import REACH_CM, find_near
+from cotton3dg.masks.join_parts import REACH_CM, find_near_pairs
 from cotton3dg.masks.meeting_votes import Middles
 from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
 from cotton3dg.masks.separate_bolls import Bolls, find_peaks, guess_scale, join_bolls
@@ -137,7 +137,7 @@ def gather_examples(plant: Begun) -> Iterator[Example]:
     parts = {row: part for row, part in plant.parts.items() if names[row] > 0}
     changed = set(parts)
     while True:
-        near = find_near(parts, REACH_CM / cm_per_su)
+        near = find_near_pairs(parts, REACH_CM / cm_per_su)
         for a, b in near:
             if changed & {a, b}:
                 yield join_parts.measure_pair(parts[a], parts[b], cm_per_su), names[a] == names[b]

@@ -241,7 +241,7 @@ def test_what_makes_no_sense_is_refused(reported_copy, tmp_path):
         (Asked(merge=["3"]), "merge needs 2 bolls"),
         (Asked(merge=["a,b"]), "--merge a,b"),
         (Asked(add=["000000.jpg"]), "write IMAGE:X,Y twice"),
-        (Asked(add=["000000.jpg:1,2 nowhere.jpg:3,4"]), "nowhere.jpg is no placed image"),
+        (Asked(add=["000000.jpg:1,2 nowhere.jpg:3,4"]), "nowhere.jpg is not a placed image"),
         (Asked(add=["000000.jpg:1,2"]), "two images"),
         (Asked(add=["000000.jpg:1,nan 000003.jpg:3,4"]), "a place needs three finite numbers"),
         (Asked(add=["000000.jpg:1,2 000003.jpg:300,230"]), "the picks do not meet in space"),

@@ -44,7 +44,7 @@ def replayed_twice(workspace, saved, tmp_path):
 
 
 def said(browser):
-    return browser.value("[...document.querySelectorAll('#said li')].map(item => item.textContent)")
+    return browser.value("[...document.querySelectorAll('#correction_list li')].map(item => item.textContent)")
 
 
 def click_in_photo(browser, pane, camera, point, off_px=0.0):

@@ -215,7 +215,7 @@ def test_empty_folder_and_no_video(tmp_path):
     with pytest.raises(MissingInput, match="photos of it into a folder named images"):
         run_frames(tmp_path)
     (tmp_path / "clip.mov").write_bytes(b"not a video")
-    with pytest.raises(CaptureFailed, match=r"clip\.mov is no video"):
+    with pytest.raises(CaptureFailed, match=r"clip\.mov is not a video"):
         run_frames(tmp_path)
 
 

@@ -110,7 +110,7 @@ def test_a_batch_skips_the_finished_plant_and_explains_the_broken_ones(plant):
     folder = plant.root.parent
     broken = {
         "empty": "no video",
-        "no_video": "no video that can be read",
+        "no_video": "not a video that can be read",
         "odd_options": "frames.count",
         "two_videos": "several videos",
     }

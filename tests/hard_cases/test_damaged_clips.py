@@ -209,5 +209,5 @@ def test_case_39_what_is_no_film_is_refused(whole: Path, tmp_path: Path, name: s
 def test_case_39_a_film_without_pictures_is_refused(tmp_path: Path) -> None:
     command = [ffmpeg_binary(), "-v", "error", "-f", "lavfi", "-i", "sine=d=3", str(tmp_path / "sound.mp4")]
     subprocess.run(command, check=True)
-    with pytest.raises(CaptureFailed, match=r"sound\.mp4 is no video"):
+    with pytest.raises(CaptureFailed, match=r"sound\.mp4 is not a video"):
         frames_of(tmp_path / "sound.mp4")

@@ -94,4 +94,4 @@ def test_case_52_of_two_runs_of_one_plant_one_is_turned_away_or_waits(tmp_path: 
         assert waiting.poll() is None
     _, said = waiting.communicate(timeout=60)
     assert waiting.returncode == 4, said
-    assert "no video that can be read" in said
+    assert "not a video that can be read" in said

@@ -136,7 +136,7 @@ def test_sound_alone_and_a_photo_are_no_films(thumbnail: Path, tmp_path: Path) -
     ffmpeg("-f", "lavfi", "-i", "sine=d=3", tmp_path / "sound.mp4")
     (tmp_path / "photo.mp4").write_bytes(thumbnail.read_bytes())
     (tmp_path / "empty.mp4").touch()
-    for name, why in (("sound", "is no video"), ("photo", "is no video"), ("empty", "is empty")):
+    for name, why in (("sound", "is not a video"), ("photo", "is not a video"), ("empty", "is empty")):
         with pytest.raises(BadInput, match=rf"{name}\.mp4 {why}.*; "):
             video.probe(tmp_path / f"{name}.mp4")
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.gaussians.harmonics import turned
+from cotton3dg.gaussians.harmonics import rotate_harmonics
 
 PLACE, NORMAL = ["x", "y", "z"], ["nx", "ny", "nz"]
 SIZE = [f"scale_{k}" for k in range(3)]
@@ -54,7 +54,7 @@ def in_nerfstudios_frame(gaussians: Gaussians, rotation: np.ndarray, shift: np.n
         quats.astype(np.float32),
         (gaussians.log_scales + np.log(scale)).astype(np.float32),
         gaussians.opacity_logits,
-        turned(gaussians.sh, rotation.T),
+        rotate_harmonics(gaussians.sh, rotation.T),
     )
 
 

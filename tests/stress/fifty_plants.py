@@ -34,7 +34,7 @@ FILM = {"frames": 62, "width": 480, "height": 270, "supersampling": 1, "mask_int
 BROKEN = {
     "broken_empty": "no video",
     "broken_options": "frames.cuont",
-    "broken_text": "no video that can be read",
+    "broken_text": "not a video that can be read",
     "broken_truncated": "is damaged",
     "broken_still": "stands still",
 }

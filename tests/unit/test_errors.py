@@ -21,7 +21,7 @@ from cotton3dg.errors import (
     EnvironmentUnusable,
     MissingInput,
     OutOfResources,
-    blame_capture,
+    as_capture_failure,
     unknown,
 )
 from cotton3dg.io.saving import explained
@@ -53,9 +53,9 @@ def table(tmp_path: Path) -> Path:
 def test_what_was_typed_is_not_the_capture() -> None:
     assert {kind.exit_code for kind in (BadUsage, MissingInput, BadInput)} == {2}
     assert CaptureFailed.exit_code == 4
-    with pytest.raises(CaptureFailed, match="cut off"), blame_capture():
+    with pytest.raises(CaptureFailed, match="cut off"), as_capture_failure():
         raise BadInput("a.jpg is cut off; copy it again")
-    with pytest.raises(MissingInput), blame_capture():
+    with pytest.raises(MissingInput), as_capture_failure():
         raise MissingInput("no video; copy it here")
 
 

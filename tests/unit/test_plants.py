@@ -82,7 +82,7 @@ def test_a_film_gets_a_folder_of_its_name_and_a_plants_film_is_the_plant(tmp_pat
 
 def test_what_is_no_video_is_told(tmp_path):
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(BadInput, match=r"notes.txt is no video"):
+    with pytest.raises(BadInput, match=r"notes.txt is not a video"):
         plant_at(tmp_path / "notes.txt", make=True)
     with pytest.raises(MissingInput):
         plant_at(tmp_path / "nothing.mp4", make=True)

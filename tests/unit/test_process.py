@@ -15,8 +15,8 @@ import pytest
 from cotton3dg.errors import HUNG_UP, INTERRUPTED, TERMINATED, UNREAD, OutOfResources
 
 PACKAGE = Path(__file__).parents[2] / "cotton3dg"
-ORDERLY = "import os, signal, sys, time\nfrom cotton3dg.process import orderly\n"
-WITHIN = ORDERLY + "with orderly():\n    "
+ORDERLY = "import os, signal, sys, time\nfrom cotton3dg.process import exit_cleanly\n"
+WITHIN = ORDERLY + "with exit_cleanly():\n    "
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="no /dev/full here")
 
@@ -29,7 +29,7 @@ def done(program: str, **streams: Any) -> subprocess.CompletedProcess[str]:
 ENDED = (
     ORDERLY
     + """signal.signal({number}, signal.SIG_DFL)  # the tests themselves may run under nohup
-with orderly():
+with exit_cleanly():
     try:
         child = os.spawnlp(os.P_NOWAIT, 'sleep', 'sleep', '60')
         os.kill(os.getpid(), {number})
@@ -52,7 +52,7 @@ def test_a_signal_ends_what_runs_in_order(number: signal.Signals, code: int) -> 
 
 def test_nohup_is_obeyed() -> None:
     program = (
-        ORDERLY + "signal.signal(1, signal.SIG_IGN)\nwith orderly():\n    os.kill(os.getpid(), 1)\n    print('on')"
+        ORDERLY + "signal.signal(1, signal.SIG_IGN)\nwith exit_cleanly():\n    os.kill(os.getpid(), 1)\n    print('on')"
     )
     found = done(program)
     assert (found.returncode, found.stdout) == (0, "on\n")

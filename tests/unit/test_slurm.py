@@ -30,7 +30,7 @@ def stand_in(tmp_path):
 def queue(monkeypatch):
     """What squeue tells: lines of job and state."""
     lines = []
-    monkeypatch.setattr(slurm, "_said_by", lambda *command: "\n".join(lines))
+    monkeypatch.setattr(slurm, "_output_of", lambda *command: "\n".join(lines))
     return lines
 
 
@@ -174,15 +174,15 @@ def test_settings_and_what_is_missing(tmp_path, monkeypatch):
 
 
 def test_the_size_of_arrays_is_asked_for(monkeypatch):
-    monkeypatch.setattr(slurm, "_said_by", lambda *command: "MailProg = x\nMaxArraySize            = 51\n")
+    monkeypatch.setattr(slurm, "_output_of", lambda *command: "MailProg = x\nMaxArraySize            = 51\n")
     assert slurm.max_array_size() == 51
-    monkeypatch.setattr(slurm, "_said_by", lambda *command: "")
+    monkeypatch.setattr(slurm, "_output_of", lambda *command: "")
     assert slurm.max_array_size() == 1001
 
 
 def test_a_slurm_that_does_not_answer_is_told():
     with pytest.raises(EnvironmentUnusable, match=r"false fails .*; start it where"):
-        slurm._said_by("false")
+        slurm._output_of("false")
 
 
 def test_the_example_of_a_plain_array_runs_each_plant_once(tmp_path):

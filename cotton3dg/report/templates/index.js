@@ -41,10 +41,10 @@
     add("text", { x: left + 6, y: top + 4 }, names[1]);
     for (const { row, place } of dots) {
       const kind = row.dataset.odd ? "dot odd" : "dot";
-      const told = `${row.cells[1].textContent}: ${names[0]} ${place[0]}, ${names[1]} ${place[1]}`;
+      const label = `${row.cells[1].textContent}: ${names[0]} ${place[0]}, ${names[1]} ${place[1]}`;
       const dot = add("circle", { class: kind, cx: x(place[0]), cy: y(place[1]), r: 6 });
-      dot.append(Object.assign(document.createElementNS("http://www.w3.org/2000/svg", "title"), { textContent: told }));
-      dot.addEventListener("pointerenter", () => { pointed.textContent = told; });
+      dot.append(Object.assign(document.createElementNS("http://www.w3.org/2000/svg", "title"), { textContent: label }));
+      dot.addEventListener("pointerenter", () => { pointed.textContent = label; });
       dot.addEventListener("click", () => {
         for (const other of rows) other.classList.toggle("chosen", other === row);
         row.scrollIntoView({ block: "center" });

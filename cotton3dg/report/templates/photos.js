@@ -90,7 +90,7 @@
 
   const finish = {
     add({ place }) {
-      corrections.say({
+      corrections.add({
         words: "add a boll" + (data.unit === "cm" ? ` at height ${place[2].toFixed(1)} cm` : ""),
         saved: { kind: "add", picks: picks.map(pick => saved(pick)) }, marks: [place],
       });
@@ -103,7 +103,7 @@
       }
       const away = data.corners.map(corner => length(minus(corner, place)));
       const nearest = away.indexOf(Math.min(...away));
-      corrections.say({
+      corrections.add({
         words: `corner ${nearest + 1} of the table moved by ${away[nearest].toFixed(1)} cm`,
         saved: { kind: "corner", picks: picks.map(pick => saved(pick)) }, marks: [place],
       });
@@ -115,7 +115,7 @@
       const [a, b] = ends;
       const words = corrections.length(a.place, b.place, [a.error, b.error], data.relative_error);
       const named = ends.flatMap((item, n) => item.picks.map(pick => saved(pick, "ab"[n])));
-      corrections.say({ words, saved: { kind: "ruler", picks: named }, marks: [a.place, b.place] });
+      corrections.add({ words, saved: { kind: "ruler", picks: named }, marks: [a.place, b.place] });
       ends = [];
       return words.replace("ruler ", "") + ". " + begun.ruler;
     },
@@ -133,8 +133,8 @@
         say(met.why, true);
         picks.pop();
       } else {
-        const told = finish[mode](met);
-        if (told) say(told);
+        const result = finish[mode](met);
+        if (result) say(result);
         picks = [];
       }
     }
@@ -154,7 +154,7 @@
     return element;
   };
   let marked = [];
-  corrections.onChange(said => { marked = said; draw(); });
+  corrections.onChange(items => { marked = items; draw(); });
 
   function show(pane) {
     const photo = photos[pane.shown];
@@ -219,10 +219,10 @@
         data.corners.forEach((place, n) => { const at = project(photo, place); if (at) label(at, n + 1, "corner"); });
       }
       for (const { marks } of marked) {
-        for (const place of marks) { const at = project(photo, place); if (at) cross(at, "said"); }
-        if (marks.length > 1) line(marks, "said");
+        for (const place of marks) { const at = project(photo, place); if (at) cross(at, "marked"); }
+        if (marks.length > 1) line(marks, "marked");
       }
-      for (const end of ends) { const at = project(photo, end.place); if (at) cross(at, "said"); }
+      for (const end of ends) { const at = project(photo, end.place); if (at) cross(at, "marked"); }
       for (const pick of picks) {
         if (pick.photo === pane.shown) cross(pick.at, "now");
         else {

@@ -80,11 +80,11 @@
     const chosen = document.querySelector("tr.chosen")?.dataset.boll;
     if (kind === "merge" && (!chosen || chosen === id)) return choose(id);
     const bolls = kind === "merge" ? [chosen, id] : [id];
-    corrections.say({ words: `${kind} ${bolls.join(" + ")}`, saved: { kind, bolls: bolls.map(place) }, bolls });
+    corrections.add({ words: `${kind} ${bolls.join(" + ")}`, saved: { kind, bolls: bolls.map(place) }, bolls });
   }
 
-  corrections.onChange(said => {
-    const mended = new Set(said.flatMap(item => item.bolls));
+  corrections.onChange(items => {
+    const mended = new Set(items.flatMap(item => item.bolls));
     for (const [id, row] of rows) row.classList.toggle("mended", mended.has(id));
   });
   for (const button of document.querySelectorAll("[data-mend]")) {
@@ -203,7 +203,7 @@
     }, true);
 
     const ruler = document.getElementById("ruler");
-    const told = document.getElementById("measured");
+    const measured = document.getElementById("measured");
     const points = traces.map((_, n) => n).filter(n => traces[n].mode === "markers" && n !== ring);
     const measuring = () => ruler?.getAttribute("aria-pressed") === "true";
     let ends = [];
@@ -213,24 +213,24 @@
     function measure(at) {
       ends = ends.length === 2 ? [at] : [...ends, at];
       drawRod();
-      told.textContent = "Now the other end.";
+      measured.textContent = "Now the other end.";
       if (ends.length < 2) return;
       const words = corrections.length(...ends, [data.pixel, data.pixel], data.relative_error);
-      told.textContent = words.replace("ruler ", "");
-      corrections.say({ words, saved: { kind: "ruler", bolls: ends.map(end => ({ centre_cm: end })) }, marks: ends });
+      measured.textContent = words.replace("ruler ", "");
+      corrections.add({ words, saved: { kind: "ruler", bolls: ends.map(end => ({ centre_cm: end })) }, marks: ends });
     }
-    corrections.onChange(said => {
-      if (ends.length < 2 || said.some(item => item.marks === ends)) return;
+    corrections.onChange(items => {
+      if (ends.length < 2 || items.some(item => item.marks === ends)) return;
       ends = [];
       drawRod();
-      told.textContent = "";
+      measured.textContent = "";
     });
     ruler?.addEventListener("click", () => {
       ruler.setAttribute("aria-pressed", String(!measuring()));
       Plotly.restyle(element, { hoverinfo: measuring() ? "none" : "skip" }, points);
       ends = [];
       drawRod();
-      told.textContent = measuring() ? "Click one end on the plant." : "";
+      measured.textContent = measuring() ? "Click one end on the plant." : "";
     });
     mark = id => {
       const found = data.bolls.find(item => String(item.id) === id);

@@ -31,19 +31,20 @@ def test_the_scale_is_sought_first_where_points_outline_the_table(
     sought: list[int] = []
     a_scale = look_of(cameras).scale
 
-    def seek_scale(plant: Plant, *_: object, **__: object) -> FoundScale:
+    def estimate_scale(plant: Plant, *_: object, **__: object) -> FoundScale:
         sought.append(len(plant.solid))
         return a_scale if len(plant.solid) in found else no_scale(f"no table in {len(plant.solid)}")
 
-    monkeypatch.setattr(preview, "seek_scale", seek_scale)
+    monkeypatch.setattr(preview, "estimate_scale", estimate_scale)
     monkeypatch.setattr(preview, "outlines_table", lambda points, *_: len(points) in outlined)
     monkeypatch.setattr(
         preview, "find_agreeing_places", lambda *arguments: np.zeros((1 + preview.TOLERANCES.index(arguments[-1]), 3))
     )
     plant = Plant(cameras, lambda _: np.zeros((2, 2, 3), np.uint8), np.zeros((0, 3)), np.zeros((0, 3), np.float32))
-    result = preview._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions())
+    result = preview._estimate_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions())
     assert sought == tried
     assert (result.info.scale is not None) == bool(found)
     if not found:
         assert result.info.reason == f"no table in {tried[0]}"
-    assert preview._seek_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions(method="none")).info.scale is None
+    result = preview._estimate_scale(plant, fit_orbit(cameras), cameras, [], ScaleOptions(method="none"))
+    assert result.info.scale is None

@@ -62,7 +62,9 @@ def test_a_missing_library_is_named(monkeypatch, tmp_path):
 
 
 def test_ffmpeg_without_the_phones_codecs_is_told(monkeypatch):
-    monkeypatch.setattr(doctor, "_said_by", lambda *command: "ffmpeg version 1\n V....D h264   H.264\n A..... hevc x\n")
+    monkeypatch.setattr(
+        doctor, "_output_of", lambda *command: "ffmpeg version 1\n V....D h264   H.264\n A..... hevc x\n"
+    )
     codecs = doctor._examine_ffmpeg()[1]
     assert codecs.found == "no hevc"
     assert codecs.remedy

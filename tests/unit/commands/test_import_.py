@@ -78,7 +78,7 @@ def test_a_phones_folder_becomes_plants_or_listed_doubts(phone):
     assert "VID_20261123_4.mp4 (A-2)" in rows["VID_20261123_3.MOV"].reason
     assert "no card was read" in rows["VID_20261123_5.mp4"].reason
     assert "Z-9, which is not in the field book" in rows["VID_20261123_6.mp4"].reason
-    assert "no video that can be read" in rows["VID_20261123_7.mp4"].reason
+    assert "not a video that can be read" in rows["VID_20261123_7.mp4"].reason
     assert "IMG_0008.HEIC" in rows["IMG_0008.MOV"].reason
     assert all(row.plant_id == "" for row in rows.values() if row.state == DOUBT)
     # The videos are where `run` looks for them, and the names where `run` finds them.

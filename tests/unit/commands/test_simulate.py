@@ -158,5 +158,5 @@ def test_simulate_never_replaces_what_it_did_not_write(tmp_path):
 
 
 def test_a_card_needs_an_id(tmp_path):
-    with pytest.raises(BadUsage, match="no id"):
+    with pytest.raises(BadUsage, match="not an id"):
         simulate(tmp_path / "new", replace(SMALL, card=" "))

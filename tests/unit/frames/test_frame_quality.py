@@ -53,8 +53,8 @@ def test_still_camera_needs_evidence():
 
 
 def test_concerns():
-    assert frame_quality.raise_concerns(0.2, 0.8, 0.01) == {}
-    assert set(frame_quality.raise_concerns(0.9, 0.02, 0.6)) == {"blurred", "underexposed", "overexposed"}
+    assert frame_quality.quality_flags(0.2, 0.8, 0.01) == {}
+    assert set(frame_quality.quality_flags(0.9, 0.02, 0.6)) == {"blurred", "underexposed", "overexposed"}
 
 
 def test_exposure_counts_black_and_white():
@@ -73,7 +73,7 @@ def test_dark_is_what_has_nothing_bright():
     cloth[80:110, 100:160] = 200  # bolls: 3 % of the image
     for grey, concerns in ((room, set()), (dim, {"underexposed"}), (cloth, set())):
         highlight = frame_quality.measure_exposure(grey.astype(np.uint8))[1]
-        assert set(frame_quality.raise_concerns(0.2, highlight, 0.0)) == concerns
+        assert set(frame_quality.quality_flags(0.2, highlight, 0.0)) == concerns
 
 
 def test_spread_indices():

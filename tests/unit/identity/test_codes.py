@@ -4,21 +4,21 @@ import cv2
 import numpy as np
 from scenes.card_scene import card_photo, card_sheet
 
-from cotton3dg.identity.codes import Identity, code_picture, read_codes, whose
+from cotton3dg.identity.codes import Identity, code_picture, identify_plant, read_codes
 from cotton3dg.identity.names import card_id, card_text
 
 
 def test_votes():
     a, b = card_text("A"), card_text("B")
-    assert whose({a: 3}) == Identity("A", "", {"A": 3})
-    assert whose({}).doubt == "no card was read"
-    assert "one frame" in whose({a: 1}).doubt
-    assert "A in 30 frames, B in 1" in whose({b: 1, a: 30}).doubt
-    assert "not in the field book" in whose({a: 9}, {"B"}).doubt
+    assert identify_plant({a: 3}) == Identity("A", "", {"A": 3})
+    assert identify_plant({}).doubt == "no card was read"
+    assert "one frame" in identify_plant({a: 1}).doubt
+    assert "A in 30 frames, B in 1" in identify_plant({b: 1, a: 30}).doubt
+    assert "not in the field book" in identify_plant({a: 9}, {"B"}).doubt
     # A label of the lab's own counts when the field book knows it; the net's address on a box never does.
-    assert whose({"A": 3}).doubt == "no card was read"
-    assert whose({"A": 3, "https://example.org": 9}, {"A", "B"}).plant_id == "A"
-    assert whose({"A": 3, a: 4}, {"A"}) == Identity("A", "", {"A": 4})
+    assert identify_plant({"A": 3}).doubt == "no card was read"
+    assert identify_plant({"A": 3, "https://example.org": 9}, {"A", "B"}).plant_id == "A"
+    assert identify_plant({"A": 3, a: 4}, {"A"}) == Identity("A", "", {"A": 4})
 
 
 def test_a_card_is_read_from_above_and_aslant():

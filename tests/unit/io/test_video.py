@@ -204,7 +204,7 @@ def test_log_without_key_frame_after_damage_trusts_nothing_after_it():
 )
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "x.mp4").write_bytes(content)
-    with pytest.raises(BadInput, match=r"x\.mp4 is no video"):
+    with pytest.raises(BadInput, match=r"x\.mp4 is not a video"):
         video.probe(tmp_path / "x.mp4")
 
 

@@ -107,5 +107,5 @@ def test_pictures_are_varied_within_bounds():
 
 
 def test_foreign_weights_are_named():
-    with pytest.raises(BadInput, match=r"mine\.onnx is no network of edges"):
+    with pytest.raises(BadInput, match=r"mine\.onnx is not a network of edges"):
         EdgeNetwork(b"not a network", "mine.onnx")

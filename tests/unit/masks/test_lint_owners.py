@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.lint_owners import hear_votes
+from cotton3dg.masks.lint_owners import average_votes
 from cotton3dg.masks.meeting_votes import Middles, Votes
 
 MIDDLES = np.array([[0.0, 0, 0], [0.7, 0, 0]], np.float32)
@@ -40,7 +40,7 @@ def test_lint_is_of_the_boll_that_most_votes_around_it_are_for(wrong):
     own = (surfaces[:, 0] > BORDER).astype(int)
     told = np.where(rng.random(6000) < wrong, 1 - own, own)
     views = [votes_for(told[part], surfaces[part], rng, 0.15) for part in (slice(0, 3000), slice(3000, None))]
-    owners = hear_votes(views, middles())
+    owners = average_votes(views, middles())
     found = owners.at(surfaces.astype(np.float32)) - 1
     nearest = middles().nearest(surfaces.astype(np.float32)) - 1
     assert (nearest == own).mean() < 0.9
@@ -50,7 +50,7 @@ def test_lint_is_of_the_boll_that_most_votes_around_it_are_for(wrong):
 def test_lint_that_is_far_from_all_bolls_is_of_none():
     rng = np.random.default_rng(0)
     surfaces = rng.uniform(-0.4, 0.4, (100, 3))
-    owners = hear_votes([votes_for(np.zeros(100, int), surfaces, rng, 0.1)], middles())
+    owners = average_votes([votes_for(np.zeros(100, int), surfaces, rng, 0.1)], middles())
     assert owners.at(np.array([[0, 0, 0.1], [0, 0, 1.3]], np.float32)).tolist() == [1, 0]
     assert not owners.at(np.zeros((0, 3), np.float32)).size
 
@@ -58,5 +58,5 @@ def test_lint_that_is_far_from_all_bolls_is_of_none():
 def test_no_votes_are_for_nothing():
     rng = np.random.default_rng(0)
     none = Middles(MIDDLES[:0], *(np.zeros(0, np.float32) for _ in "ab"), np.zeros(0, np.int64))
-    owners = hear_votes([votes_for(np.zeros(0, int), np.zeros((0, 3)), rng, 0.1)], none)
+    owners = average_votes([votes_for(np.zeros(0, int), np.zeros((0, 3)), rng, 0.1)], none)
     assert owners.at(np.zeros((5, 3), np.float32)).tolist() == [0] * 5

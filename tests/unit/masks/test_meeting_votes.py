@@ -8,7 +8,7 @@ from cotton3dg.masks import meeting_votes
 from cotton3dg.masks.detect_bolls import separate_all
 from cotton3dg.masks.lint_edges import open_edges
 from cotton3dg.masks.lint_in_space import gather_lint
-from cotton3dg.masks.lint_owners import hear_votes
+from cotton3dg.masks.lint_owners import average_votes
 from cotton3dg.masks.meeting_votes import (
     Middles,
     Votes,
@@ -39,7 +39,7 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     np.testing.assert_allclose(middles.diameters, 2 * RADIUS, rtol=0.15)
     assert (middles.views >= 6).all()
     same = distances.argmin(axis=1)
-    owners, edges = hear_votes(votes, middles), open_edges()
+    owners, edges = average_votes(votes, middles), open_edges()
     for camera, ids, photo, view in zip(cameras(), images, photos_of(images), maps, strict=True):
         found = outline_bolls(photo, view.lint, camera, lint, owners, edges)
         named = np.concatenate([[0], same + 1])[found]
@@ -122,7 +122,7 @@ def test_no_lint_is_no_boll():
     middles = find_middles([votes, votes])
     assert isinstance(middles, Middles) and not len(middles.centres)
     photo = np.zeros((camera.height, camera.width, 3), np.uint8)
-    assert not outline_bolls(photo, maps.lint, camera, lint, hear_votes([votes, votes], middles), open_edges()).any()
+    assert not outline_bolls(photo, maps.lint, camera, lint, average_votes([votes, votes], middles), open_edges()).any()
 
 
 def test_specks_are_removed_and_pieces_behind_a_branch_kept():

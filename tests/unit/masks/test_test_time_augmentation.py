@@ -5,7 +5,14 @@ import pytest
 
 from cotton3dg.core.training_picture import LINT
 from cotton3dg.masks.bolls import Maps, middles_of_pixels
-from cotton3dg.masks.test_time_augmentation import FAMILIAR_PX, LOOKS, mirror, mix_looks, see_at_all_looks, sharpen
+from cotton3dg.masks.test_time_augmentation import (
+    FAMILIAR_PX,
+    LOOKS,
+    merge_maps,
+    mirror,
+    predict_with_augmentation,
+    sharpen,
+)
 
 WIDTH, HEIGHT = 320, 240
 
@@ -23,7 +30,7 @@ def look_at(look: float, diameter_px: float, lint: float) -> Maps:
 
 
 def test_votes_and_sizes_of_all_looks_are_in_pixels_of_the_image():
-    mixed = mix_looks([look_at(look, 100, 0.9) for look in LOOKS])
+    mixed = merge_maps([look_at(look, 100, 0.9) for look in LOOKS])
     assert mixed.lint.shape == (HEIGHT / 2, WIDTH / 2)
     assert mixed.scale == 2
     np.testing.assert_allclose(mixed.probabilities.sum(axis=0), 1, atol=1e-5)
@@ -37,7 +44,7 @@ def test_votes_and_sizes_of_all_looks_are_in_pixels_of_the_image():
 def test_the_look_in_which_bolls_are_familiar_counts_most(best):
     diameter_px = FAMILIAR_PX / LOOKS[best]
     heard = [
-        mix_looks([look_at(look, diameter_px, float(k == only)) for k, look in enumerate(LOOKS)]).lint.mean()
+        merge_maps([look_at(look, diameter_px, float(k == only)) for k, look in enumerate(LOOKS)]).lint.mean()
         for only in range(len(LOOKS))
     ]
     assert np.argmax(heard) == best
@@ -66,7 +73,7 @@ def test_a_boll_that_the_network_knows_only_sharpened_is_half_known():
         def maps(self, image, look):
             return look_at(look, 100, 0.9 if np.array_equal(image, sharpen(blurred)[:, ::-1]) else 0.1)
 
-    np.testing.assert_allclose(see_at_all_looks(blurred, KnowsWhatIsSharp()).lint, 0.5, atol=1e-3)
+    np.testing.assert_allclose(predict_with_augmentation(blurred, KnowsWhatIsSharp()).lint, 0.5, atol=1e-3)
 
 
 def test_what_the_mirror_image_shows_is_put_back_where_the_image_has_it():

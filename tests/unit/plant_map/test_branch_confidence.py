@@ -7,7 +7,7 @@ import pytest
 from scenes.branch_scene import line
 
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap
-from cotton3dg.plant_map.branch_confidence import STILL_RIGHT, doubted
+from cotton3dg.plant_map.branch_confidence import STILL_RIGHT, lower_confidence
 
 STEM = line((0, 0, 0), (0, 0, 60), spacing=0.25)
 LEVEL = line((0, 0, 20), (24, 0, 20), spacing=0.25)
@@ -29,7 +29,7 @@ def boll(boll_id: int, branch: int, path_cm: float) -> BollOnMap:
 def confidences(curves: list[np.ndarray], bolls: list[BollOnMap], parents: dict[int, int] | None = None) -> list[float]:
     axes = [axis(rank, curve, (parents or {}).get(rank, 0)) for rank, curve in enumerate(curves)]
     plant_map = PlantMap(tuple(axes), tuple(bolls))
-    found = doubted(plant_map)
+    found = lower_confidence(plant_map)
     same = [replace(boll, confidence=0.9) for boll in found.bolls]
     assert same == bolls and found.axes == plant_map.axes
     return [boll.confidence for boll in found.bolls]
@@ -64,4 +64,4 @@ def test_what_grows_beyond_a_crossing_is_as_doubtful() -> None:
 
 def test_a_map_without_branches_stays() -> None:
     assert confidences([STEM], [boll(1, 0, 58)]) == [0.9]
-    assert doubted(PlantMap((), (), "no_stem")) == PlantMap((), (), "no_stem")
+    assert lower_confidence(PlantMap((), (), "no_stem")) == PlantMap((), (), "no_stem")

@@ -7,7 +7,7 @@ from scenes.table_scene import LENGTH_CM, POSE, WIDTH_CM, orbit
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Camera
 from cotton3dg.options import ScaleOptions
-from cotton3dg.scale.corners import lay_through, move_corners
+from cotton3dg.scale.corners import fit_table_to_corners, move_corners
 from cotton3dg.scale.estimate_scale import FoundScale, Plant, facts_of
 from cotton3dg.scale.rectangle import Rectangle
 from cotton3dg.scale.references import Reference, scale_on
@@ -37,7 +37,7 @@ def moves_of(*corners, off_px=(0.3, -0.2)):
 def test_two_corners_of_a_wrong_edge_give_the_true_scale():
     wrong = found((0.0, 9.0, 0.0, 0.0))
     assert wrong.cm_per_su == pytest.approx(POSE.cm_per_su * 120 / 129)
-    moved = lay_through(wrong, CAMERAS, moves_of(1, 2), LENGTH_CM, WIDTH_CM)
+    moved = fit_table_to_corners(wrong, CAMERAS, moves_of(1, 2), LENGTH_CM, WIDTH_CM)
     assert moved.refused == () and moved.reference.source == "corners"
     assert moved.reference.cm_per_su == pytest.approx(POSE.cm_per_su, rel=4 * moved.reference.relative_error)
     assert moved.reference.relative_error < 0.01
@@ -48,7 +48,7 @@ def test_two_corners_of_a_wrong_edge_give_the_true_scale():
 def test_a_moved_corner_takes_its_edges_with_it():
     wrong = found((0.0, 9.0, 0.0, 6.0))
     for corners in ((2,), (0, 2), (1, 3), (1, 2, 3), (0, 1, 2, 3)):
-        moved = lay_through(wrong, CAMERAS, moves_of(*corners, off_px=(0, 0)), LENGTH_CM, WIDTH_CM)
+        moved = fit_table_to_corners(wrong, CAMERAS, moves_of(*corners, off_px=(0, 0)), LENGTH_CM, WIDTH_CM)
         assert moved.reference.cm_per_su == pytest.approx(POSE.cm_per_su, rel=1e-3), corners
         assert moved.rectangle.corners == pytest.approx(CORNERS, abs=0.1 / POSE.cm_per_su)
         assert moved.reference.relative_error == pytest.approx(0.001, abs=5e-4)
@@ -58,7 +58,7 @@ def test_an_edge_that_does_not_fit_the_size_makes_the_scale_less_sure():
     """2 cm too long: the scale is that of least squares over both sides."""
     out = found().table_frame[0] * 2 / POSE.cm_per_su
     moves = [picked(CORNERS[corner] + out) for corner in (1, 2)]
-    moved = lay_through(found(), CAMERAS, moves, LENGTH_CM, WIDTH_CM)
+    moved = fit_table_to_corners(found(), CAMERAS, moves, LENGTH_CM, WIDTH_CM)
     sides = np.array([122.0, 60.0]), np.array([120.0, 60.0])
     assert moved.reference.cm_per_su == pytest.approx(
         POSE.cm_per_su * (120**2 + 60**2) / (sides[0] @ sides[1]), rel=1e-3
@@ -68,13 +68,13 @@ def test_an_edge_that_does_not_fit_the_size_makes_the_scale_less_sure():
 
 def test_the_last_move_of_a_corner_counts():
     moves = [picked(CORNERS[2] + found().table_frame[0] * 5 / POSE.cm_per_su), picked(CORNERS[2])]
-    moved = lay_through(found(), CAMERAS, moves, LENGTH_CM, WIDTH_CM)
+    moved = fit_table_to_corners(found(), CAMERAS, moves, LENGTH_CM, WIDTH_CM)
     assert moved.reference.cm_per_su == pytest.approx(POSE.cm_per_su, rel=1e-3)
 
 
 def test_what_is_no_corner_is_refused():
     def told(moves, length_cm=LENGTH_CM):
-        moved = lay_through(found(), CAMERAS, moves, length_cm, WIDTH_CM)
+        moved = fit_table_to_corners(found(), CAMERAS, moves, length_cm, WIDTH_CM)
         assert moved.reference is None and moved.rectangle is None
         return " ".join(moved.refused)
 

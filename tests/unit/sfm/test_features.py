@@ -8,7 +8,7 @@ import pytest
 
 from cotton3dg.sfm import matching
 from cotton3dg.sfm.features import ROOT_SIFT_NORM, Features, FeatureSettings, find_features, root_sift
-from cotton3dg.sfm.matching import find_alike, match, match_descriptors, verify
+from cotton3dg.sfm.matching import find_similar_pairs, match, match_descriptors, verify
 
 WIDTH, HEIGHT = 480, 360
 
@@ -139,11 +139,11 @@ def test_images_are_matched_with_those_like_them_only(monkeypatch: pytest.Monkey
     images.append(described(rng, 180))
     features = [Features(np.zeros((len(each), 2), np.float32), each) for each in images]
     pairs = [(i, j) for i in range(11) for j in range(i + 1, 11)]
-    assert find_alike(features, pairs, most=8) == pairs  # so few are all matched
+    assert find_similar_pairs(features, pairs, most=8) == pairs  # so few are all matched
     monkeypatch.setattr(matching, "ALL_PAIRS", 0)
     near = {(i, j) for i, j in pairs if j < 10 and min(j - i, 10 - j + i) <= 2}
     # The stranger is like none: it is matched with all, as the quick look may have missed what they share.
-    assert find_alike(features, pairs, most=8) == sorted(near | {pair for pair in pairs if 10 in pair})
+    assert find_similar_pairs(features, pairs, most=8) == sorted(near | {pair for pair in pairs if 10 in pair})
 
 
 def test_alike_images_beyond_the_most_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,8 +155,8 @@ def test_alike_images_beyond_the_most_are_left_out(monkeypatch: pytest.MonkeyPat
         for i in range(8)
     ]
     pairs = [(i, j) for i in range(8) for j in range(i + 1, 8)]
-    kept = find_alike(features, pairs, most=3)
+    kept = find_similar_pairs(features, pairs, most=3)
     assert (6, 7) in kept and (0, 1) not in kept
     degree = [sum(i in pair for pair in kept) for i in range(8)]
     assert min(degree) == 3
-    assert find_alike(features, pairs, most=7) == pairs
+    assert find_similar_pairs(features, pairs, most=7) == pairs

@@ -14,10 +14,10 @@ from cotton3dg.sfm.keyframes import (
     MODEL,
     Keyframes,
     first_keyframes,
+    has_enough_images,
     images_between,
     keyframe_spacing,
     pairs_of_keyframes,
-    will_do,
 )
 from cotton3dg.sfm.matching import PairMatches
 
@@ -51,15 +51,15 @@ def test_all_comes_back(keyframes: Keyframes) -> None:
 
 def test_without_a_model_there_is_none_and_with_one_it_is_read(keyframes: Keyframes) -> None:
     assert keyframes.read_model() is None
-    assert not will_do(None, 3)
+    assert not has_enough_images(None, 3)
     what = pycolmap.SyntheticDatasetOptions()
     what.num_rigs, what.num_frames_per_rig, what.num_points3D = 1, 6, 50
     (keyframes.folder / MODEL).mkdir()
     pycolmap.synthesize_dataset(what).write_binary(keyframes.folder / MODEL)
     model = keyframes.read_model()
     assert model.num_reg_images() == 6
-    assert will_do(model, 6)
-    assert not will_do(model, 7)
+    assert has_enough_images(model, 6)
+    assert not has_enough_images(model, 7)
 
 
 def test_a_damaged_file_is_told(keyframes: Keyframes) -> None:

@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from cotton3dg.io.images import write_image
-from cotton3dg.sfm.mapper import CAMERA_MODEL, settle, write_database
+from cotton3dg.sfm.mapper import CAMERA_MODEL, bundle_adjust, write_database
 
 
 @pytest.fixture
@@ -40,14 +40,14 @@ def test_settling_leaves_out_what_is_far_off(seen: tuple[np.ndarray, pycolmap.Re
     options.print_summary = False
     pycolmap.bundle_adjustment(plain, options)
     settled = pycolmap.Reconstruction(plain)
-    settle(settled)
+    bundle_adjust(settled)
     assert _rms(settled, true) < 0.75 * _rms(plain, true)
     assert settled.compute_num_observations() < plain.compute_num_observations()
 
 
 def test_settling_a_model_without_points_changes_nothing() -> None:
     model = pycolmap.Reconstruction()
-    settle(model)
+    bundle_adjust(model)
     assert model.num_points3D() == 0
 
 

@@ -17,15 +17,15 @@ from cotton3dg.sfm.epipolar_consistency import contradicted_pct, sampson
 from cotton3dg.sfm.features import Features, FeatureSettings, features_of_images
 from cotton3dg.sfm.image_pairs import choose_pairs
 from cotton3dg.sfm.mapper import map_images, write_database
-from cotton3dg.sfm.marker_corners import tie
+from cotton3dg.sfm.marker_corners import match_marker_corners
 from cotton3dg.sfm.matching import PairMatches, match_pairs
 from cotton3dg.sfm.registration_recovery import (
     Attempt,
     Task,
     follow_into_lost,
-    place_at_once,
+    place_by_markers,
+    place_globally,
     recover_registration,
-    tie_by_markers,
 )
 from cotton3dg.sfm.tracking import follow
 
@@ -53,7 +53,7 @@ def told(placed: int) -> Attempt:
 )
 def test_each_step_is_tried_when_those_before_fell_short(monkeypatch, tmp_path, first, brought, tried) -> None:
     results = iter(brought)
-    for name in ("follow_into_lost", "tie_by_markers", "look_harder", "place_at_once"):
+    for name in ("follow_into_lost", "place_by_markers", "retry_with_more_features", "place_globally"):
         monkeypatch.setattr(registration_recovery, name, lambda *_: told(next(results)))
     task = Task(tmp_path, [str(i) for i in range(100)], tmp_path, FEATURES, OVERLAP, SEED)
     best, steps = recover_registration(task, told(first))
@@ -118,7 +118,7 @@ def test_blurred_images_of_a_walk_are_placed_by_following(tmp_path: Path) -> Non
     assert first.placed == before, "the attempt before is kept as it was"
     assert farthest_off(found.models[0], centres) < 0.02
     assert contradicted_pct(found.models[0], task.names, found.features, found.matches) < 1.0
-    at_once = place_at_once(task, found)
+    at_once = place_globally(task, found)
     assert at_once is not None
     assert at_once.placed >= before
     assert farthest_off(at_once.models[0], centres) < 0.05
@@ -127,7 +127,7 @@ def test_blurred_images_of_a_walk_are_placed_by_following(tmp_path: Path) -> Non
 def test_where_nothing_is_lost_or_known_there_is_nothing_to_follow(tmp_path: Path) -> None:
     task = Task(tmp_path, ["a", "b"], tmp_path, FEATURES, OVERLAP, SEED)
     assert follow_into_lost(task, told(0)) is None
-    assert place_at_once(task, told(0)) is None
+    assert place_globally(task, told(0)) is None
 
 
 def marked_faces() -> np.ndarray:
@@ -152,7 +152,7 @@ def test_markers_alone_place_the_images_of_a_bare_room(tmp_path: Path) -> None:
         write_image(tmp_path / name, render(faces, angle))
     task = Task(tmp_path, names, tmp_path, FEATURES, OVERLAP, SEED)
     nothing = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
-    found = tie_by_markers(task, Attempt(dict.fromkeys(range(24), nothing), {}, []))
+    found = place_by_markers(task, Attempt(dict.fromkeys(range(24), nothing), {}, []))
     assert found is not None
     assert found.placed >= 20
     assert farthest_off(found.models[0], np.array([pose(angle)[1] for angle in angles])) < 0.05
@@ -169,7 +169,7 @@ def test_corners_join_the_matches_there_are_and_wrong_ones_do_not(tmp_path: Path
     square = np.float32([[100, 100], [140, 102], [139, 141], [99, 140]])
     # Both show marker 7; 8 has gone elsewhere; 9 is seen once.
     squares = {0: {7: square, 8: square + 50, 9: square + 90}, 1: {8: square + np.float32([64, 140]), 7: square + move}}
-    joined, matches = tie(features, {(0, 1): PairMatches(np.eye(3), same)}, squares)
+    joined, matches = match_marker_corners(features, {(0, 1): PairMatches(np.eye(3), same)}, squares)
     assert len(joined[0].places_px) == 52
     assert len(joined[1].places_px) == 48
     rows = {tuple(row) for row in matches[0, 1].rows.tolist()}
@@ -180,7 +180,7 @@ def test_corners_join_the_matches_there_are_and_wrong_ones_do_not(tmp_path: Path
 
 def test_without_markers_there_is_nothing_to_tie(tmp_path: Path) -> None:
     task, first, _ = walk(tmp_path, 12, range(0))
-    assert tie_by_markers(task, first) is None
+    assert place_by_markers(task, first) is None
 
 
 def test_a_wrong_pose_contradicts_the_matches(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from cotton3dg.errors import CaptureFailed
 from cotton3dg.sfm import reconstruction
 from cotton3dg.sfm.features import Features
 from cotton3dg.sfm.matching import PairMatches
-from cotton3dg.sfm.stationary_camera import require_walk, some_apart, standing_pct
+from cotton3dg.sfm.stationary_camera import pairs_far_apart, require_walk, standing_pct
 
 IMAGES, POINTS, SIDE_PX = 40, 200, 640
 PAIRS = [(i, j) for i in range(IMAGES) for j in range(i + 1, min(i + 9, IMAGES))]
@@ -41,23 +41,23 @@ def matched(pairs: list[tuple[int, int]]) -> dict[tuple[int, int], PairMatches]:
 
 
 def test_a_walk_leaves_nothing_in_its_place() -> None:
-    assert standing_pct(film(1.0), matched(some_apart(PAIRS, IMAGES))) < 20
-    require_walk(film(1.0), matched(some_apart(PAIRS, IMAGES)))
+    assert standing_pct(film(1.0), matched(pairs_far_apart(PAIRS, IMAGES))) < 20
+    require_walk(film(1.0), matched(pairs_far_apart(PAIRS, IMAGES)))
 
 
 @pytest.mark.parametrize("tremble_px", [0.0, 6.0])
 def test_a_turntable_is_refused_in_a_hand_as_on_a_tripod(tremble_px: float) -> None:
     with pytest.raises(CaptureFailed, match="stands still, though the plant may turn"):
-        require_walk(film(0.3, tremble_px), matched(some_apart(PAIRS, IMAGES)))
+        require_walk(film(0.3, tremble_px), matched(pairs_far_apart(PAIRS, IMAGES)))
 
 
 def test_a_turntable_before_a_bare_wall_is_a_walk() -> None:
-    require_walk(film(0.8), matched(some_apart(PAIRS, IMAGES)))
+    require_walk(film(0.8), matched(pairs_far_apart(PAIRS, IMAGES)))
 
 
 def test_neighbours_say_nothing_and_no_pair_is_no_evidence() -> None:
-    assert all(3 <= j - i <= IMAGES - 3 for i, j in some_apart([*PAIRS, (0, IMAGES - 1)], IMAGES))
-    assert 12 <= len(some_apart(PAIRS, IMAGES)) < 24
+    assert all(3 <= j - i <= IMAGES - 3 for i, j in pairs_far_apart([*PAIRS, (0, IMAGES - 1)], IMAGES))
+    assert 12 <= len(pairs_far_apart(PAIRS, IMAGES)) < 24
     assert standing_pct({}, {}) is None
     require_walk({}, {})
 

@@ -12,7 +12,7 @@ from scenes.simulated_plant import SMALL, TINY, small_plant
 from cotton3dg.commands import simulate as command
 from cotton3dg.core.card import marker_corner_cm
 from cotton3dg.core.scene import Camera
-from cotton3dg.identity.codes import read_codes, whose
+from cotton3dg.identity.codes import identify_plant, read_codes
 from cotton3dg.options import SimulateOptions
 from cotton3dg.scale.card import CARD_MARKERS
 from cotton3dg.scale.grey_card import read_patches
@@ -43,7 +43,7 @@ def test_a_card_lies_on_the_table_as_printed():
     centre = np.array([0.005 * options.table_length_cm - 0.16, 0.0, height])
     camera = Camera("above", width, width, f, f, width / 2, width / 2, np.column_stack([rotation, -rotation @ centre]))
     photo = develop(render(light_scene(plant, room), camera, supersampling=1))
-    assert whose(dict.fromkeys(read_codes(photo[..., 1]), 2)).plant_id == "NC26-017"
+    assert identify_plant(dict.fromkeys(read_codes(photo[..., 1]), 2)).plant_id == "NC26-017"
     corners = find_markers(photo, CARD_MARKERS)
     assert len(corners) == 16
     cm_per_px = 100 * (height - 0.0016) / f

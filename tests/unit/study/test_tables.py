@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cotton3dg.study.rows import empty_row
-from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, starred, summary, with_errors
+from cotton3dg.study.tables import ERRORS, front, machine_was_busy, markdown, pareto_settings, summary, with_errors
 
 
 def row(sweep, setting, seconds, psnr_db, count, **more):
@@ -53,8 +53,8 @@ def test_the_fronts_compare_only_what_can_be_compared():
     # The same model with fewer masks, and other images, are no better renders.
     assert front(rows, "full_psnr_db") == {("base", "draft"), ("resolution", "120")}
     assert front(rows, "trait_error_pct") == {("base", "draft"), ("resolution", "120"), ("style", "partial")}
-    assert ("resolution", "480") in starred(rows)  # the base by another name
-    assert ("resolution", "240") not in starred(rows)
+    assert ("resolution", "480") in pareto_settings(rows)  # the base by another name
+    assert ("resolution", "240") not in pareto_settings(rows)
 
 
 def test_markdown_has_a_table_a_sweep_with_a_column_of_seconds():

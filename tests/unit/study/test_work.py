@@ -45,7 +45,7 @@ class Stages:
 
         return Stage(stage, 1, inputs, run, stage_of(stage).cost)
 
-    def save_passing_models(self, workspace, options, targets, progress):
+    def save_intermediate_models(self, workspace, options, targets, progress):
         self.ran.append("training")
         return {steps: written(target, "train", f"model after {steps}") for steps, target in targets.items()}
 
@@ -69,7 +69,7 @@ def figures(setting):
 def stages(monkeypatch):
     stages = Stages()
     replace_stages(monkeypatch, stages.make)
-    monkeypatch.setattr(work, "save_passing_models", stages.save_passing_models)
+    monkeypatch.setattr(work, "save_intermediate_models", stages.save_intermediate_models)
     monkeypatch.setattr(work, "examine_footage", lambda plant: VIDEO)
     monkeypatch.setattr(
         work,

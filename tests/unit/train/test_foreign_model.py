@@ -13,7 +13,7 @@ from splatting import sh_basis
 from cotton3dg.core.outcome import StageOutcome
 from cotton3dg.core.scene import Gaussians, rotations
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.gaussians.harmonics import basis, turned
+from cotton3dg.gaussians.harmonics import basis, rotate_harmonics
 from cotton3dg.train.foreign_model import explained, read_dataparser_transforms, read_foreign
 
 QUARTER = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
@@ -46,7 +46,7 @@ def test_a_quarter_turn_of_the_first_degree():
     sh[0, 3] = 1.0
     expected = np.zeros((1, 4, 3))
     expected[0, 1] = -1.0
-    assert turned(sh, QUARTER) == pytest.approx(expected, abs=1e-6)
+    assert rotate_harmonics(sh, QUARTER) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("k", [1, 4, 9, 16])
@@ -55,7 +55,7 @@ def test_turned_colours_look_the_same(k):
     sh, turn = rng.normal(size=(5, k, 3)).astype(np.float32), Rotation.random(rng=3).as_matrix()
     directions = rng.normal(size=(30, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    here = np.einsum("dk,nkc->ndc", basis(directions, k), turned(sh, turn))
+    here = np.einsum("dk,nkc->ndc", basis(directions, k), rotate_harmonics(sh, turn))
     there = np.einsum("dk,nkc->ndc", basis(directions @ turn.T, k), sh)
     assert here == pytest.approx(there, abs=1e-5)
 

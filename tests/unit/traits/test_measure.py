@@ -97,7 +97,7 @@ def test_a_plant_that_no_image_shows_whole_has_no_interval(monkeypatch):
     gaussians = gaussians_at(places, 0.2)
     bolls = bolls_of(gaussians, labels)
     for lost in (False, True):
-        monkeypatch.setattr(measure, "doubt_whole", lambda *_, lost=lost: ("the frame cuts the plant", lost))
+        monkeypatch.setattr(measure, "check_truncation", lambda *_, lost=lost: ("the frame cuts the plant", lost))
         found = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0)
         assert "plant_cut" in found.flags and found.traits.boll_count == 4 and found.traits.boll_volume_cm3 > 0
         intervals = found.traits.boll_count_interval, found.traits.boll_volume_interval_cm3

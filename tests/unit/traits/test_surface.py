@@ -10,7 +10,13 @@ from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.gaussians.rasterizer import render
 from cotton3dg.geometry.boxes import fibonacci_directions
 from cotton3dg.geometry.convex_measures import convex_volume
-from cotton3dg.traits.surface import DILATION_PX2, as_drawn, sample_surface, sample_visible_surface, surface_rows
+from cotton3dg.traits.surface import (
+    DILATION_PX2,
+    dilate_gaussians,
+    sample_surface,
+    sample_visible_surface,
+    surface_rows,
+)
 
 BALL_CM = 2.5 * fibonacci_directions(500)
 
@@ -69,9 +75,11 @@ def test_gaussians_are_as_wide_as_the_renderer_draws_them():
     x = np.arange(camera.width) + 0.5
     variance_px2 = (row * (x - camera.cx) ** 2).sum() / row.sum()
     assert variance_px2 == pytest.approx(DILATION_PX2, rel=0.1)
-    assert as_drawn(thin, pixel_su).scales == pytest.approx(np.full((1, 3), np.sqrt(variance_px2) * pixel_su), rel=0.06)
+    assert dilate_gaussians(thin, pixel_su).scales == pytest.approx(
+        np.full((1, 3), np.sqrt(variance_px2) * pixel_su), rel=0.06
+    )
 
 
 def test_without_pixels_nothing_is_wider():
     body = gaussians_at(BALL_CM, 0.2)
-    assert as_drawn(body, 0.0).log_scales == pytest.approx(body.log_scales, abs=1e-6)
+    assert dilate_gaussians(body, 0.0).log_scales == pytest.approx(body.log_scales, abs=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 from cotton3dg.core.scene import Camera
 from cotton3dg.traits.stage import _filming
-from cotton3dg.traits.truncation import doubt_whole, find_cut
+from cotton3dg.traits.truncation import check_truncation, find_cut
 from cotton3dg.workspace import Workspace
 
 
@@ -32,17 +32,17 @@ def stem() -> np.ndarray:
 def test_a_plant_in_the_middle_is_whole(stem: np.ndarray) -> None:
     cameras = [look(azimuth, 0.35) for azimuth in range(0, 360, 30)]
     assert find_cut(stem, cameras) == []
-    assert doubt_whole(stem, cameras) == ("", False)
+    assert check_truncation(stem, cameras) == ("", False)
     assert find_cut(stem[:0], cameras) == []
 
 
 def test_images_that_cut_it_are_told_when_they_are_many(stem: np.ndarray) -> None:
     cameras = [look(azimuth, 0.0 if azimuth < 120 else 0.35) for azimuth in range(0, 360, 30)]
     assert find_cut(stem, cameras) == ["0.jpg", "30.jpg", "60.jpg", "90.jpg"]
-    warning, lost = doubt_whole(stem, cameras)
+    warning, lost = check_truncation(stem, cameras)
     assert "in 4 of 12 images, e.g. 0.jpg, so height and canopy may be too small" in warning
     assert not lost
-    assert doubt_whole(stem, cameras[1:4] + cameras[4:] * 2) == ("", False)
+    assert check_truncation(stem, cameras[1:4] + cameras[4:] * 2) == ("", False)
 
 
 def test_a_model_that_ends_at_the_edge_of_all_images_is_cut(stem: np.ndarray) -> None:
@@ -50,7 +50,7 @@ def test_a_model_that_ends_at_the_edge_of_all_images_is_cut(stem: np.ndarray) ->
     seen = np.all([camera.project(stem)[0][:, 1] > 0 for camera in cameras], axis=0)
     assert 0.3 < seen.mean() < 0.9
     assert len(find_cut(stem[seen], cameras)) == 12
-    warning, lost = doubt_whole(stem[seen], cameras)
+    warning, lost = check_truncation(stem[seen], cameras)
     assert "cannot be measured" in warning
     assert lost
 
@@ -58,7 +58,7 @@ def test_a_model_that_ends_at_the_edge_of_all_images_is_cut(stem: np.ndarray) ->
 def test_a_foot_below_the_frame_leaves_the_size_known(stem: np.ndarray) -> None:
     cameras = [look(azimuth, 0.75) for azimuth in range(0, 360, 30)]
     assert len(find_cut(stem, cameras)) == 12
-    assert not doubt_whole(stem, cameras)[1]
+    assert not check_truncation(stem, cameras)[1]
 
 
 def test_the_walk_tells_the_errors_what_it_left_out(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from .choices import Asked, choices_of, choose
-from .core.progress import Progress, silent
+from .core.runs import Progress, silent
 from .errors import (
     BadInput,
     BadUsage,

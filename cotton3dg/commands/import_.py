@@ -18,7 +18,7 @@ from typing import Final
 
 from ..core.columns import Column
 from ..core.machine import usable_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..identity.codes import LEAST_FRAMES, read_codes, whose
 from ..identity.names import folder_name, id_problem

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..command_options import MasksTrainOptions
 from ..core.bolls import MaskSet
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
 from ..evaluation.masks import score_masks

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .. import _native
 from ..command_options import RenderOptions
 from ..core.machine import usable_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage, NoBolls
 from ..gaussians import rasterizer

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..command_options import SimulateOptions
 from ..core.card import PAPER_CM, printed_reflectance
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.srgb import to_srgb
 from ..errors import BadInput, BadUsage
 from ..identity.card import draw_card

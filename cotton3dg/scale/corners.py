@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import Scale
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..core.scene import Camera, Float64
 from ..geometry.picks import point_of_picks
 from ..options import ScaleOptions

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.card import PATCH_LEVELS, printed_reflectance
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..errors import BadInput, BadUsage, MissingInput, NoScale
 from ..io.colmap import read_cameras, read_points
 from ..io.images import read_image, write_image

@@ -19,7 +19,7 @@ class PlantOutcome(Document):
     folder: str
     """Folder of the plant, relative to that of the batch."""
     state: str
-    """One of `core.state.State`."""
+    """One of `core.runs.State`."""
     exit_code: int | None = None
     reason: str = ""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from .document import Document
 
 OK: Final = "ok"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from ..core.columns import Column
-from ..core.state import State
+from ..core.runs import State
 from ..io.tables import TRAITS
 from ..planning.tradeoff import format_duration, pareto_front
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from .. import pipeline
 from ..core.machine import usable_cores
-from ..core.state import State
+from ..core.runs import State
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..io.encode import crop_video

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput, MissingInput
 from ..gaussians.harmonics import turned

@@ -14,9 +14,8 @@ from ..core.bolls import BollInstance
 from ..core.columns import Column, cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale, is_counted
-from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit

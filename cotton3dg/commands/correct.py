@@ -21,8 +21,8 @@ from ..io.saving import explain_disk_errors
 from ..io.tables import parse_number, read_rows
 from ..options import recorded
 from ..schemas.bolls import read_bolls
-from ..schemas.choices import Choices
 from ..schemas.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
+from ..schemas.record import Choices
 from ..schemas.scale import ScaleInfo
 from ..schemas.train import TrainMetrics
 from ..stage import STAGES

@@ -19,7 +19,7 @@ from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
 from ..options import ScaleOptions
 from ..schemas.corrections import CORNER, Correction, Corrections
-from ..schemas.patches import PatchesInfo
+from ..schemas.scale import PatchesInfo
 from ..stage import Cost, Stage
 from ..workspace import Workspace
 from .corners import move_corners, refuse_moves

@@ -33,8 +33,7 @@ from ..plant_map.thin_twigs import Trail, follow_thin_twigs
 from ..schemas.bolls import boll_labels, describe_bolls, read_bolls, read_left_out
 from ..schemas.corrections import OF_BOLLS, Corrections
 from ..schemas.masks import MasksInfo
-from ..schemas.patches import PatchesInfo
-from ..schemas.scale import ScaleInfo
+from ..schemas.scale import PatchesInfo, ScaleInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.skeleton import describe_map
 from ..schemas.train import Effects, TrainMetrics

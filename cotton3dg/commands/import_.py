@@ -37,7 +37,7 @@ from ..io.saving import (
 )
 from ..io.tables import csv_text, read_rows, refuse_other_table
 from ..plants import has_results
-from ..schemas.imported import ReadVideo, ReadVideos
+from ..schemas.batch import ReadVideo, ReadVideos
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"

@@ -49,7 +49,7 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """What a stage reports besides its files: `records/<stage>.json` keeps it; the flags end in traits.csv, qc_flags."""
+    """What a stage reports besides its files: `records/<stage>.json` keeps it, and qc_flags of traits.csv the flags."""
 
     summary: dict[str, Any] = field(default_factory=dict)
     """Figures with units in their names; the first few are shown on the terminal."""

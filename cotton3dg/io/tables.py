@@ -13,8 +13,7 @@ from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
 from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
 from ..errors import BadInput
 from .decimals import with_dot
-from .formulas import defuse
-from .spreadsheet import read_table
+from .spreadsheet import defuse, read_table
 
 BYTE_ORDER_MARK: Final = "\ufeff"
 TELLING: Final = 3

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.training_picture import CLASSES, LINT, OTHER
 from ..errors import BadInput, MissingInput
 from ..gaussians.rasterizer import Window
-from .builtin_weights import read_shipped
+from .weight_files import read_shipped
 
 Float32 = NDArray[np.float32]
 CHANNELS: Final = len(CLASSES) + 4

@@ -15,7 +15,7 @@ from ..choices import choose
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64
 from ..errors import BadInput, BadUsage, MissingInput
-from ..geometry.picks import PickedPoint, point_of_picks
+from ..geometry.triangulation import PickedPoint, point_of_picks
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
 from ..io.tables import parse_number, read_rows

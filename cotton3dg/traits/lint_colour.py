@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.lint_colour import BollColour, LintColour
+from ..core.measurements import BollColour, LintColour
 
 Float64 = NDArray[np.float64]
 

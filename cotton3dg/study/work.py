@@ -31,10 +31,9 @@ from ..staleness import stale_reason
 from ..workspace import Workspace
 from .checkpoints import save_passing_models
 from .plant_region import PlantRegions
-from .plot import write_plot
 from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
-from .tables import COLUMNS, markdown, with_errors
+from .tables import COLUMNS, markdown, with_errors, write_plot
 
 Tell = Callable[[str], None]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .columns import column, columns
+from .scene import Float64
 
-Float64 = NDArray[np.float64]
 OFF_PLANT: Final = "off_plant"
 """Flag of a supposed boll that does not hang on the plant. It has a row of its own and does not count in any sum."""
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
+from .scene import Float32
 
 
 def to_linear(srgb: NDArray[Any]) -> Float32:

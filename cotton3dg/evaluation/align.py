@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, PlantMap
+from ..core.scene import Float64
 from ..geometry.polylines import resampled
 from .align_bolls import BollAlignment, align_by_bolls
 from .match import match_bolls
 
-Float64 = NDArray[np.float64]
 Groups = list[list[Float64]]
 """Items of a plant in groups that turn together: a branch on the stem with all that it bears."""
 

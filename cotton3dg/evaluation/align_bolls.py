@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from .match import match_bolls
-
-Float64 = NDArray[np.float64]
 
 NEAR_CM: Final = 1.0
 ALIKE_CM: Final = 1.5

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-Float64 = NDArray[np.float64]
+from ..core.scene import Float64
+
 TOGETHER: Final = 100_000
 """Number of pairs of a place and a piece of a polyline that are computed at once."""
 

@@ -27,13 +27,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..core.runs import Progress, silent
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float32, Gaussians
 from ..gaussians.rasterizer import ray_weights
 
 if TYPE_CHECKING:
     import torch
 
-Float32 = NDArray[np.float32]
 
 LEARNING_RATE: Final = 0.0025
 RAYS_PER_VIEW: Final = 4096

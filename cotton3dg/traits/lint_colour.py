@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import BollColour, LintColour
-
-Float64 = NDArray[np.float64]
+from ..core.scene import Float64
 
 FEWEST_LEVELS: Final = 3
 CLIPPED: Final = 250

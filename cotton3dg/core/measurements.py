@@ -48,6 +48,11 @@ class Scale:
         x /= np.linalg.norm(x)
         return np.stack([x, np.cross(self.up, x), self.up])
 
+    @property
+    def cm_from_scene(self) -> Float64:
+        """(3, 3) `table_frame`, times cm per su."""
+        return self.table_frame * self.cm_per_su
+
     def height_cm(self, points: NDArray[Any]) -> Float64:
         """(N,) height of (N, 3) scene points above the table top."""
         heights: Float64 = (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su

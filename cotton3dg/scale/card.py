@@ -22,6 +22,7 @@ from ..core.card import (
     marker_corner_cm,
 )
 from ..core.scene import Camera, Float64
+from ..core.srgb import CLIPPED
 from .markers import Corner, MarkerFit, MarkerKind, fit_bodies
 from .references import NoReference
 
@@ -33,8 +34,6 @@ LEAST_PX: Final = 4.0
 """Least height of a patch in the photo."""
 PLACES: Final = 9
 """Places along a side of a patch."""
-CLIPPED: Final = 250
-"""Grey level from which a channel is saturated."""
 DARKER: Final = 2.0
 """Least difference in grey levels between a patch and the brighter one before it. With less, something lies on the
 card."""

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ..core.measurements import BollColour, LintColour
 from ..core.scene import Float64
+from ..core.srgb import CLIPPED
 
 FEWEST_LEVELS: Final = 3
-CLIPPED: Final = 250
 MOST_CLIPPED: Final = 0.05
 """Share of burnt-out pixels from which a view does not count for a boll."""
 LEAST_PIXELS: Final = 30

@@ -55,6 +55,16 @@ def smoothed(points: NDArray[Any], sigma: float) -> Float64:
     return whole[pad : pad + len(points)]
 
 
+def piece_between(points: NDArray[Any], start: float, stop: float) -> Float64:
+    """(M, 3) points of a polyline around the piece between two path lengths; backwards if `stop` is the smaller one."""
+    lengths = path_lengths(points)
+    low, high = min(start, stop), max(start, stop)
+    first = int(np.clip(np.searchsorted(lengths, low + 1e-9, "right") - 1, 0, len(points) - 2))
+    last = int(np.clip(np.searchsorted(lengths, high - 1e-9), first + 1, len(points) - 1))
+    piece = points[first : last + 1]
+    return piece if start < stop else piece[::-1]
+
+
 def direction(points: NDArray[Any], start: float, stop: float) -> Float64:
     """(3,) unit vector of the chord between two path lengths; NaN where they are one place."""
     chord = place_at(points, stop) - place_at(points, start)

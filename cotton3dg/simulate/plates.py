@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float32
-from .mesh import Float64, unit
+from ..core.scene import Float32, Float64
+from .mesh import unit
 from .rays import Rays, build_rays, interpolate
 from .training_scenes import LINT, TrainingScene, build_scene
 

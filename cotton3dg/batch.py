@@ -22,7 +22,7 @@ from queue import SimpleQueue
 from typing import Any, Final
 
 from .core.machine import usable_cores
-from .core.state import State
+from .core.runs import State
 from .errors import (
     HUNG_UP,
     INTERRUPTED,

@@ -28,7 +28,7 @@ from .options import (
     recorded,
     resolve,
 )
-from .schemas.choices import Choices
+from .schemas.record import Choices
 from .stage import STAGES
 from .staleness import changed_options
 from .text import read_text

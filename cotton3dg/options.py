@@ -336,9 +336,7 @@ PRESET_VALUES: Final[dict[str, dict[str, dict[str, Any]]]] = {
         "frames": {"count": 150},
         "train": {"steps": 30_000, "max_gaussians": 1_000_000, "plant_window": False},
     },
-    "paper1": {
-        "segment": {"method": "probability", "probability": {"threshold": 0.75, "steps": 7000, "spacing": 1}},
-    },
+    "paper1": {"segment": {"method": "probability", "probability": {"threshold": 0.75, "steps": 7000, "spacing": 1}}},
     "paper2": {
         "frames": {"count": 100},
         "train": {"steps": 30_000, "max_gaussians": 1_000_000, "start": "points", "plant_window": False},

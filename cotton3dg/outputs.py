@@ -9,17 +9,37 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from .errors import BadUsage
 from .io.saving import explain_disk_errors, file_sha256
 from .options import STAGE_OPTIONS
-from .schemas.made import MadeFile, MadeFiles
+from .schemas.document import WholeDocument
 from .workspace import OWNER_MARK
 
 LIST: Final = ".cotton3dg.made"
 PARTIAL: Final = ".cotton3dg.partial"
+
+
+@dataclass(frozen=True)
+class MadeFile:
+    """One file."""
+
+    made_of: str
+    """Command and inputs."""
+    sha256: str
+    """SHA-256 of the file as it was made; empty while the file is being written."""
+
+
+@dataclass(frozen=True)
+class MadeFiles(WholeDocument):
+    """`.cotton3dg.made` of a folder that a person named: the files that this tool made in it, by path from there."""
+
+    REMEDY = "remove it; the files in its folder then count as somebody else's"
+
+    files: dict[str, MadeFile]
 
 
 def made_of(command: str, *inputs: Path | str) -> str:

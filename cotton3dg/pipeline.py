@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from .choices import Asked, choices_of, choose
-from .core.progress import Progress, silent
+from .core.runs import Progress, silent
 from .errors import (
     BadInput,
     BadUsage,
@@ -28,8 +28,7 @@ from .errors import (
 )
 from .options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
-from .schemas.choices import Choices
-from .schemas.record import Record
+from .schemas.record import Choices, Record
 from .stage import STAGES, stage_of
 from .staleness import StageState, stale_reason, state_of
 from .workspace import Workspace

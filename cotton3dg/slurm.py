@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from .batch import RUN, Batch, Result, result_of, saved_results
 from .choices import Asked, choose
-from .core.state import State
+from .core.runs import State
 from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable
 from .io.saving import explain_disk_errors
 from .pipeline import status as plant_status

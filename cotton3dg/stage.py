@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from . import __version__
-from .core.outcome import StageOutcome
-from .core.progress import Progress
+from .core.runs import Progress, StageOutcome
 from .errors import BadInput, MissingInput
 from .io.images import fit_size
 from .option_rules import as_dict, places

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final
 
-from .core.state import State
+from .core.runs import State
 from .option_rules import as_dict
 from .options import resolve
 from .schemas.record import Record

@@ -27,8 +27,7 @@ from .io.saving import (
 )
 from .schemas.corrections import Pick
 from .schemas.document import Document
-from .schemas.dropped import DroppedFiles
-from .schemas.record import Record
+from .schemas.record import DroppedFiles, Record
 
 VIDEO_SUFFIXES: Final = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 OWNER_MARK: Final = ".cotton3dg"

@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from ..frames.frame_quality import BLURRED
 from ..geometry.camera_orbit import find_out_of_view
-from ..report.verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
+from ..report.verdicts import (
+    WELL_LIT,
+    of_distance,
+    of_framing,
+    of_light,
+    of_placed,
+    of_scale,
+    of_sharpness,
+    of_walk,
+    span_of,
+)
 from ..schemas.check import GREEN, RED, VERDICTS, YELLOW, CheckInfo, Finding
 from .first_count import find_sure
 from .framing import corners_in_view, find_cut_plants, find_cut_sides, find_gaps
@@ -99,7 +109,8 @@ def _walk(look: Look) -> _Part:
 def _placed(look: Look) -> _Part:
     n, of = len(look.cameras), len(look.names)
     figures = {"placed": n, "looked_at": of}
-    where = _where(look, set(look.names) - {camera.name for camera in look.cameras})
+    missing = set(look.names) - {camera.name for camera in look.cameras}
+    where = span_of([image for image in look.frames.images if image.name in missing])
     return [of_placed(n, of, where)], figures
 
 
@@ -190,9 +201,3 @@ def _scale(look: Look) -> _Part:
         text = f"a corner of the table is in view in {corners.min():.0%} of the frames only"
         findings.append(Finding(YELLOW, "Table", text, "step back, so that all of the table is in view"))
     return findings, figures
-
-
-def _where(look: Look, names: set[str]) -> str:
-    """` from 3 to 8 s` of the film, for images of these names."""
-    times = [i.timestamp_s for i in look.frames.images if i.name in names and i.timestamp_s is not None]
-    return f" from {min(times):.0f} to {max(times):.0f} s of the film" if times else ""

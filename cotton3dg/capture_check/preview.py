@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.machine import on_all_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Camera
 from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..gaussians.views import View

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
+from ..core.srgb import CLIPPED
 from ..gaussians.rasterizer import Window
 from ..masks.bolls import BollNetwork, Maps
 from ..masks.group_votes import group_votes
@@ -22,8 +23,6 @@ BRIDGED: Final = 0.02
 """Gap in a twig that the network misses, in widths of the image, over which parts still join."""
 CUT: Final = 0.01
 """Share of a side that a plant must cross to be cut by it."""
-BURNT: Final = 250
-"""Grey value from which a pixel has lost its shades."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def detect_in_view(
         middles_px=np.array([np.median(maps.votes[:, own], axis=1) for own in bolls], np.float64).reshape(-1, 2),
         diameters_px=np.array([np.median(maps.diameters[own]) for own in bolls], np.float64),
         lint_luminance=float(lint.mean()) / 255 if len(lint) else np.nan,
-        burnt_share=float((lint >= BURNT).mean()) if len(lint) else np.nan,
+        burnt_share=float((lint >= CLIPPED).mean()) if len(lint) else np.nan,
         plant=_parts(maps),
     )
 

@@ -14,8 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from ..core.progress import Progress as StageProgress
-from ..core.state import State
+from ..core.runs import Progress as StageProgress
+from ..core.runs import State
 from ..io.tables import read_rows
 from ..options import STANDARD
 from ..pipeline import Step, Watcher

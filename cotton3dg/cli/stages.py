@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..core.state import State
+from ..core.runs import State
 from ..errors import SOME_FAILED, BadUsage, MissingInput, unknown
 from ..options import STAGE_OPTIONS
 from .arguments import (

@@ -17,11 +17,9 @@ from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from ..core.bolls import BollInstance, LiftedMasks
-from ..core.scene import Float64
+from ..core.scene import Float32, Float64
 from ..geometry.point_sets import find_compact_part, measure_extent
 from .boll_shape import number_bolls, split_heap
-
-Float32 = NDArray[np.float32]
 
 CONSENSUS: Final = 0.7
 """Share of the views that must put two masks into one for them to be one boll. Views err both ways: some masks hold two

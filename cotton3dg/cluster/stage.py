@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..errors import BadInput
 from ..gaussians.appearance import boll_colours
 from ..io.colmap import read_cameras

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from ..command_options import CardsOptions
-from ..core.card import PAPER_CM
+from ..core.card import DOTS_PER_CM, PAPER_CM
 from ..errors import BadInput, BadUsage
 from ..identity.card import Picture, draw_card
 from ..identity.codes import code_picture
@@ -17,7 +17,6 @@ from ..io.fieldbook import FieldBook, read_fieldbook
 from ..io.sheet import pdf_of
 from ..outputs import made_of, saving
 
-DOTS_PER_CM: Final = 100
 LINES: Final = 6
 MOST_NAMED: Final = 5
 

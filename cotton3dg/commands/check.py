@@ -22,8 +22,8 @@ from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
 from ..pipeline import Watcher, begin, run
 from ..schemas.check import CheckInfo, film_of
-from ..schemas.choices import Choices
 from ..schemas.frames import FramesInfo
+from ..schemas.record import Choices
 from ..sfm.keyframes import Keyframes, has_enough_images
 from ..sfm.lens import undistort
 from ..sfm.registration_quality import decide_distortion, describe_cameras

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from ..io.saving import explain_disk_errors, file_sha256
-from ..schemas.dropped import DroppedFiles
+from ..schemas.record import DroppedFiles
 from ..stage import STAGES, stage_of
 from ..workspace import Workspace
 

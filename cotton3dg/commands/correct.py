@@ -15,14 +15,14 @@ from ..choices import choose
 from ..core.measurements import PlantFrame
 from ..core.scene import Float64
 from ..errors import BadInput, BadUsage, MissingInput
-from ..geometry.picks import PickedPoint, point_of_picks
+from ..geometry.triangulation import PickedPoint, point_of_picks
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
 from ..io.tables import parse_number, read_rows
 from ..options import recorded
 from ..schemas.bolls import read_bolls
-from ..schemas.choices import Choices
 from ..schemas.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
+from ..schemas.record import Choices
 from ..schemas.scale import ScaleInfo
 from ..schemas.train import TrainMetrics
 from ..stage import STAGES

@@ -18,7 +18,7 @@ from typing import Final
 
 from ..core.columns import Column
 from ..core.machine import usable_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..errors import BadInput, BadUsage, Cotton3dgError, MissingInput, unknown
 from ..identity.codes import LEAST_FRAMES, identify_plant, read_codes
 from ..identity.names import folder_name, id_problem
@@ -37,7 +37,7 @@ from ..io.saving import (
 )
 from ..io.tables import csv_text, read_rows, refuse_other_table
 from ..plants import has_results
-from ..schemas.imported import ReadVideo, ReadVideos
+from ..schemas.batch import ReadVideo, ReadVideos
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Final
 
 from ..command_options import MarkersOptions
+from ..core.card import DOTS_PER_CM, PAPER_CM
 from ..errors import BadUsage
 from ..io.sheet import write_sheet
 from ..option_rules import as_dict
 from ..outputs import made_of, saving
 from ..scale.markers import MarkerKind, board_squares, draw_sheet
 
-DOTS_PER_CM: Final = 100
-PAPER_CM: Final = {"a4": (21.0, 29.7), "a3": (29.7, 42.0), "letter": (21.59, 27.94)}
+SHEET_CM: Final = PAPER_CM | {"a3": (29.7, 42.0)}
 
 
 def print_markers(file: Path, options: MarkersOptions) -> str:
@@ -26,7 +26,7 @@ def print_markers(file: Path, options: MarkersOptions) -> str:
         raise BadUsage(f"{file.name} is neither .pdf nor .png; name the sheet so")
     kind = MarkerKind(options.dictionary, options.marker_cm, board_squares(options.board))
     try:
-        sheet = draw_sheet(kind, *PAPER_CM[options.paper], DOTS_PER_CM, options.first)
+        sheet = draw_sheet(kind, *SHEET_CM[options.paper], DOTS_PER_CM, options.first)
     except ValueError as error:
         raise BadUsage(f"{error}; use a larger --paper or a smaller --marker-cm") from error
     made = made_of("markers", *(f"{name}={value}" for name, value in as_dict(options).items()))

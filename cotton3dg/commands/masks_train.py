@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..command_options import MasksTrainOptions
 from ..core.bolls import MaskSet
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.training_picture import TrainingPicture
 from ..errors import BadInput, BadUsage
 from ..evaluation.masks import score_masks
@@ -27,11 +27,11 @@ from ..io.saving import explain_disk_errors, file_sha256, json_text, write_text_
 from ..io.yolo_labels import write_yolo_labels
 from ..masks.annotated_pictures import AnnotatedPhoto, cut_picture
 from ..masks.bolls import SHIPPED_FILE, BollNetwork, input_size
-from ..masks.builtin_weights import read_shipped
 from ..masks.group_votes import group_votes
 from ..masks.photometric_augmentation import augment
 from ..masks.test_time_augmentation import predict_with_augmentation
 from ..masks.train_yolo import export_onnx, train_yolo
+from ..masks.weight_files import read_shipped
 from ..option_rules import as_dict
 from ..simulate.backgrounds import paint_backgrounds
 from ..simulate.compositing import compose
@@ -228,7 +228,7 @@ def _open_start(options: MasksTrainOptions) -> tuple[BollsNetwork, Start]:
     import torch
 
     from ..masks.bolls_network import BollsNetwork, from_onnx, load_imagenet
-    from ..masks.imagenet_weights import read_imagenet_weights
+    from ..masks.weight_files import read_imagenet_weights
 
     torch.manual_seed(options.seed)
     start: Start

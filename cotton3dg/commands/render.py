@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .. import _native
 from ..command_options import RenderOptions
 from ..core.machine import usable_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage, NoBolls
 from ..gaussians import rasterizer
@@ -35,7 +35,7 @@ from ..io.ply import read_gaussians
 from ..io.saving import json_text
 from ..option_rules import as_dict
 from ..options import TrainOptions
-from ..schemas.bolls import boll_labels, read_bolls
+from ..schemas.bolls import boll_labels, read_bolls_of
 from ..schemas.frames import FramesInfo
 from ..schemas.scale import read_scale
 from ..workspace import Workspace
@@ -149,9 +149,7 @@ def _order_cameras(workspace: Workspace) -> list[Camera]:
 def _read_labels(workspace: Workspace, gaussians: Gaussians) -> NDArray[np.int32]:
     """(N,) boll of each Gaussian, 0 = none."""
     labels_npy = workspace.require(workspace.labels_npy, "cluster")
-    bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
-    if sha256 != gaussians.sha256():
-        raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
+    bolls = read_bolls_of(gaussians, workspace.require(workspace.bolls_json, "cluster"), labels_npy)
     if not bolls:
         raise NoBolls("this plant has no bolls to show; use --show colour, or look at masks/")
     return boll_labels(bolls, len(gaussians))

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..command_options import SimulateOptions
 from ..core.card import PAPER_CM, printed_reflectance
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
+from ..core.scene import Float32
 from ..core.srgb import to_srgb
 from ..errors import BadInput, BadUsage
 from ..identity.card import draw_card
@@ -31,7 +32,7 @@ from ..schemas.truth import TrueMasks, TruthOrigin
 from ..simulate.camera import Orbit, orbit
 from ..simulate.camera_effects import exposure_ev, film, film_ids
 from ..simulate.plant import PlantMeshes, grow_plant
-from ..simulate.render import Float32, RenderScene, light_scene, on_turntable, render
+from ..simulate.render import RenderScene, light_scene, on_turntable, render
 from ..simulate.room import build_room
 from ..simulate.truth import MASKS_NOTE, camera_truth, plant_truth
 from ..workspace import Workspace

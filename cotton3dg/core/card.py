@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from .srgb import to_linear
 
+DOTS_PER_CM: Final = 100
+"""Of a printed sheet."""
 PAPER_CM: Final = {"a4": (21.0, 29.7), "letter": (21.59, 27.94)}
 WIDTH_CM: Final = 18.6
 HEIGHT_CM: Final = 25.9

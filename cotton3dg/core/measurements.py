@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .columns import column, columns
+from .scene import Float64
 
-Float64 = NDArray[np.float64]
 OFF_PLANT: Final = "off_plant"
 """Flag of a supposed boll that does not hang on the plant. It has a row of its own and does not count in any sum."""
 
@@ -48,6 +48,11 @@ class Scale:
         x /= np.linalg.norm(x)
         return np.stack([x, np.cross(self.up, x), self.up])
 
+    @property
+    def cm_from_scene(self) -> Float64:
+        """(3, 3) `table_frame`, times cm per su."""
+        return self.table_frame * self.cm_per_su
+
     def height_cm(self, points: NDArray[Any]) -> Float64:
         """(N,) height of (N, 3) scene points above the table top."""
         heights: Float64 = (np.asarray(points, np.float64) @ self.plane[:3] + self.plane[3]) * self.cm_per_su
@@ -79,6 +84,7 @@ NO_BODY: Final = "no scale; too few Gaussians for a body (flagged)"
 NO_WEIGHT: Final = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
 NOT_CORRECTED: Final = "not corrected"
 NO_VOLUME: Final = "no scale; no boll with a volume"
+NO_PATCHES: Final = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
 
 
 @dataclass(frozen=True)
@@ -353,3 +359,27 @@ class PlantEvidence:
         "", "quality flags of all stages, separated by semicolons", name="qc_flags", blank_when="no flag"
     )
     version: str = column("", "version of cotton3dg")
+
+
+@dataclass(frozen=True)
+class LintColour:
+    """Colour of lint relative to a matt surface beside the card; NaN = not known."""
+
+    lint_cie_l: float = column("1", "lightness L* of the lint (CIELAB, D65)", 1, blank_when=NO_PATCHES, later=True)
+    lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, later=True)
+    lint_cie_b: float = column("1", "b* of the lint, yellow above 0", 1, blank_when=NO_PATCHES, later=True)
+    lint_rd_pct: float = column(
+        "%", "Rd of the lint, by the formula of cotton grading (Hunter 1958)", 1, blank_when=NO_PATCHES, later=True
+    )
+    lint_plus_b: float = column(
+        "1", "+b of the lint, yellowness by the formula of cotton grading", 1, blank_when=NO_PATCHES, later=True
+    )
+
+
+@dataclass(frozen=True)
+class BollColour(LintColour):
+    """Colour of one boll's lint."""
+
+    lint_colour_views: int | None = column(
+        "1", "views that these rest on", blank_when=NO_PATCHES, later=True, default=None
+    )

@@ -8,10 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from .scene import Float64
 
-Float64 = NDArray[np.float64]
 KINDS: Final = ("stem", "fruiting", "vegetative")
 DOUBTFUL: Final = 0.7
 """Confidence below which a place on the map is worth a look."""

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+SH_CONSTANT: Final = 0.28209479177387814
+"""Value of the constant spherical harmonic, 1 / (2 sqrt(pi))."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class Gaussians:
     @property
     def colours(self) -> Float32:
         """(N, 3) RGB of the constant spherical harmonic, clipped to 0..1."""
-        colours: Float32 = np.clip(0.5 + 0.28209479177387814 * self.sh[:, 0], 0.0, 1.0)
+        colours: Float32 = np.clip(0.5 + SH_CONSTANT * self.sh[:, 0], 0.0, 1.0)
         return colours
 
     @property

@@ -1,13 +1,16 @@
-"""The sRGB curve (IEC 61966-2-1), between 0 and 1."""
+"""sRGB: its curve between 0 and 1 (IEC 61966-2-1), and the level at which a photo is burnt out."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
+from .scene import Float32
+
+CLIPPED: Final = 250
+"""Grey level, 0..255, from which a channel is saturated."""
 
 
 def to_linear(srgb: NDArray[Any]) -> Float32:

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.plant_map import Axis, PlantMap
+from ..core.scene import Float64
 from ..geometry.polylines import resampled
-from .align_bolls import BollAlignment, align_by_bolls
+from .align_bolls import APART_DEG, LEAST_LEAD, LEAST_SHARE, MOST_CHANCE, BollAlignment, align_by_bolls
 from .match import match_bolls
 
-Float64 = NDArray[np.float64]
 Groups = list[list[Float64]]
 """Items of a plant in groups that turn together: a branch on the stem with all that it bears."""
 
@@ -30,15 +30,8 @@ NEAR_CM: Final = 1.5
 """Standard deviation of the places of one boll in two films, relative to the stem."""
 CHANCE_FROM_CM: Final = 3.0
 """Distance from the stem at which the comparison of a branch begins: nearer to it, all turns are alike."""
-APART_DEG: Final = 20.0
-"""Two turns that differ by more count as different."""
 FEWEST: Final = 3
 """Least number of bolls and branches that determine a turn."""
-MOST_CHANCE: Final = 0.01
-LEAST_LEAD: Final = 1.0
-"""Least number of bolls or branches that lie on each other at the best turn and not at the second best."""
-LEAST_SHARE: Final = 0.5
-"""Least share of the bolls and branches of the plant that has fewer that must lie on those of the other plant."""
 SHUFFLES: Final = 1999
 MOST_LEAN_DEG: Final = 12.0
 STEM_STEP_CM: Final = 4.0

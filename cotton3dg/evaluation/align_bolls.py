@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from .match import match_bolls
-
-Float64 = NDArray[np.float64]
 
 NEAR_CM: Final = 1.0
 ALIKE_CM: Final = 1.5
@@ -23,10 +21,13 @@ ALIKE_CM: Final = 1.5
 APART_CM: Final = 5.0
 """Bolls that are nearer to each other determine the turn poorly."""
 APART_DEG: Final = 20.0
+"""Two turns that differ by more count as different."""
 FEWEST: Final = 4
 MOST_CHANCE: Final = 0.01
 LEAST_LEAD: Final = 1.0
+"""Least number of bolls or branches that lie on each other at the best turn and not at the second best."""
 LEAST_SHARE: Final = 0.5
+"""Least share of the bolls and branches of the plant that has fewer that must lie on those of the other plant."""
 SHUFFLES: Final = 199
 
 

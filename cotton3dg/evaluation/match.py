@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+MATCH_DISTANCE_CM: Final = 3.0
+"""A boll matches another one if their centres are no farther apart."""
 
 
 def match_bolls(centres_a: NDArray[Any], centres_b: NDArray[Any], max_distance: float) -> NDArray[np.int64]:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.columns import Column, columns_of
-from ..core.lint_colour import LintColour
 from ..core.map_measurements import MapTraits
-from ..core.measurements import PlantTraits, is_counted
+from ..core.measurements import LintColour, PlantTraits, is_counted
 from ..core.plant_map import PlantMap
 from ..errors import BadInput, Cotton3dgError
 from ..io.tables import flags_of, parse_number, read_rows

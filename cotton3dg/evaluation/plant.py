@@ -21,10 +21,7 @@ from ..plant_map.summary import summarise_map
 from ..schemas.truth import Truth
 from ..workspace import Workspace
 from .cloud import measure_cloud
-from .match import match_bolls
-
-MATCH_DISTANCE_CM: Final = 3.0
-"""A predicted boll matches a true one if their centres are no farther apart."""
+from .match import MATCH_DISTANCE_CM, match_bolls
 
 CM_PER_UNIT: Final = {"m": 100.0, "cm": 1.0, "mm": 0.1}
 TRUTH_OF_TRAIT: Final = {

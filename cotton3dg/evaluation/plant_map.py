@@ -21,14 +21,13 @@ from ..plant_map.summary import summarise_map
 from ..schemas.skeleton import SkeletonInfo, read_map
 from ..schemas.truth import Truth
 from ..workspace import Workspace
-from .match import match_bolls
+from .match import MATCH_DISTANCE_CM, match_bolls
 
 FOOT_CM: Final = 3.0
 DIRECTION_DEG: Final = 30.0
 """A branch matches a true one if their feet are no farther apart and their directions differ by no more."""
 LONG_ENOUGH_CM: Final = 3.0
 """Shorter true branches need not be found; a found one is not a mistake."""
-MATCH_DISTANCE_CM: Final = 3.0
 
 
 @dataclass(frozen=True)

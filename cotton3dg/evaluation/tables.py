@@ -24,8 +24,7 @@ from ..io.saving import explain_disk_errors
 from ..io.scatter import write_scatter
 from ..io.spreadsheet import Table, read_table
 from ..io.tables import BOLLS, TRAITS, csv_text
-from .match import match_bolls
-from .plant import MATCH_DISTANCE_CM
+from .match import MATCH_DISTANCE_CM, match_bolls
 
 ID: Final = "plant_id"
 BOLL: Final = "boll_id"

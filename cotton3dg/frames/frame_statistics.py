@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.machine import stream_on_all_cores
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress
+from ..core.runs import Progress, StageOutcome
 from ..errors import CaptureFailed
 from ..io.images import scale_down
 from ..schemas.frames import FrameInfo, FramesInfo

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress
+from ..core.runs import Progress, StageOutcome
 from ..errors import as_capture_failure
 from ..io.images import list_images, write_image
 from ..options import FramesOptions

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..errors import BadInput, CaptureFailed
 from ..io import images
 from ..options import FramesOptions

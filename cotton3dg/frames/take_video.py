@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..errors import BadInput, CaptureFailed
 from ..io import video
 from ..io.ffmpeg_text import VideoFacts

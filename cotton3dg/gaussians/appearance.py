@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float32, Gaussians
-from .harmonics import SH_CONSTANT
+from ..core.scene import SH_CONSTANT, Float32, Gaussians
 
 FADED: Final = 0.35
 """Share of its contrast that everything except the bolls keeps."""

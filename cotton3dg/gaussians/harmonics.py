@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
-from ..core.scene import Float32, Float64
+from ..core.scene import SH_CONSTANT, Float32, Float64
 from ..geometry.boxes import fibonacci_directions
-
-SH_CONSTANT: Final = 0.28209479177387814
-"""Value of the constant spherical harmonic, 1 / (2 sqrt(pi))."""
 
 
 def basis(directions: Float64, n_coefficients: int) -> Float64:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-Float64 = NDArray[np.float64]
+from ..core.scene import Float64
+
 TOGETHER: Final = 100_000
 """Number of pairs of a place and a piece of a polyline that are computed at once."""
 
@@ -52,6 +53,16 @@ def smoothed(points: NDArray[Any], sigma: float) -> Float64:
     before, after = 2 * points[0] - points[pad:0:-1], 2 * points[-1] - points[-2 : -pad - 2 : -1]
     whole: Float64 = gaussian_filter1d(np.concatenate([before, points, after]), sigma, axis=0)
     return whole[pad : pad + len(points)]
+
+
+def piece_between(points: NDArray[Any], start: float, stop: float) -> Float64:
+    """(M, 3) points of a polyline around the piece between two path lengths; backwards if `stop` is the smaller one."""
+    lengths = path_lengths(points)
+    low, high = min(start, stop), max(start, stop)
+    first = int(np.clip(np.searchsorted(lengths, low + 1e-9, "right") - 1, 0, len(points) - 2))
+    last = int(np.clip(np.searchsorted(lengths, high - 1e-9), first + 1, len(points) - 1))
+    piece = points[first : last + 1]
+    return piece if start < stop else piece[::-1]
 
 
 def direction(points: NDArray[Any], start: float, stop: float) -> Float64:

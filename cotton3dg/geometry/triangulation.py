@@ -17,6 +17,10 @@ LEAST_ANGLE: Final = np.radians(3.0)
 HYPOTHESES: Final = 200
 FULL_WIDTH_PX: Final = 1280
 """Width above which the tolerance of a photo grows with its width, because structure from motion errs by angles."""
+PICK_PX: Final = 1.0
+"""Standard error of a place picked by hand."""
+SLIP_PX: Final = 6.0
+"""Largest distance of a pick from the point on which the others agree. A pick farther off is a slip."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,16 @@ class Sighting:
     """Root mean square distance in them."""
     su_per_px: float
     """Standard error of the point's place, mean of three axes, if each view errs by a pixel in x and in y."""
+
+
+@dataclass(frozen=True)
+class PickedPoint:
+    """The point where places that a person picked by hand meet."""
+
+    point: Float64
+    """(3,) su."""
+    error_su: float
+    """Standard error of its place, mean of three axes."""
 
 
 def triangulate(
@@ -76,6 +90,19 @@ def triangulate(
     _, slopes = _residuals(point, poses[best], flat[best], focal[best])
     covariance = np.linalg.pinv(slopes.T @ slopes)
     return Sighting(point, best, residual_px, float(np.sqrt(np.trace(covariance) / 3)))
+
+
+def point_of_picks(cameras: Sequence[Camera], pixels: Float64) -> PickedPoint | None:
+    """The point that picks show; None where they do not meet in space.
+
+    Args:
+        cameras: one a pick. pixels: (P, 2) px.
+    """
+    sighting = triangulate(cameras, pixels, tolerance_px=SLIP_PX)
+    if sighting is None:
+        return None
+    # Two picks meet by chance, so the error is at least that of a hand, even with smaller residuals.
+    return PickedPoint(sighting.point, sighting.su_per_px * max(PICK_PX, sighting.residual_px))
 
 
 def _pairs(count: int, seed: int) -> list[NDArray[np.int64]]:

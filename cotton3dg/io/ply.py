@@ -13,11 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Gaussians
+from ..core.scene import SH_CONSTANT, Gaussians
 from ..errors import BadInput
-
-SH_CONSTANT: Final = 0.28209479177387814
-"""Value of the constant spherical harmonic, 1 / (2 sqrt(pi))."""
 
 _HEADER_LIMIT: Final = 65536
 _SCALARS: Final = {

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from ..text import decode_text
 from .decimals import decimal_marks, parse_decimal
-from .formulas import restore
 from .workbook import is_workbook, workbook_cells
 
 MOST_BYTES: Final = 50_000_000
@@ -152,3 +151,19 @@ def _fit(text: str, separator: str) -> tuple[bool, float, int]:
 
 def _csv_reader(text: str, separator: str) -> Iterator[list[str]]:
     return csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+
+
+def defuse(text: str) -> str:
+    """`text` in a form that a spreadsheet shows instead of computing it (CWE-1236): an apostrophe keeps it text."""
+    text = text.replace("\0", "")
+    return "'" + text if _is_computed(text) else text
+
+
+def restore(cell: str) -> str:
+    """The text from which `defuse` made a cell."""
+    return cell[1:] if cell[:1] == "'" and _is_computed(cell[1:]) else cell
+
+
+def _is_computed(text: str) -> bool:
+    """Whether a spreadsheet takes a text for a formula."""
+    return text.lstrip().startswith(("=", "+", "-", "@")) or text[:1] in ("\t", "\r")

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..core.columns import Column, columns_of
-from ..core.lint_colour import BollColour, LintColour
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
-from ..core.measurements import BollTraits, PlantEvidence, PlantTraits
+from ..core.measurements import BollColour, BollTraits, LintColour, PlantEvidence, PlantTraits
 from ..errors import BadInput
 from .decimals import with_dot
-from .formulas import defuse
-from .spreadsheet import read_table
+from .spreadsheet import defuse, read_table
 
 BYTE_ORDER_MARK: Final = "\ufeff"
 TELLING: Final = 3

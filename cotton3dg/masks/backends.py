@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..core.scene import Camera, Gaussians
 from ..errors import BadInput, BadUsage, CaptureFailed
 from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows

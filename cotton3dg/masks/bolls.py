@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float32
 from ..core.training_picture import CLASSES, LINT, OTHER
 from ..errors import BadInput, MissingInput
 from ..gaussians.rasterizer import Window
-from .builtin_weights import read_shipped
+from .weight_files import read_shipped
 
-Float32 = NDArray[np.float32]
 CHANNELS: Final = len(CLASSES) + 4
 """Outputs of the network for a pixel: classes, x and y of the way to the middle, border, size, in this order."""
 OFFSET_PX: Final = 32.0

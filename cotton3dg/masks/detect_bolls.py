@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.bolls import LeftOut, MaskSet
 from ..core.machine import on_all_cores, stream_on_all_cores
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..gaussians.rasterizer import Window
 from .bolls import BollNetwork

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32
 from ..errors import BadInput
-from .builtin_weights import REINSTALL, read_shipped
+from .weight_files import REINSTALL, read_shipped
 
 CHANNELS: Final = 7
 """Number of the network's inputs for a pixel; `describe` computes them."""

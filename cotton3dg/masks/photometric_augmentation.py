@@ -11,11 +11,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float32
 from ..core.training_picture import TrainingPicture
 
-Float32 = NDArray[np.float32]
 DAPPLED: Final = 0.35
 """Share of the pictures under a smooth random field of brightness, ..."""
 COLOURED: Final = 0.6

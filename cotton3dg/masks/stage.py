@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from ..core.machine import on_all_cores
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit, within_orbit
 from ..io.colmap import read_cameras, read_points

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..command_options import MasksTrainOptions
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..errors import BadUsage, EnvironmentUnusable, MissingInput, StageFailed
-from .pickle_guard import demand_trust
+from .weight_files import demand_trust
 from .yolo_networks import ultralytics_model
 
 BATCH: Final = 16

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32
 from ..errors import BadInput, EnvironmentUnusable, MissingInput
-from .pickle_guard import demand_trust
+from .weight_files import demand_trust
 
 MEAN, STD = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]], np.float32)
 """Mean and standard deviation of ImageNet's red, green and blue, with which SAM and Grounding DINO were trained."""

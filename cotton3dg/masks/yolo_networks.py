@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core.scene import Float32
 from ..errors import BadInput, BadUsage, EnvironmentUnusable, MissingInput
-from .pickle_guard import demand_trust
+from .weight_files import demand_trust
 
 AGPL_NOTICE: Final = (
     "this uses ultralytics, which is under the AGPL-3.0 (https://ultralytics.com/license): whoever passes on or serves "

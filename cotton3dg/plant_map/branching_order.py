@@ -20,11 +20,9 @@ from ..geometry.polylines import (
 )
 from .positions import STEP_CM, Sited, bends_deg, infer_positions, sharpest
 from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
-from .untangle import leaves_low, untangle_paths
+from .untangle import STALK_CM, leaves_low, untangle_paths
 from .wood import BollBody, WoodCloud
 
-STALK_CM: Final = 5.0
-"""Longest stalk of a boll on a branch. A longer path to a boll is a branch of its own."""
 TERMINAL_STALK_CM: Final = 2.0
 """Assumed distance of a branch's last node from its last boll's foot, if the branch goes on into the boll's stalk."""
 SHORT_BRANCH_CM: Final = 2.0

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 from itertools import pairwise, product
 from typing import Final
 
 import numpy as np
 
 from ..core.scene import Float64
-from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, path_lengths, resampled
+from ..geometry.polylines import angle_deg, direction, length_of, nearest_on, piece_between, resampled
 from .graph import MergedNumbers
 from .skeleton import PETIOLE_CM, SPACING_CM, Meeting, RawAxis
 from .untangle import (
@@ -351,10 +352,10 @@ class _Forks:
     def _beginning(self, arm: Arm) -> Float64:
         """(N, 3) cm, of a segment from a fork on."""
         segment = self.segments[arm[0]]
-        way, start, end = segment.way, segment.start, segment.end
+        curve, start, end = self.ways[segment.way].curve, segment.start, segment.end
         if arm[1] == 0:
-            return self._slice(way, start, min(start + HANGING_CM, end))
-        return self._slice(way, end, max(end - HANGING_CM, start))
+            return piece_between(curve, start, min(start + HANGING_CM, end))
+        return piece_between(curve, end, max(end - HANGING_CM, start))
 
     def _bend(self, entered: Arm, arm: Arm) -> float:
         key = entered, arm
@@ -387,21 +388,11 @@ class _Forks:
                     pieces[-1] = (its.way, pieces[-1][1], stop)
                 else:
                     pieces.append((its.way, start, stop))
-            curve = self._slice(*pieces[0])
-            for piece in pieces[1:]:
-                curve = joined_straight(curve, self._slice(*piece))
+            curves = [piece_between(self.ways[way].curve, start, stop) for way, start, stop in pieces]
+            curve = reduce(joined_straight, curves)
             last, start, stop = pieces[-1]
             way = self.ways[last]
             at_tip = stop > length_of(way.curve) - 1e-6
             bare_cm = way.bare_cm - max(start, stop) + length_of(curve) if at_tip else np.inf
             found.append(RawAxis(curve, index_of[line.parent], way.boll if at_tip else 0, bare_cm))
         return found
-
-    def _slice(self, way: int, start: float, stop: float) -> Float64:
-        curve = self.ways[way].curve
-        lengths = path_lengths(curve)
-        low, high = min(start, stop), max(start, stop)
-        first = int(np.clip(np.searchsorted(lengths, low + 1e-9, "right") - 1, 0, len(curve) - 2))
-        last = int(np.clip(np.searchsorted(lengths, high - 1e-9), first + 1, len(curve) - 1))
-        piece = curve[first : last + 1]
-        return piece if start < stop else piece[::-1]

@@ -43,7 +43,7 @@ def map_gaussians(
         foot: (3,) su, where the stem meets the table. opaque: opacity at which wood ends (`edges`).
         trails: (K, 3) cm each, places of twigs that the model lacks (`thin_twigs`).
     """
-    plant_from_scene = scale.table_frame * scale.cm_per_su
+    plant_from_scene = scale.cm_from_scene
     drawn_map = map_places(np.vstack([wood_places(wood, plant_from_scene, foot), *trails]), bolls)
     radii = radii_of([axis.curve for axis in drawn_map.axes], drawn, plant_from_scene, foot, opaque)
     axes = tuple(replace(axis, radii=own) for axis, own in zip(drawn_map.axes, radii, strict=True))

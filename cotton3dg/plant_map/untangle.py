@@ -20,9 +20,9 @@ from .skeleton import PETIOLE_CM, SPACING_CM, RawAxis
 TOUCH_CM: Final = 2.0
 """Largest distance of the centre lines of branches that may touch."""
 ENDS_CM: Final = 2.0
-"""Largest distance from the touch of the end of a path that took nothing over, ..."""
+"""Largest distance from the touch of the end of a path that took nothing over; `STALK_CM` if it found a boll there."""
 STALK_CM: Final = 5.0
-"""... or longest stalk of a boll that it found there."""
+"""Longest stalk of a boll on a branch. A longer path to a boll is a branch of its own."""
 BESIDE_CM: Final = 4.0
 """Largest distance of a fork that belongs to the touch."""
 INNER_CM: Final = 1.5

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from ..core.state import State
+from ..core.runs import State
 from ..errors import BadInput, CaptureFailed, MissingInput, NoScale
 from ..field.columns import find_roles
 from ..field.genotypes import Trial

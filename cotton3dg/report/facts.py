@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from ..core.state import State
+from ..core.runs import State
 from ..errors import BadInput, Cotton3dgError
 from ..io.tables import read_rows
 from ..schemas.corrections import Corrections

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from .. import __version__
-from ..core.state import State
+from ..core.runs import State
 from ..errors import Cotton3dgError
 from ..field.genotypes import Fit, Mean, Trial
 from ..io.images import read_image

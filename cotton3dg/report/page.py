@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .. import __version__
 from ..core.measurements import is_counted
-from ..core.state import State
+from ..core.runs import State
 from ..errors import BadInput, Cotton3dgError
 from ..io.saving import explain_disk_errors, file_sha256, write_text_atomically
 from ..io.skeleton import draw_map

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..core.scene import Camera
 from ..geometry.camera_orbit import azimuths, evenly_spaced
-from ..geometry.picks import SLIP_PX
-from ..geometry.triangulation import FULL_WIDTH_PX, LEAST_ANGLE
+from ..geometry.triangulation import FULL_WIDTH_PX, LEAST_ANGLE, SLIP_PX
 from ..scale.corners import OFF_TABLE
 from .figures import jpeg_uri
 from .pictures import Pictures

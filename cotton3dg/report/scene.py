@@ -57,7 +57,7 @@ def plant_frame(scale: Scale | None, orbit: Orbit, centres: Float64, centres_cm:
         x /= np.linalg.norm(x)
         axes = np.stack([x, np.cross(orbit.axis, x), orbit.axis])
         return Frame(axes, -axes @ orbit.centre, "scene units")
-    axes = scale.table_frame * scale.cm_per_su
+    axes = scale.cm_from_scene
     foot = scale.corners.mean(axis=0)
     if len(plant):
         foot = np.median(plant[np.argsort(plant @ scale.up)[: max(1, len(plant) // 10)]], axis=0)

@@ -69,12 +69,14 @@ def of_sharpness(images: Sequence[FrameInfo], blur_px: float, boll_widths_px: Ar
     if blurs_bolls(blur_px, 1.0, np.asarray(boll_widths_px, np.float64)):
         text = f"motion blurs the images by {blur_px:.0f} px, much of a boll's width"
         return Finding(YELLOW, "Sharpness", text, remedy)
-    return Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp{_others(blurred)}")
+    others = f", the others{span}" if (span := span_of(blurred)) else ""
+    return Finding(GREEN, "Sharpness", f"{1 - share:.0%} of the frames sharp{others}")
 
 
-def _others(blurred: Sequence[FrameInfo]) -> str:
-    times = [image.timestamp_s for image in blurred if image.timestamp_s is not None]
-    return f", the others from {min(times):.0f} to {max(times):.0f} s of the film" if times else ""
+def span_of(images: Sequence[FrameInfo]) -> str:
+    """` from 3 to 8 s of the film`, where the images lie; empty if that is not known."""
+    times = [image.timestamp_s for image in images if image.timestamp_s is not None]
+    return f" from {min(times):.0f} to {max(times):.0f} s of the film" if times else ""
 
 
 def of_light(images: Sequence[FrameInfo]) -> list[Finding]:

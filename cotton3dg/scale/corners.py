@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.measurements import Scale
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..core.scene import Camera, Float64
-from ..geometry.picks import point_of_picks
+from ..geometry.triangulation import point_of_picks
 from ..options import ScaleOptions
 from ..schemas.scale import ScaleInfo
 from .estimate_scale import PICTURES, TABLE_SOURCES, FoundScale, Plant, facts_of, summary_of, table_of, warnings_of

@@ -10,14 +10,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Camera
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..options import ScaleOptions
 from ..schemas.scale import NO_SOURCE, ScaleInfo
-from .card import CARD_MARKERS, scale_from_card
-from .grey_card import read_patches
+from .card import CARD_MARKERS, read_patches, scale_from_card
 from .markers import Corner, MarkerKind, board_squares, draw_crosses, find_markers, outline_markers, scale_from_markers
 from .rectangle import Rectangle
 from .references import NoReference, Reconciled, Reference, find_ground, reconcile, scale_on

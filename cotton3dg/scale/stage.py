@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.card import PATCH_LEVELS, printed_reflectance
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..errors import BadInput, BadUsage, MissingInput, NoScale
 from ..io.colmap import read_cameras, read_points
 from ..io.images import read_image, write_image
@@ -20,7 +19,7 @@ from ..io.ply import read_gaussians
 from ..io.saving import file_sha256
 from ..options import ScaleOptions
 from ..schemas.corrections import CORNER, Correction, Corrections
-from ..schemas.patches import PatchesInfo
+from ..schemas.scale import PatchesInfo
 from ..stage import Cost, Stage
 from ..workspace import Workspace
 from .corners import move_corners, refuse_moves

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Camera
-from ..geometry.picks import point_of_picks
+from ..geometry.triangulation import point_of_picks
 from .references import LEAST_ERROR, NoReference, Reference
 
 MAX_ERROR: Final = 0.03

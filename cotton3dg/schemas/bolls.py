@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, BollSelection, LeftOut, LiftedMasks
+from ..core.scene import Gaussians
 from ..errors import BadInput
 from ..io.arrays import read_array, read_arrays
 from .document import Document
@@ -145,3 +146,15 @@ def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], 
         for boll in info.bolls
     ]
     return bolls, info.gaussians_sha256
+
+
+def read_bolls_of(gaussians: Gaussians, bolls_json: Path, labels_npy: Path) -> list[BollInstance]:
+    """The bolls that `cluster` saved for these Gaussians.
+
+    Raises:
+        BadInput: one of the files is damaged, or belongs to another model.
+    """
+    bolls, sha256 = read_bolls(bolls_json, labels_npy)
+    if sha256 != gaussians.sha256():
+        raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
+    return bolls

@@ -1,12 +1,12 @@
-"""records/<stage>.json: the options of a stage's run, the files that it read and wrote, and its outcome."""
+"""records/ of a plant: what each stage's run did, the options that were chosen, and the files that `clean` dropped."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from ..core.outcome import StageOutcome
-from .document import Document
+from ..core.runs import StageOutcome
+from .document import Document, WholeDocument
 
 OK: Final = "ok"
 FAILED: Final = "failed"
@@ -14,7 +14,7 @@ FAILED: Final = "failed"
 
 @dataclass(frozen=True)
 class Record(Document):
-    """The last run of a stage. An unreadable record counts as missing, and its stage as stale."""
+    """records/<stage>.json: the last run of a stage. An unreadable one counts as missing, and its stage as stale."""
 
     REMEDY = "run `cotton3dg run`, which makes it again"
 
@@ -58,3 +58,31 @@ class Record(Document):
             warnings=outcome.warnings,
             parts_s=outcome.parts_s,
         )
+
+
+@dataclass(frozen=True)
+class Choices(Document):
+    """records/options.json: the options of a plant's last run.
+
+    An unreadable file counts as missing; the stages' records have the options.
+    """
+
+    REMEDY = "run `cotton3dg run` with the options that are to hold"
+
+    preset: str = ""
+    """Empty if no preset was named, or if a file names it."""
+    values: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Stage -> option, as TOML would write it behind the stage -> value, for options from neither preset nor file."""
+
+
+@dataclass(frozen=True)
+class DroppedFiles(WholeDocument):
+    """records/dropped.json: files that `cotton3dg clean` dropped since the plant's stages last wrote.
+
+    An unreadable file counts as missing; the stages run again.
+    """
+
+    REMEDY = "run `cotton3dg run`, which makes the files again"
+
+    names: tuple[str, ...]
+    """Paths from the plant's folder."""

@@ -1,4 +1,4 @@
-"""scale/scale.json: the metric scale of a scene and the evidence for it."""
+"""scale/ of a plant: the metric scale of the scene with its evidence, and the grey patches of its card."""
 
 from __future__ import annotations
 
@@ -102,3 +102,15 @@ def read_scale(path: Path) -> Scale | None:
         BadInput: the file is damaged or holds no usable scale.
     """
     return ScaleInfo.load(path).scale
+
+
+@dataclass(frozen=True)
+class PatchesInfo(Document):
+    """scale/patches.json: the grey patches of the plant's card in each photo that shows them, from white to black."""
+
+    REMEDY = "run `cotton3dg scale --force`"
+
+    reflectances: tuple[float, ...]
+    """0..1."""
+    views: dict[str, tuple[tuple[float, ...], ...]]
+    """Image -> RGB, 0..255, of each level; null where burnt out."""

@@ -26,14 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from ..core.progress import Progress, silent
-from ..core.scene import Camera, Gaussians
+from ..core.runs import Progress, silent
+from ..core.scene import Camera, Float32, Gaussians
 from ..gaussians.rasterizer import ray_weights
 
 if TYPE_CHECKING:
     import torch
 
-Float32 = NDArray[np.float32]
 
 LEARNING_RATE: Final = 0.0025
 RAYS_PER_VIEW: Final = 4096
@@ -42,6 +41,8 @@ GAUSSIANS_PER_RAY: Final = 16
 NEIGHBOURS: Final = 16
 RING_PX: Final = 10
 BETA: Final = 1.0
+LEAST_LENGTH: Final = 1e-6
+"""Features shorter than this have no direction. torch's own 1e-12 would turn rounding errors into unit vectors."""
 
 
 class FeatureRays(NamedTuple):
@@ -125,8 +126,6 @@ def train_features(
     """
     import torch
 
-    from .losses import normalise
-
     views = [view for view in views if view.ids.any()]
     if not views:
         return np.zeros((n, channels), np.float32), []
@@ -171,12 +170,19 @@ def _used_columns(matrix: sparse.csr_matrix) -> tuple[sparse.csr_matrix, NDArray
     return sparse.csr_matrix((matrix.data, position[matrix.indices], matrix.indptr), shape=shape), used
 
 
+def normalise(features: torch.Tensor) -> torch.Tensor:
+    """(N, D) rows at unit length; rows without direction become zero and get no gradient."""
+    import torch
+
+    lengths = features.norm(dim=1, keepdim=True)
+    known = lengths > LEAST_LENGTH
+    return torch.where(known, features, 0.0) / torch.where(known, lengths, 1.0)
+
+
 def affinity_loss(rendered: torch.Tensor, ids: torch.Tensor) -> torch.Tensor:
     """Eq. 5-10 of (R, C) rendered features and the (R,) masks they lie in, 0 = background; zero without a mask."""
     import torch
     from torch.nn.functional import softplus
-
-    from .losses import normalise
 
     unit = normalise(rendered)
     stray = (1 - rendered.norm(dim=1)).square().mean()

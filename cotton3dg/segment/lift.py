@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollSelection, LiftedMasks
-
-Float32 = NDArray[np.float32]
+from ..core.scene import Float32
 
 RIM_ID: Final = 65535
 """Mask id of the pixels that count neither for nor against a mask."""

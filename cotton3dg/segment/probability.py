@@ -20,10 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float32, Gaussians
 from ..gaussians.rasterizer import ray_weights
-
-Float32 = NDArray[np.float32]
 
 LEARNING_RATE: Final = 0.0005
 MAP_MARGIN: Final = 0.01

@@ -9,11 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float32, Gaussians
 from ..gaussians.metrics import to_uint8
 from ..gaussians.rasterizer import render, render_values
-
-Float32 = NDArray[np.float32]
 
 PICTURED_STEPS: Final = (0, 250, 500, 1000, 2000, 3000, 5000, 7000, 10_000, 12_000)
 ACROSS: Final = 4

@@ -21,13 +21,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..core.bolls import BollSelection, LiftedMasks
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera, Float32, Gaussians
 from ..geometry.convex_measures import convex_volume
 from ..geometry.point_sets import MIN_GAUSSIANS, measure_extent
 from .affinity import find_heaviest_weights
 from .lift import LEAST_WEIGHT_PX, RIM_ID, ViewWeights
-
-Float32 = NDArray[np.float32]
 
 LEAST_SIMILARITY: Final = 0.75
 FAINT: Final = 0.1

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import LiftedMasks
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Camera, Gaussians
 from ..gaussians.rasterizer import accumulate_weights, render_values
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Camera
 from ..errors import BadInput
 from ..gaussians.metrics import to_uint8

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.machine import one_thread_each, usable_cores
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..io.images import read_image
 
 PEAK_THRESHOLD: Final = 0.002

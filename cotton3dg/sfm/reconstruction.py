@@ -10,8 +10,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ..core.progress import Progress, silent
-from ..core.stopwatch import Stopwatch
+from ..core.runs import Progress, Stopwatch, silent
 from ..schemas.sfm import RescueStep
 from .colours import colour_points
 from .epipolar_consistency import contradicted_pct

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..core.scene import Camera
 from ..errors import CaptureFailed
 from ..geometry.camera_orbit import find_out_of_view, fit_orbit

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..core.libraries import import_pycolmap
-from ..core.progress import Progress
+from ..core.runs import Progress
 from ..schemas.sfm import RescueStep
 from .features import Features, FeatureSettings, features_of_images, read_grey
 from .image_pairs import choose_pairs

@@ -10,9 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress
-from ..core.stopwatch import Stopwatch
+from ..core.runs import Progress, StageOutcome, Stopwatch
 from ..errors import BadInput
 from ..io import exports
 from ..io.colmap import read_cameras, read_points

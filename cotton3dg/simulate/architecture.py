@@ -15,7 +15,8 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from ..command_options import SimulateOptions
-from .mesh import Float64, smooth_curve, unit
+from ..core.scene import Float64
+from .mesh import smooth_curve, unit
 
 Kind = Literal["stem", "fruiting", "vegetative", "peduncle"]
 STEM_RADII: Final = (0.0075, 0.0026)

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from ..command_options import SimulateOptions
-from ..core.scene import Camera
-from .mesh import Float64, unit
+from ..core.scene import Camera, Float64
+from .mesh import unit
 
 FOCAL: Final = 0.82
 """Focal length in image widths: the main camera of a phone, about 26 mm in 35 mm terms with a video's crop."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..command_options import SimulateOptions
-from ..core.scene import Camera
+from ..core.scene import Camera, Float32
 from .camera import Orbit
-from .render import Float32, RenderScene, develop, instance_ids, render
+from .render import RenderScene, develop, instance_ids, render
 
 LEAST_SUBFRAMES: Final = 8
 MOST_SUBFRAMES: Final = 64

@@ -10,12 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float32
 from ..core.srgb import to_linear
 from ..core.training_picture import LINT, UNKNOWN, TrainingPicture
 from .plates import LIGHTS, PLATE_PX, Plate
-
-Float32 = NDArray[np.float32]
-
 
 BARE: Final = 0.12
 """Share of the pictures without a plant, because most things that a camera sees are not plants."""

@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
+from ..core.scene import Float64
+from .mesh import Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import weather
 
 Shape = Callable[[np.random.Generator, SolidNoise, Float64], Mesh]

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, sheet, smooth_curve, tube
+from ..core.scene import Float64
+from .mesh import Mesh, SolidNoise, icosphere, merge, sheet, smooth_curve, tube
 from .organs import LEAF, LINT, weather
 
 GREEN: Final = np.array([0.10, 0.19, 0.04])

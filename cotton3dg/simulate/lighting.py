@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.scene import Float32
 from .rays import Rays
 from .room import Lamp
 
-Float32 = NDArray[np.float32]
 LAMP_SAMPLES: Final = 9
 SKY_SAMPLES: Final = 20
 

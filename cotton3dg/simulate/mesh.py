@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-Float64 = NDArray[np.float64]
+from ..core.scene import Float64
 
 
 @dataclass(frozen=True)

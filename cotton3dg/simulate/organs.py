@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
+from ..core.scene import Float64
+from .mesh import Mesh, SolidNoise, icosphere, merge, rotation_to, sheet, smooth_curve, tube, unit
 
 WOOD: Final = (0.17, 0.095, 0.05)
 BUR: Final = (0.15, 0.08, 0.04)

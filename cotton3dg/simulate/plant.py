@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..command_options import SimulateOptions
+from ..core.scene import Float64
 from .architecture import (
     PEDUNCLE_RADII,
     STEM_RADII,
@@ -21,7 +22,7 @@ from .architecture import (
     grow_axes,
     swollen_radii,
 )
-from .mesh import Float64, Mesh, SolidNoise, merge, smooth_curve, tube, unit
+from .mesh import Mesh, SolidNoise, merge, smooth_curve, tube, unit
 from .organs import LINT_CENTRE, WOOD, Boll, Site, dry_leaves, open_boll, weather
 from .varied_bolls import draw_kind, grow_boll
 

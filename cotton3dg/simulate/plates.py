@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import Float64, unit
+from ..core.scene import Float32, Float64
+from .mesh import unit
 from .rays import Rays, build_rays, interpolate
 from .training_scenes import LINT, TrainingScene, build_scene
 
-Float32 = NDArray[np.float32]
 PLATE_PX: Final = 288
 """Side of a plate; crops of it are what networks see."""
 SUPERSAMPLING: Final = 2

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.libraries import import_open3d
-
-Float32 = NDArray[np.float32]
+from ..core.scene import Float32
 
 
 class Hits(NamedTuple):

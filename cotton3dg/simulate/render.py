@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Camera
+from ..core.scene import Camera, Float32
 from ..core.srgb import to_linear, to_srgb
 from .atlas import Atlas, pack
 from .lighting import irradiance
@@ -19,7 +19,6 @@ from .plant import PlantMeshes
 from .rays import Hits, Rays, build_rays, interpolate
 from .room import Panel, Room
 
-Float32 = NDArray[np.float32]
 WHITE: Final = 0.88
 """Linear value of the brightest 2 % of the lint: the exposure is set for it, as a phone does for a white subject."""
 VOID: Final = 0.05

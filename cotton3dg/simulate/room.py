@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..command_options import SimulateOptions
+from ..core.scene import Float64
 from .distractors import things_on_table
-from .mesh import Float64, Mesh
+from .mesh import Mesh
 from .textures import Canvas, Image, bare, brushed, cardboard, masonry, planks, plaster, poster, shaded, spine, terrazzo
 
 TABLE_HEIGHT: Final = 0.75

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float64
 from ..core.training_picture import CLASSES
 from .distractors import draw_handling, draw_thing
 from .foliage import STRAW, bracted_boll, empty_bracts, flower, lint_wisps, palmate_leaf
-from .mesh import Float64, Mesh, SolidNoise, merge, rotation_to, sheet, smooth_curve, tube, unit
+from .mesh import Mesh, SolidNoise, merge, rotation_to, sheet, smooth_curve, tube, unit
 from .organs import LEAF, LINT_CENTRE, WOOD, Site, leaf, weather
 from .plant import Branch, boll_site, fruiting_branches, peduncle, stem_curve, twig
 from .varied_bolls import draw_kind, grow_boll

@@ -11,10 +11,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from ..command_options import SimulateOptions
-from ..core.scene import Camera
+from ..core.scene import Camera, Float64
 from .architecture import Axis
 from .camera import Orbit
-from .mesh import Float64
 from .plant import PlantMeshes
 from .room import TABLE_HEIGHT, TUBE
 

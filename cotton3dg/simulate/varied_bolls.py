@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh import Float64, Mesh, SolidNoise, icosphere, merge, rotation_to, unit
+from ..core.scene import Float64
+from .mesh import Mesh, SolidNoise, icosphere, merge, rotation_to, unit
 from .organs import LINT, LINT_CENTRE, Boll, Site, carpel, cup, weather
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Gaussians
 from ..options import TrainOptions
 from ..train.stage import load_capture, load_start, load_windows, save_model

@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from ..core.machine import usable_cores
+from ..core.runs import State
 from ..core.scene import Gaussians
-from ..core.state import State
 from ..errors import BadInput
 from ..gaussians.metrics import ViewQuality, mean_known, view_quality
 from ..gaussians.rasterizer import render

@@ -1,14 +1,16 @@
-"""The tables of a study: study.csv, and Markdown in the layout of the papers' tables with a column of seconds."""
+"""The tables of a study, and its picture: study.csv, Markdown in the layout of the papers with seconds, study.png."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from ..core.columns import Column
-from ..core.state import State
+from ..core.runs import State
 from ..io.tables import TRAITS
+from ..io.tradeoff_plot import Dot, Panel, write_tradeoff
 from ..planning.tradeoff import format_duration, pareto_front
 
 Row = Mapping[str, Any]
@@ -232,3 +234,23 @@ def summary(rows: Sequence[Row]) -> str:
         star = " *" if (row["sweep"], row["setting"]) in best else ""
         lines.append(f"{start}{figures[0]:>9}{figures[1]:>9}{times[0]:>10}{times[1]:>10}{star}")
     return "\n".join(lines)
+
+
+def write_plot(path: Path, rows: Sequence[Row]) -> None:
+    """Save accuracy against time of all settings: a panel for the PSNR of the plant, one for the error of traits."""
+    clock = clock_of(rows)
+    against = "error" if any(row["reference"] == "truth" for row in rows) else "change"
+    titles = {
+        "full_psnr_db": "PSNR of the plant at full size, dB",
+        "trait_error_pct": f"mean {against} of count, volume, height, canopy, %",
+    }
+    panels = []
+    for measure in MEASURES:
+        shown, best = comparable_rows(rows, measure), front(rows, measure)
+        dots = [
+            Dot(row["sweep"], row["setting"], row[clock], row[measure], (row["sweep"], row["setting"]) in best)
+            for row in shown
+        ]
+        panels.append(Panel(titles[measure], dots))
+    axis = "CPU-seconds / cores" if machine_was_busy(rows) else "seconds from video to table"
+    write_tradeoff(path, panels, f"{axis} (log)")

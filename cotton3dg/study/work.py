@@ -16,7 +16,7 @@ from typing import Any
 
 from .. import pipeline
 from ..core.machine import usable_cores
-from ..core.state import State
+from ..core.runs import State
 from ..errors import BadUsage, Cotton3dgError
 from ..evaluation.plant import evaluate
 from ..io.encode import crop_video
@@ -31,10 +31,9 @@ from ..staleness import stale_reason
 from ..workspace import Workspace
 from .checkpoints import save_intermediate_models
 from .plant_region import PlantRegions
-from .plot import write_plot
 from .rows import empty_row, finished_row
 from .settings import PARTIAL_SHARE, Setting, settings_of
-from .tables import COLUMNS, markdown, with_errors
+from .tables import COLUMNS, markdown, with_errors, write_plot
 
 Tell = Callable[[str], None]
 

@@ -16,18 +16,29 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..core.scene import Float64, Gaussians
 from ..errors import BadInput, MissingInput
 from ..gaussians.harmonics import rotate_harmonics
 from ..io.ply import read_gaussians
-from ..schemas.nerfstudio import DataparserTransforms
+from ..schemas.document import Document
 from ..schemas.train import TrainMetrics
 from .quality import LOW_PSNR_DB
 from .trainer import Fit
 
 RIGID: Final = 1e-3
 """Largest error of a rotation that was saved in single precision."""
+
+
+@dataclass(frozen=True)
+class DataparserTransforms(Document):
+    """dataparser_transforms.json, which nerfstudio writes beside a model: x' = scale (R x + t)."""
+
+    REMEDY = "give the one that nerfstudio wrote beside the model's config.yml"
+
+    transform: tuple[tuple[float, ...], ...]
+    """Three rows of R and t."""
+    scale: float
 
 
 @dataclass(frozen=True)

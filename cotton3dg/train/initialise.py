@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Camera, Gaussians
+from ..core.scene import SH_CONSTANT, Camera, Gaussians
 from ..errors import CaptureFailed
-from ..gaussians.harmonics import SH_CONSTANT
 from ..gaussians.views import View
 from ..geometry.camera_orbit import fit_orbit
 from ..options import TrainOptions

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.machine import on_all_cores
-from ..core.outcome import StageOutcome
+from ..core.runs import StageOutcome
 from ..gaussians.metrics import PLANT_REGION, ViewQuality, mean_known, view_quality
 from ..geometry.camera_orbit import fit_orbit
 from ..schemas.train import Effects, HeldOut, RejectedStep, TrainedSteps, TrainMetrics

@@ -9,10 +9,8 @@ from typing import Final
 
 from .. import __version__, _native
 from ..core.machine import on_all_cores
-from ..core.outcome import StageOutcome
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, Stopwatch, silent
 from ..core.scene import Camera, Gaussians
-from ..core.stopwatch import Stopwatch
 from ..errors import BadInput
 from ..gaussians.plant_windows import find_plant_windows
 from ..gaussians.rasterizer import Window

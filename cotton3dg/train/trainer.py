@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, silent
 from ..core.scene import Gaussians
 from ..errors import StageFailed
 from ..gaussians.metrics import PLANT_REGION

@@ -17,7 +17,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..core.measurements import OFF_PLANT, BollTraits, Float64, is_counted
+from ..core.measurements import OFF_PLANT, BollTraits, is_counted
+from ..core.scene import Float64
 from .error_model import IS_TWO, UNROUND_FLAG, WELL_FILMED, Filming
 
 TAIL: Final = 0.025

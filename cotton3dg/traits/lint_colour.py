@@ -14,12 +14,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.lint_colour import BollColour, LintColour
-
-Float64 = NDArray[np.float64]
+from ..core.measurements import BollColour, LintColour
+from ..core.scene import Float64
+from ..core.srgb import CLIPPED
 
 FEWEST_LEVELS: Final = 3
-CLIPPED: Final = 250
 MOST_CLIPPED: Final = 0.05
 """Share of burnt-out pixels from which a view does not count for a boll."""
 LEAST_PIXELS: Final = 30

@@ -14,11 +14,9 @@ from ..core.bolls import BollInstance
 from ..core.columns import Column, cells_of
 from ..core.map_measurements import BollMapTraits, MapTraits
 from ..core.measurements import PlantEvidence, PlantFrame, PlantTraits, Scale, is_counted
-from ..core.outcome import StageOutcome
 from ..core.plant_map import PlantMap
-from ..core.progress import Progress, silent
+from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Camera, Float64, Gaussians
-from ..errors import BadInput
 from ..geometry.camera_orbit import fit_orbit
 from ..io.colmap import read_cameras
 from ..io.images import read_ids, read_image
@@ -31,11 +29,10 @@ from ..plant_map.edges import edge_opacity
 from ..plant_map.map_plant import map_gaussians
 from ..plant_map.summary import boll_rows, branch_rows, summarise_map
 from ..plant_map.thin_twigs import Trail, follow_thin_twigs
-from ..schemas.bolls import boll_labels, describe_bolls, read_bolls, read_left_out
+from ..schemas.bolls import boll_labels, describe_bolls, read_bolls_of, read_left_out
 from ..schemas.corrections import OF_BOLLS, Corrections
 from ..schemas.masks import MasksInfo
-from ..schemas.patches import PatchesInfo
-from ..schemas.scale import ScaleInfo
+from ..schemas.scale import PatchesInfo, ScaleInfo
 from ..schemas.sfm import SfmInfo
 from ..schemas.skeleton import describe_map
 from ..schemas.train import Effects, TrainMetrics
@@ -80,9 +77,7 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
     plant_map.svg (the plant's map), and plant.npy (rows of the plant)."""
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     labels_npy = workspace.require(workspace.labels_npy, "cluster")
-    bolls, sha256 = read_bolls(workspace.require(workspace.bolls_json, "cluster"), labels_npy)
-    if sha256 != gaussians.sha256():
-        raise BadInput("bolls.json belongs to another model than gaussians.ply; run `cotton3dg cluster` again")
+    bolls = read_bolls_of(gaussians, workspace.require(workspace.bolls_json, "cluster"), labels_npy)
     scale_info = ScaleInfo.load(workspace.require(workspace.scale_json, "scale"))
     scale, metrics = scale_info.scale, TrainMetrics.load(workspace.require(workspace.metrics_json, "train"))
     measured, corrected, plant_map = _measure(workspace, options, gaussians, bolls, scale_info, metrics.pixel_su)
@@ -108,7 +103,7 @@ def run(workspace: Workspace, options: TraitsOptions, progress: Progress = silen
             write_text_atomically(folder / workspace.plant_map_svg.name, draw_map(plant_map, plant_id))
         np.save(folder / workspace.plant_npy.name, of_plant)
         if corrected:
-            describe_bolls(corrected.bolls, sha256).save(folder / workspace.corrected_bolls_json.name)
+            describe_bolls(corrected.bolls, gaussians.sha256()).save(folder / workspace.corrected_bolls_json.name)
             labels = boll_labels(corrected.bolls, len(gaussians))
             np.save(folder / workspace.corrected_labels_npy.name, labels)
     keys = ("boll_count", "boll_volume_cm3", "plant_height_cm", "canopy_size_cm")

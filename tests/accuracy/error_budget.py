@@ -33,7 +33,7 @@ from segmentation_sweep import spread
 from study_set import AIMS_PCT, judged, means
 from true_scene import TruePlant, cm_from_scene, true_cameras, true_masks, true_plant, true_points, true_scale
 
-from cotton3dg.core.progress import silent
+from cotton3dg.core.runs import silent
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import write_ids
 from cotton3dg.io.saving import file_sha256, json_text, write_text_atomically

@@ -28,8 +28,7 @@ from markdown_tables import markdown
 from numpy.typing import NDArray
 from simulated_runs import film_and_run, side_by_side
 
-from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
+from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.io.tables import parse_number, read_rows
 from cotton3dg.options import PRESET_VALUES

@@ -31,8 +31,7 @@ from simulated_runs import film_and_run, side_by_side
 from stored_votes import StoredVotes, open_votes
 from true_scene import true_plant
 
-from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
+from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
 from cotton3dg.masks import boll_parts, join_parts
 from cotton3dg.masks.boll_parts import Part, gather_parts

@@ -41,8 +41,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from scenes.orbit_scene import degraded_masks
 
 from cotton3dg.cluster import stage as cluster
-from cotton3dg.evaluation.match import match_bolls
-from cotton3dg.evaluation.plant import MATCH_DISTANCE_CM
+from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import read_ids, write_ids

@@ -24,9 +24,9 @@ import native_parts
 import numpy as np
 
 from cotton3dg import _native
-from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.core.scene import SH_CONSTANT, Camera, Gaussians
 from cotton3dg.gaussians import rasterizer
-from cotton3dg.io.ply import SH_CONSTANT, read_gaussians
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.train.stage import load_views
 from cotton3dg.workspace import Workspace
 

@@ -23,8 +23,8 @@ from cotton3dg.commands.simulate import simulate
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.io.colmap import read_cameras
-from cotton3dg.masks.builtin_weights import read_shipped
 from cotton3dg.masks.lint_edges import EdgeNetwork
+from cotton3dg.masks.weight_files import read_shipped
 from cotton3dg.options import resolve
 from cotton3dg.schemas.scale import read_scale
 from cotton3dg.workspace import Workspace

@@ -18,7 +18,7 @@ from cotton3dg.io.ply import write_gaussians
 from cotton3dg.io.yolo_labels import write_yolo_labels
 from cotton3dg.masks import stage as masks
 from cotton3dg.masks.bolls import BollNetwork
-from cotton3dg.masks.imagenet_weights import FILE, PACKAGE
+from cotton3dg.masks.weight_files import FILE, PACKAGE
 from cotton3dg.options import MasksTrainOptions, resolve
 
 
@@ -120,7 +120,7 @@ def test_a_new_network_begins_with_weights_from_imagenet_or_says_how_to_get_them
     scale = published["_bn0.weight"] / torch.sqrt(published["_bn0.running_var"] + 1e-3) / 128
     stem = (published["_conv_stem.weight"] * scale[:, None, None, None]).numpy()
     np.testing.assert_allclose(constants["stem.w"], stem, rtol=2e-3, atol=1e-6)
-    monkeypatch.setattr("cotton3dg.masks.imagenet_weights.PACKAGE", "no_such_package")
+    monkeypatch.setattr("cotton3dg.masks.weight_files.PACKAGE", "no_such_package")
     with pytest.raises(BadUsage, match=r"cotton3dg\[training\].*--weights none"):
         train(tmp_path / "other", options)
     assert not (tmp_path / "other" / "scenes").exists(), "it says so before it renders anything"

@@ -22,7 +22,7 @@ from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
 from cotton3dg.gaussians import rasterizer
 from cotton3dg.gaussians.state import Surroundings
-from cotton3dg.segment.losses import normalise
+from cotton3dg.segment.affinity import normalise
 from cotton3dg.train import densify, trainer
 from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.train.quality import metrics_of, outcome_of

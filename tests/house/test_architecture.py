@@ -1,4 +1,4 @@
-"""The tests are ordered as the package is, and tests/README.md tells the order."""
+"""Modules have a readable size. The tests are ordered as the package is, and tests/README.md tells the order."""
 
 import re
 from pathlib import Path
@@ -6,6 +6,13 @@ from pathlib import Path
 from scenes.tiny_plant import ROOT
 
 TESTS = ROOT / "tests"
+MOST_LINES, LEAST_LINES = 400, 30
+SHORT = {
+    "cli/__main__.py": "`python -m cotton3dg.cli` needs a file of this name",
+    "core/srgb.py": "rooms of all layers use the curve, and no module of core is about colour",
+    "train/random_streams.py": "three modules of train use it, and none of them is about random numbers",
+}
+"""Modules with fewer lines, and why they are modules of their own."""
 
 
 def strays(unit: Path, package: Path) -> list[str]:
@@ -34,6 +41,16 @@ def test_a_stray_is_noticed(tmp_path):
         (tmp_path / "unit" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "unit" / name).touch()
     assert strays(tmp_path / "unit", tmp_path / "package") == list(wrong)
+
+
+def test_modules_are_neither_long_nor_slivers():
+    package = ROOT / "cotton3dg"
+    modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
+    lines = {str(path.relative_to(package).as_posix()): len(path.read_text("utf-8").splitlines()) for path in modules}
+    assert len(lines) > 250
+    assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}, "split off one thought"
+    short = {name for name, n in lines.items() if n < LEAST_LINES}
+    assert short == set(SHORT), "does it belong to a neighbour, or is its reason to be told here?"
 
 
 def test_the_readme_tells_each_folder():

@@ -17,7 +17,7 @@ from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
 from cotton3dg.commands.import_ import _take
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.errors import EnvironmentUnusable, OutOfResources
 from cotton3dg.io import lock
 from cotton3dg.io.saving import copy, explain_disk_errors, fsync, link, replacing, write_text_atomically

@@ -25,7 +25,7 @@ from cotton3dg.evaluation.repeatability import _plants_of
 from cotton3dg.io.images import list_images
 from cotton3dg.io.listing import files_below, is_there
 from cotton3dg.io.saving import printable, write_text_atomically
-from cotton3dg.schemas.imported import ReadVideo
+from cotton3dg.schemas.batch import ReadVideo
 from cotton3dg.schemas.record import Record
 from cotton3dg.workspace import Workspace
 

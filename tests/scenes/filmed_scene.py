@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.core.columns import cells_of
-from cotton3dg.core.lint_colour import BollColour
 from cotton3dg.core.map_measurements import BollMapTraits
-from cotton3dg.core.measurements import BollTraits
+from cotton3dg.core.measurements import BollColour, BollTraits
 from cotton3dg.core.plant_map import Axis, BollOnMap, PlantMap
 from cotton3dg.evaluation.align import Layout, about_vertical
 from cotton3dg.io.tables import BOLLS, TRAITS, csv_text

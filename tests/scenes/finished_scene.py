@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cotton3dg.cluster import stage as cluster
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.gaussians.metrics import to_uint8
 from cotton3dg.gaussians.rasterizer import render, render_values
 from cotton3dg.io.images import write_ids, write_image

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cotton3dg.cluster import stage as cluster
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.frames import stage as frames
 from cotton3dg.masks import stage as masks
 from cotton3dg.scale import stage as scale

@@ -11,7 +11,7 @@ from cotton3dg.capture_check.first_count import find_bolls_in_space
 from cotton3dg.capture_check.preview import Look
 from cotton3dg.capture_check.view_detections import Sight
 from cotton3dg.core.measurements import Scale
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.core.scene import Camera
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.scale.estimate_scale import FoundScale

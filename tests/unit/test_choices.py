@@ -15,7 +15,7 @@ from cotton3dg.cli.app import app
 from cotton3dg.commands.check import _where_to_work
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
-from cotton3dg.schemas.choices import Choices
+from cotton3dg.schemas.record import Choices
 from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
 

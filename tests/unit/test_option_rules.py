@@ -10,7 +10,7 @@ from cotton3dg import pipeline
 from cotton3dg.cli.app import app
 from cotton3dg.errors import BadUsage
 from cotton3dg.options import recorded, resolve
-from cotton3dg.schemas.choices import Choices
+from cotton3dg.schemas.record import Choices
 
 NO_LINT = "masks.backend = 'lint' is gone; use bolls"
 NO_JOINING = "cluster.method = 'agglomerative' is gone; use consensus"

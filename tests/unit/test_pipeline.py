@@ -9,7 +9,7 @@ import pytest
 from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.core.state import State
+from cotton3dg.core.runs import State
 from cotton3dg.errors import (
     BadInput,
     BadUsage,

@@ -16,7 +16,7 @@ from scenes.stand_in_runs import make_plant, stand_in_command, table, until
 
 from cotton3dg import slurm
 from cotton3dg.batch import TABLE, Batch, Result, find_plants
-from cotton3dg.core.state import State
+from cotton3dg.core.runs import State
 from cotton3dg.errors import BadUsage, EnvironmentUnusable, MissingInput
 from cotton3dg.staleness import StageState
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.geometry.polylines import nearest_on, path_lengths, place_at, resampled, smoothed
+from cotton3dg.geometry.polylines import nearest_on, path_lengths, piece_between, place_at, resampled, smoothed
 
 
 def test_lengths_and_places_along_a_polyline():
@@ -20,3 +20,11 @@ def test_lengths_and_places_along_a_polyline():
     even = resampled(points, 0.5)
     assert np.allclose(np.linalg.norm(np.diff(even, axis=0), axis=1), 0.5)
     assert smoothed(even, 2.0)[[0, -1]] == pytest.approx(even[[0, -1]])
+
+
+def test_a_piece_has_the_points_around_it_and_may_run_backwards():
+    points = np.column_stack([np.arange(6.0), np.zeros(6), np.zeros(6)])
+    assert piece_between(points, 1.0, 3.0)[:, 0].tolist() == [1, 2, 3]
+    assert piece_between(points, 1.5, 2.5)[:, 0].tolist() == [1, 2, 3]
+    assert piece_between(points, 3.0, 1.0)[:, 0].tolist() == [3, 2, 1]
+    assert len(piece_between(points, 2.0, 2.0)) == 2, "a piece has a direction"

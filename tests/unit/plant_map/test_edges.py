@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scenes.boll_scene import cameras
 
-from cotton3dg.core.scene import Gaussians
-from cotton3dg.io.ply import SH_CONSTANT
+from cotton3dg.core.scene import SH_CONSTANT, Gaussians
 from cotton3dg.plant_map.edges import HALF, edge_opacity, opacity_at_half
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes.table_scene import LENGTH_CM, POSE, WIDTH_CM, orbit
 
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.core.scene import Camera
 from cotton3dg.options import ScaleOptions
 from cotton3dg.scale.corners import fit_table_to_corners, move_corners

@@ -10,9 +10,9 @@ from scenes.documents import effects, frame_info, frames_info, sfm_info, table_s
 from cotton3dg.errors import BadInput
 from cotton3dg.schemas.batch import Jobs, PlantOutcome
 from cotton3dg.schemas.bolls import BollFacts, BollMask, BollsInfo
-from cotton3dg.schemas.dropped import DroppedFiles
 from cotton3dg.schemas.frames import FramesInfo
 from cotton3dg.schemas.masks import MaskedImage, MasksInfo
+from cotton3dg.schemas.record import DroppedFiles
 from cotton3dg.schemas.scale import ScaleInfo, read_scale
 from cotton3dg.schemas.segment import MeanIous, ReachedIous, SegmentInfo
 from cotton3dg.schemas.sfm import LensDecision, SfmInfo

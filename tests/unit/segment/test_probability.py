@@ -10,9 +10,8 @@ from scenes.boll_scene import cameras, masks_of, model
 from scenes.splat_scenes import arrays_of, native_view, round_gaussians
 
 from cotton3dg._native import for_tests
-from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.core.scene import SH_CONSTANT, Camera, Gaussians
 from cotton3dg.gaussians.rasterizer import near_plane, render_values
-from cotton3dg.io.ply import SH_CONSTANT
 from cotton3dg.segment.probability import (
     TrainingView,
     cross_entropy_gradient,

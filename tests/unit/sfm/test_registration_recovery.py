@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 from scenes.room_scene import pose, render, textures
 
-from cotton3dg.core.progress import silent
+from cotton3dg.core.runs import silent
 from cotton3dg.io.images import write_image
 from cotton3dg.schemas.sfm import RescueStep
 from cotton3dg.sfm import registration_recovery

@@ -14,8 +14,7 @@ from cotton3dg.core.card import marker_corner_cm
 from cotton3dg.core.scene import Camera
 from cotton3dg.identity.codes import identify_plant, read_codes
 from cotton3dg.options import SimulateOptions
-from cotton3dg.scale.card import CARD_MARKERS
-from cotton3dg.scale.grey_card import read_patches
+from cotton3dg.scale.card import CARD_MARKERS, read_patches
 from cotton3dg.scale.markers import find_markers
 from cotton3dg.simulate.render import develop, light_scene, render
 from cotton3dg.simulate.room import build_room

@@ -9,7 +9,7 @@ from scenes.documents import train_metrics
 from scenes.small_stages import filmed_plant, replace_stages
 
 from cotton3dg import pipeline
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.errors import BadUsage, CaptureFailed
 from cotton3dg.stage import Footage, Stage, stage_of
 from cotton3dg.study import work

@@ -10,7 +10,7 @@ from scenes.foreign_plys import ORDERS, in_nerfstudios_frame, write_as, write_tr
 from scipy.spatial.transform import Rotation
 from splatting import sh_basis
 
-from cotton3dg.core.outcome import StageOutcome
+from cotton3dg.core.runs import StageOutcome
 from cotton3dg.core.scene import Gaussians, rotations
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.gaussians.harmonics import basis, rotate_harmonics

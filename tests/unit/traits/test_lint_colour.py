@@ -6,8 +6,7 @@ import pytest
 from scenes.card_scene import card_photo, card_sheet
 
 from cotton3dg.core.card import PATCH_LEVELS, PATCHES_CM, printed_reflectance
-from cotton3dg.scale.card import CARD_MARKERS
-from cotton3dg.scale.grey_card import read_patches
+from cotton3dg.scale.card import CARD_MARKERS, read_patches
 from cotton3dg.scale.markers import find_markers
 from cotton3dg.traits.lint_colour import (
     Calibration,

@@ -10,7 +10,7 @@ from cotton3dg.io.images import read_ids, read_image
 from cotton3dg.io.tables import read_rows
 from cotton3dg.options import resolve
 from cotton3dg.schemas.bolls import read_bolls
-from cotton3dg.schemas.patches import PatchesInfo
+from cotton3dg.schemas.scale import PatchesInfo
 from cotton3dg.traits import stage as traits
 from cotton3dg.traits.lint_colour import calibrate, cielab
 

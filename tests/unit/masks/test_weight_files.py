@@ -6,8 +6,8 @@ import pytest
 
 from cotton3dg.errors import EnvironmentUnusable
 from cotton3dg.masks.bolls import SHIPPED_FILE
-from cotton3dg.masks.builtin_weights import read_shipped
 from cotton3dg.masks.lint_edges import EDGES_FILE
+from cotton3dg.masks.weight_files import read_shipped
 
 
 @pytest.mark.parametrize("file", [SHIPPED_FILE, EDGES_FILE])

@@ -2,7 +2,7 @@
 
 import time
 
-from cotton3dg.core.stopwatch import Stopwatch
+from cotton3dg.core.runs import Stopwatch
 
 
 def test_parts_of_one_name_add_up() -> None:

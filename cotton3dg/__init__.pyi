@@ -59,7 +59,7 @@ from .sfm.reconstruction import ReconstructionSettings as ReconstructionSettings
 from .sfm.reconstruction import reconstruct as reconstruct
 from .train.initialise import start_gaussians as start_gaussians
 from .train.trainer import fit as fit
-from .traits.measure import measure_bolls as measure_bolls
+from .traits.boll_volume import measure_bolls as measure_bolls
 from .traits.measure import summarise_plant as summarise_plant
 from .traits.plant_segmentation import isolate_plant as isolate_plant
 from .traits.plant_size import measure_silhouette as measure_silhouette

@@ -14,7 +14,8 @@ from cotton3dg.geometry.boxes import fibonacci_directions, min_area_rectangle, o
 from cotton3dg.geometry.convex_measures import alpha_volume, calliper_diameter, convex_volume
 from cotton3dg.scale.table import NoTable, TableFit, find_table, scale_from_table
 from cotton3dg.schemas.scale import read_scale
-from cotton3dg.traits.measure import measure_bolls, summarise_plant
+from cotton3dg.traits.boll_volume import measure_bolls
+from cotton3dg.traits.measure import summarise_plant
 
 BALL = fibonacci_directions(400)
 RNG = np.random.default_rng(0)

@@ -19,10 +19,12 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import LeftOut
 from cotton3dg.core.columns import cells_of
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.traits import measure
+from cotton3dg.traits import boll_volume
+from cotton3dg.traits import measure as measure_module
+from cotton3dg.traits.boll_volume import measure_bolls
 from cotton3dg.traits.corrections import still_left_out
 from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
-from cotton3dg.traits.measure import measure_bolls, measure_parts, measure_whole, summarise_plant
+from cotton3dg.traits.measure import measure_parts, measure_whole, summarise_plant
 
 
 def with_ball_beside(gaussians: Gaussians, labels: np.ndarray) -> tuple[Gaussians, np.ndarray]:
@@ -97,7 +99,9 @@ def test_a_plant_that_no_image_shows_whole_has_no_interval(monkeypatch):
     gaussians = gaussians_at(places, 0.2)
     bolls = bolls_of(gaussians, labels)
     for lost in (False, True):
-        monkeypatch.setattr(measure, "check_truncation", lambda *_, lost=lost: ("the frame cuts the plant", lost))
+        monkeypatch.setattr(
+            measure_module, "check_truncation", lambda *_, lost=lost: ("the frame cuts the plant", lost)
+        )
         found = measure_plant(gaussians, bolls, SCALE, 0.0, 4.0)
         assert "plant_cut" in found.flags and found.traits.boll_count == 4 and found.traits.boll_volume_cm3 > 0
         intervals = found.traits.boll_count_interval, found.traits.boll_volume_interval_cm3
@@ -220,7 +224,9 @@ def test_bolls_have_their_volume_place_and_diameter(measured):
 
 def test_a_boll_that_touches_another_is_as_large_and_less_sure(measured, monkeypatch):
     gaussians, labels = plant_scene()
-    monkeypatch.setattr(measure, "nearest_neighbours", lambda centres, diameters: np.array([np.inf, 1.15, 0.9, 0.9]))
+    monkeypatch.setattr(
+        boll_volume, "nearest_neighbours", lambda centres, diameters: np.array([np.inf, 1.15, 0.9, 0.9])
+    )
     touching = measure_bolls(gaussians, bolls_of(gaussians, labels), SCALE, None)
     for boll, alone in zip(touching, measured, strict=True):
         assert (boll.volume_cm3, boll.diameter_cm) == (alone.volume_cm3, alone.diameter_cm)
@@ -303,7 +309,7 @@ def test_a_boll_that_is_perhaps_two_has_a_flag_and_larger_errors(measured, monke
     gaussians, labels = plant_scene()
     bolls = bolls_of(gaussians, labels)
     sure = measure_bolls(gaussians, bolls, SCALE, None)
-    monkeypatch.setattr(measure, "find_unround", lambda nearest, roundness: np.arange(len(nearest)) == 1)
+    monkeypatch.setattr(boll_volume, "find_unround", lambda nearest, roundness: np.arange(len(nearest)) == 1)
     doubted = measure_bolls(gaussians, bolls, SCALE, None)
     assert [boll.flags for boll in doubted] == [boll.flags + ("unround",) * (i == 1) for i, boll in enumerate(sure)]
     wider = [boll.volume_error_cm3 > before.volume_error_cm3 for boll, before in zip(doubted, sure, strict=True)]

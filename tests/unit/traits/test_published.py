@@ -7,7 +7,8 @@ from scenes.table_scene import POSE, gaussians_at, joined
 from scipy.spatial.transform import Rotation
 
 from cotton3dg.core.bolls import BollInstance
-from cotton3dg.traits.measure import measure_bolls, summarise_plant
+from cotton3dg.traits.boll_volume import measure_bolls
+from cotton3dg.traits.measure import summarise_plant
 from cotton3dg.traits.plant_segmentation import Plant
 from cotton3dg.traits.plant_size import measure_silhouette
 from cotton3dg.traits.published import box_of_means

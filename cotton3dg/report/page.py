@@ -30,7 +30,7 @@ from .advice import advise_on_capture, boll_doubts, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 from .pointing import describe_photos
-from .verdicts import interval_of, of_row
+from .verdicts import SURENESS, interval_of, of_row, sureness_of
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -126,6 +126,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "verdict": give_verdict(facts, failure),
         "headline": write_headline(facts),
         "traits": trait_cards(facts),
+        "sureness": SURENESS,
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
         "plant_map": part("plant_map", lambda: drawn_map(pictures)) or "",
@@ -208,9 +209,10 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         if not math.isfinite(value):
             no_bolls = column == "boll_volume_cm3" and not counted
             why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
-            return {"name": name, "value": "–", "unit": "", "range": "", "note": why}
+            return {"name": name, "value": "–", "unit": "", "range": "", "sure": "", "note": why}
         limits = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
-        return {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": limits, "note": note}
+        shown = {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": limits}
+        return shown | {"sure": sureness_of(row, column) or "", "note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
     solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in counted]
@@ -226,7 +228,8 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         count_notes.append(f"halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}")
     count_note = "; ".join(count_notes)
     return [
-        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note},
+        {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note}
+        | {"sure": sureness_of(row, "boll_count") or ""},
         metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note, table),
         metric("Plant height", "plant_height_cm", "cm", 1, "above the table top", table),
         metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note, table),

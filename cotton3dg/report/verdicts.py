@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..frames.frame_quality import BLURRED, quality_flags
 from ..io.tables import parse_number
-from ..schemas.check import GREEN, YELLOW, Finding
+from ..schemas.check import GREEN, RED, YELLOW, Finding
 from ..schemas.frames import FrameInfo
 from ..schemas.scale import ScaleInfo
 from ..sfm.registration_quality import FEW_REGISTERED_PCT, MAX_GAP_DEG
@@ -32,6 +32,13 @@ USUAL_PCT: Final = {
 }
 """Column -> half-width of its 95 % interval, up to which it is as sure as usual; films in good light are surer
 (docs/notes/stated_errors.md)."""
+SURENESS: Final = {
+    GREEN: "as sure as usual",
+    YELLOW: "less sure than usual",
+    RED: "its interval is so wide that it says little",
+}
+WIDE: Final = 3.0
+"""Half-width of an interval, in usual ones, beyond which a trait says little."""
 
 
 def of_walk(coverage_deg: float, gap_deg: float, remedy: str = "walk a full turn and end where you began") -> Finding:
@@ -146,14 +153,26 @@ def of_row(flags: Collection[str], n_doubtful_bolls: int, traits: Mapping[str, o
 
 
 def find_unsure(traits: Mapping[str, object]) -> list[str]:
-    """Traits, in words, whose intervals are wider than usual; a count that is sure to one boll is not among them."""
+    """Traits, in words, whose intervals are wider than usual."""
     found = []
-    for column, usual_pct in USUAL_PCT.items():
+    for column in USUAL_PCT:
         value, low, high = interval_of(traits, column)
-        half = (high - low) / 2
-        if value > 0 and half > usual_pct / 100 * value and not (column == "boll_count" and half <= 1):
-            found.append(f"{column.partition('_cm')[0].replace('_', ' ')} ± {100 * half / value:.0f} %")
+        if sureness_of(traits, column) in (YELLOW, RED):
+            name = column.partition("_cm")[0].replace("_", " ")
+            found.append(f"{name} ± {100 * (high - low) / 2 / value:.0f} %")
     return found
+
+
+def sureness_of(traits: Mapping[str, object], column: str) -> str | None:
+    """How sure a trait of `USUAL_PCT` is, by its interval: green as usual, yellow wider, red more than `WIDE` times as
+    wide; None where it is blank. A count that is sure to one boll is green."""
+    value, low, high = interval_of(traits, column)
+    half = (high - low) / 2
+    if not (value > 0 and np.isfinite(half)):
+        return None
+    if half <= USUAL_PCT[column] / 100 * value or (column == "boll_count" and half <= 1):
+        return GREEN
+    return YELLOW if half <= WIDE * USUAL_PCT[column] / 100 * value else RED
 
 
 def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:

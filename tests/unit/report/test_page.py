@@ -42,6 +42,15 @@ def test_a_wide_interval_is_told(cells: dict[str, str], words: str) -> None:
     assert verdict(**cells) == {"verdict": "yellow", "text": f"Less sure than usual: {words}"}
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "sure"), [("190", "210", "green"), ("170", "230", "yellow"), ("120", "280", "red"), ("", "", "")]
+)
+def test_a_mark_on_the_card_says_how_sure_a_trait_is(low: str, high: str, sure: str) -> None:
+    cells = {"boll_volume_cm3": "200", "boll_volume_low_cm3": low, "boll_volume_high_cm3": high}
+    assert trait_cards(facts(**cells))[1]["sure"] == sure
+    assert bool(find_unsure({**SURE, **cells})) == (sure in ("yellow", "red"))
+
+
 def test_what_is_blank_or_sure_to_one_boll_is_not_unsure() -> None:
     few = {"boll_count": "5", "boll_count_low": "4", "boll_count_high": "6"}
     assert find_unsure(few) == find_unsure({}) == find_unsure({**SURE, "boll_volume_low_cm3": ""}) == []

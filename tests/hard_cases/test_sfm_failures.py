@@ -68,7 +68,7 @@ def test_case_36_models_are_ordered_by_images_then_points(monkeypatch: pytest.Mo
     found = {0: model(5, 900), 1: model(20, 100), 2: model(20, 300), 3: model(3, 5000)}
     for part in ("features_of_images", "match_pairs"):
         monkeypatch.setattr(reconstruction, part, lambda *_: {})
-    for part in ("write_database", "settle"):
+    for part in ("write_database", "bundle_adjust"):
         monkeypatch.setattr(reconstruction, part, lambda *_: None)
     monkeypatch.setattr(reconstruction, "recover_registration", lambda _, first: (first, ()))
     monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *_, **__: found)

@@ -291,7 +291,7 @@ class ScaleOptions:
 
     @property
     def table_is_assumed(self) -> bool:
-        """Whether nobody gave the size of the table."""
+        """Whether the size of the table is the default, and no option gives it."""
         return not (self.table_length_cm and self.table_width_cm)
 
 

@@ -24,8 +24,8 @@ from .single_image import find_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FAINT_IS_BOLL: Final = 0.25
-"""Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants, two were
-things and one a part of a boll. ..."""
+"""Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants. Two were
+things, and one was a part of a boll. ..."""
 THING_IS_BOLL: Final = 0.1
 """... The same for a white thing. These plants had too few of them to measure it."""
 FEWEST_TO_HALVE: Final = 12

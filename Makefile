@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist
 SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll edges-network segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -133,14 +133,6 @@ bolls-network: setup ## render the scenes and train the bolls' network; hours; g
 
 same-boll: setup ## film simulated plants and fit the score that tells bolls apart; again after a new network; goes on where it ended
 	$(BIN)/python tests/accuracy/same_boll.py results/same_boll --jobs $(JOBS) $(SAME_BOLL)
-
-ODD_SHOWN = odd-2 odd-3 odd-5 odd-8 odd-10 odd-11
-STUDY_SHOWN = effects-1 effects-3 effects-4 plain-2 plain-4 clustered-1
-
-edges-network: setup ## run simulated plants and train the network of lint's edges on their masks; hours; goes on where it ended
-	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset draft
-	$(BIN)/python tests/accuracy/study_set.py results/odd_plants --odd --preset draft
-	$(BIN)/python tools/train_edges.py $(addprefix results/odd_plants/,$(ODD_SHOWN)) $(addprefix results/study_set/,$(STUDY_SHOWN)) --out results/edges.onnx
 
 segmentation-sweep: setup ## methods x views x quality of masks on the plants of study-set; goes on where it ended
 	OMP_NUM_THREADS=1 $(BIN)/python tests/accuracy/segmentation_sweep.py results/segmentation $(PLANTS) $(SWEEP)

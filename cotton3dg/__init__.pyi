@@ -2,6 +2,7 @@
 
 from .cluster.consensus import merge_views as merge_views
 from .cluster.dbscan import cluster_objects as cluster_objects
+from .cluster.locate_bolls import locate_bolls as locate_bolls
 from .core.bolls import BollInstance as BollInstance
 from .core.bolls import LiftedMasks as LiftedMasks
 from .core.bolls import MaskSet as MaskSet
@@ -36,7 +37,6 @@ from .io.ply import read_gaussians as read_gaussians
 from .io.ply import recolour as recolour
 from .io.ply import write_gaussians as write_gaussians
 from .masks.bolls import open_bolls as open_bolls
-from .masks.detect_bolls import detect_bolls as detect_bolls
 from .options import resolve as resolve
 from .pipeline import plan as plan
 from .pipeline import run as run
@@ -53,6 +53,7 @@ from .segment.lift import ViewWeights as ViewWeights
 from .segment.lift import lift as lift
 from .segment.lift import mark_rim as mark_rim
 from .segment.lift import rim_width_px as rim_width_px
+from .segment.lint_share import gather_lint as gather_lint
 from .sfm.image_pairs import choose_pairs as choose_pairs
 from .sfm.lens import undistort as undistort
 from .sfm.reconstruction import ReconstructionSettings as ReconstructionSettings

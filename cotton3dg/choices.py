@@ -23,11 +23,10 @@ from .options import (
     STAGE_OPTIONS,
     STANDARD,
     check_preset,
-    is_former_default,
     origins,
-    recorded,
     resolve,
 )
+from .recorded_options import is_former_default, recorded
 from .schemas.record import Choices
 from .stage import STAGES
 from .staleness import changed_options

@@ -18,15 +18,13 @@ from .command_options import (
     RenderOptions,
     SimulateOptions,
 )
-from .errors import BadUsage, unknown
-from .option_rules import Retired, effective, given_values, option, options_of, resolved
+from .errors import unknown
+from .option_rules import Retired, given_values, option, options_of, resolved
 
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
 USUAL_TABLE_CM: Final = (120.0, 60.0)
 """What a table is taken for that nobody measured: the published one."""
-FORMER_DEFAULTS: Final = {"scale": (11, {"table_length_cm": USUAL_TABLE_CM[0], "table_width_cm": USUAL_TABLE_CM[1]})}
-"""Stage -> its version since which these are not defaults any more."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 STANDARD: Final = "standard"
 """All defaults."""
@@ -194,7 +192,11 @@ class AffinityOptions:
 class SegmentOptions:
     """Lifting the masks onto the Gaussians."""
 
-    method: str = option("lift", "how masks become labels of Gaussians", choices=("lift", "probability", "affinity"))
+    method: str = option(
+        "lint",
+        "how Gaussians are labelled; lint = by the network's maps, or lift where masks have none",
+        choices=("lint", "lift", "probability", "affinity"),
+    )
     max_side: int = option(960, "longer side of the renders that masks are compared with", unit="px", at_least=64)
     target: int = option(0, "take this mask id alone, in every view; 0 = all masks", at_least=0, at_most=65534)
     probability: ProbabilityOptions = options_of(ProbabilityOptions, "probability")
@@ -216,11 +218,11 @@ class ClusterOptions:
     """From the selections of single views to bolls."""
 
     method: str = option(
-        "consensus",
-        "how views are reconciled",
+        "votes",
+        "how views are reconciled; votes = in space, or consensus where masks were lifted",
         paper="dbscan",
-        choices=("consensus", "dbscan"),
-        retired={"agglomerative": Retired("consensus", ("reach",))},
+        choices=("votes", "consensus", "dbscan"),
+        retired={"agglomerative": Retired("votes", ("reach",))},
     )
     boll_plys: bool = option(False, "save each boll's Gaussians as a PLY of its own")
     dbscan: DbscanOptions = options_of(DbscanOptions, "dbscan")
@@ -375,26 +377,3 @@ def resolve(stage: str, *layers: Mapping[str, Any], asked: Mapping[str, Any] | N
 def origins(stage: str, *layers: Mapping[str, Any]) -> dict[str, int]:
     """Option, as TOML writes it behind the stage -> number of the layer whose value `resolve` takes."""
     return {given.place.path: given.layer for given in given_values(stage, COMMAND_OPTIONS[stage](), layers, {})}
-
-
-def recorded(stage: str, values: Mapping[str, Any], version: int | None = None) -> Any:
-    """Options as a record has them. An old one also has those of methods that were not chosen; they had no effect.
-
-    Args:
-        version: of the stage that wrote the record. Nobody chose a value that was the default of an older version.
-    Raises:
-        BadUsage: an earlier version had an option or a method that this one does not have.
-    """
-    if version is not None:
-        values = {name: value for name, value in values.items() if not is_former_default(stage, version, name, value)}
-    try:
-        return resolve(stage, effective(COMMAND_OPTIONS[stage](), values))
-    except BadUsage as error:
-        problem = f"{stage} was made by an earlier version: {error}"
-        raise BadUsage(f"{problem}; run `cotton3dg {stage}` again") from error
-
-
-def is_former_default(stage: str, version: int, name: str, value: Any) -> bool:
-    """Whether an option in a record of a stage's `version` is what was the default then."""
-    since, former = FORMER_DEFAULTS.get(stage, (0, {}))
-    return version < since and name in former and former[name] == value

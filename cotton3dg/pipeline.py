@@ -26,7 +26,7 @@ from .errors import (
     StageFailed,
     unknown,
 )
-from .options import recorded
+from .recorded_options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .schemas.record import Choices, Record
 from .stage import STAGES, stage_of

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, Final
 
 from .core.runs import State
@@ -90,6 +90,13 @@ def recorded_states(workspace: Workspace) -> tuple[StageState, ...]:
             written |= record.outputs
         states.append(state_of(stage, record, reason))
     return tuple(states)
+
+
+def id_image(workspace: Workspace) -> Callable[[str], Path]:
+    """The best id image of an undistorted image: of the bolls that are drawn into it, or, while these are not up to
+    date, of its masks."""
+    done = any(state.done for state in recorded_states(workspace) if state.stage == "cluster")
+    return workspace.boll_ids_png if done else workspace.mask_png
 
 
 def _is_of_a_stage(name: str) -> bool:

@@ -74,6 +74,8 @@ class Workspace:
     effects_json = _Below("train/effects.json")
     """Which effects of the camera the training allows for, and the evidence for and against each."""
     masks_json = _Below("masks/masks.json")
+    lint_share_npz = _Below("segment/lint_share.npz")
+    """How much each Gaussian is lint, by the network's maps."""
     selections_npz = _Below("segment/selections.npz")
     segment_json = _Below("segment/segment.json")
     """How the segmentation ran, and how its maps agree with the masks."""
@@ -87,6 +89,8 @@ class Workspace:
     labels_npy = _Below("cluster/labels.npy")
     bolls_ply = _Below("cluster/bolls.ply")
     """The model with each boll in a colour of its own and the rest in grey, for viewers."""
+    boll_images = _Below("cluster/images")
+    """Bolls drawn into the images, where all images together found them."""
     views_jpg = _Below("cluster/views.jpg")
     """Bolls as one view shows them, beside all views together."""
     scale_json = _Below("scale/scale.json")
@@ -198,6 +202,15 @@ class Workspace:
     def mask_png(self, image_name: str) -> Path:
         """Instance ids of an undistorted image."""
         return self.root / "masks" / f"{Path(image_name).stem}.png"
+
+    def maps_npz(self, image_name: str) -> Path:
+        """The bolls' network's maps of an undistorted image."""
+        return self.root / "masks" / f"{Path(image_name).stem}.npz"
+
+    def boll_ids_png(self, image_name: str) -> Path:
+        """Ids in an undistorted image that bolls name as their masks: drawn by all images together, or its masks."""
+        drawn = self.boll_images / self.mask_png(image_name).name
+        return drawn if drawn.is_file() else self.mask_png(image_name)
 
     def probability_png(self, image_name: str) -> Path:
         """Rendered probabilities of a view, grey; white = 1."""

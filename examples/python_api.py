@@ -30,29 +30,24 @@ for name, model in ("50 steps", quick), ("saved model", gaussians):
     image = np.rint(255 * np.clip(c3d.render(model, views[0].camera).image, 0, 1)).astype(np.uint8)
     print(f"{name}: {c3d.psnr_db(image, views[0].image):.1f} dB")
 
-# masks: bolls in 36 views around the plant, by the network that comes with the program.
+# masks: what the network that comes with the program says of 36 views around the plant.
 orbit = c3d.fit_orbit(cameras)
 chosen = [int(i) for i in c3d.evenly_spaced(c3d.azimuths(cameras, orbit), 36)]
 seen = [cameras[i] for i in chosen]
+network = c3d.open_bolls()
+maps = [network.maps(photos[i]) for i in chosen]
+
+# segment: how much each Gaussian is lint. docs/python.md has the functions for masks of another source.
 inside = c3d.within_orbit(gaussians.means, cameras, orbit)
-masks = c3d.detect_bolls([photos[i] for i in chosen], seen, c3d.open_bolls(), gaussians, inside)
-
-# segment: which Gaussians each mask holds.
-ids = [masks.ids[camera.name] for camera in seen]
-rim_px = c3d.rim_width_px(ids)
-weights = []
-for camera, mask in zip(seen, ids, strict=True):
-    found = c3d.accumulate_weights(gaussians, camera, c3d.mark_rim(mask, rim_px))
-    weights.append(c3d.ViewWeights(camera.name, found.total, found.rows, found.ids, found.weights))
-lifted = c3d.lift(weights, inside, gaussians.sha256())
-
-# cluster: selections of several views that are one boll.
-bolls = c3d.merge_views(lifted, gaussians.means, orbit.axis)
+shares = c3d.gather_lint(maps, seen, gaussians, inside)
 
 # scale: the table top, 120 x 60 cm.
 surfaces = np.concatenate([points, gaussians.means[gaussians.opacities > 0.5]])
 table = c3d.find_table(surfaces, cameras, [photos[i] for i in chosen], seen, tracks=points, aspect=120 / 60)
 scale = c3d.scale_from_table(table, 120, 60) if isinstance(table, c3d.TableFit) else None
+
+# cluster: votes of all views that meet in space.
+bolls = c3d.locate_bolls(maps, seen, gaussians, shares, orbit.axis, scale.cm_per_su if scale else None).bolls
 
 # traits: without a scale, all but the count is NaN.
 is_boll = c3d.boll_labels(bolls, len(gaussians)) > 0

@@ -27,8 +27,6 @@ MACHINES = ("x86_64", "aarch64")
 NEEDED = (
     "masks/bolls.onnx",
     "masks/bolls.onnx.sha256",
-    "masks/edges.onnx",
-    "masks/edges.onnx.sha256",
     "report/templates/report.html",
     "report/templates/style.css",
 )

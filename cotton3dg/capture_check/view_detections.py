@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps
 from ..core.scene import Camera
 from ..core.srgb import CLIPPED
 from ..gaussians.rasterizer import Window
-from ..masks.bolls import BollNetwork, Maps
+from ..masks.bolls import BollNetwork
 from ..masks.group_votes import group_votes
 
 SIDES: Final = ("top", "bottom", "left", "right")

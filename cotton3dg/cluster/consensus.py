@@ -73,7 +73,6 @@ class _Votes:
         sizes = np.array([len(rows[m]) for m in order], np.int64)
         n, m = len(lifted.candidates), len(order)
         self.view_of = views[order]
-        self.mask_ids = np.array([lifted.selections[k].mask_id for k in order], np.int64)
         self.starts = np.searchsorted(self.view_of, np.arange(len(lifted.views) + 1))
         row = np.concatenate([rows[k] for k in order])
         column = np.repeat(np.arange(m), sizes)
@@ -181,15 +180,13 @@ def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -
     return groups
 
 
-def merge_views(lifted: LiftedMasks, means: Float32, up: Float64, together: bool = False) -> list[BollInstance]:
+def merge_views(lifted: LiftedMasks, means: Float32, up: Float64) -> list[BollInstance]:
     """Bolls on which several views agree.
 
     Args:
         lifted: masks lifted onto the Gaussians.
         means: (N, 3) su.
         up: (3,) roughly upwards in the scene; only the numbering depends on it.
-        together: all images decided together which lint is one boll (`MasksInfo.together`), so that masks with the same
-            id show the same boll.
     Returns:
         bolls numbered from the top downwards; each Gaussian is in at most one. Without masks there are none.
     """
@@ -199,10 +196,6 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: Float64, together: bool
     votes = _Votes(lifted, (points @ up).astype(np.float32))
     sizes = np.asarray(votes.held.sum(axis=0)).ravel()
     everyone = np.ones(len(sizes), bool)
-    if together:
-        nodes = np.flatnonzero(sizes >= LEAST_GAUSSIANS)
-        labels = _claim(votes, nodes, np.unique(votes.mask_ids[nodes], return_inverse=True)[1])
-        return number_bolls(_make_instances(lifted, votes, everyone, labels, {}, points), up)
     usable = ~_holds_several(votes, votes.verdicts(votes.held, everyone), points)
     nodes = np.flatnonzero(usable & (sizes >= LEAST_GAUSSIANS))
     verdicts = votes.verdicts(votes.held[:, nodes], usable)

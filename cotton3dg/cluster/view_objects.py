@@ -1,9 +1,9 @@
-"""Objects of single views: the Gaussians that one mask holds, and bolls made of such objects of several views."""
+"""Objects of single views: the Gaussians that one mask holds, bolls made of these, and the masks that show a boll."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,8 @@ from ..core.scene import Float64
 from ..geometry.point_sets import MIN_GAUSSIANS, find_compact_part, measure_extent
 from .boll_shape import number_bolls
 
+OTHER_WEIGHT: Final = 0.5
+"""A mask belongs to a boll whose weight in it is more than this many times the weight of all that is not a boll."""
 LEAST_CONFIDENCE: Final = 0.2
 """Least share of the views that find a boll among those that could. Crumbs of halved and hidden masks gather, too; a
 group that fewer views find is not a boll."""
@@ -111,3 +113,17 @@ def bolls_of_groups(
         if confidence >= LEAST_CONFIDENCE:
             bolls.append(BollInstance(0, rows, names, centre, float(size.mean()), confidence))
     return number_bolls(bolls, up)
+
+
+def assign_masks(bolls: Sequence[BollInstance], lifted: LiftedMasks, labels: NDArray[np.int32]) -> list[BollInstance]:
+    """The same bolls with their masks: those in which no other boll has more weight. Some masks belong to no boll.
+
+    Args:
+        labels: (N,) boll of each Gaussian, 0 = none.
+    """
+    masks: dict[int, list[tuple[str, int]]] = {}
+    for selection in lifted.selections:
+        held = np.bincount(labels[selection.indices], weights=selection.weights, minlength=2)
+        if held[1:].max() > OTHER_WEIGHT * held[0]:
+            masks.setdefault(int(held[1:].argmax()) + 1, []).append((selection.view, selection.mask_id))
+    return [replace(boll, masks=tuple(masks.get(boll.boll_id, ()))) for boll in bolls]

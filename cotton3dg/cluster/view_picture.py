@@ -8,41 +8,52 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.bolls import BollInstance, LiftedMasks
 from ..core.scene import Camera, Gaussians
 from ..gaussians.appearance import recolour_bolls
 from ..gaussians.metrics import to_uint8
-from ..gaussians.rasterizer import render
+from ..gaussians.rasterizer import accumulate_weights, render
 from ..geometry.camera_orbit import azimuths, fit_orbit
-from .view_objects import find_objects
 
 WIDTH_PX: Final = 640
 
 
 def draw_views(
-    gaussians: Gaussians, cameras: Sequence[Camera], lifted: LiftedMasks, bolls: Sequence[BollInstance]
-) -> NDArray[np.uint8] | None:
+    gaussians: Gaussians, cameras: Sequence[Camera], view: Camera, ids: NDArray[np.uint16], labels: NDArray[np.int32]
+) -> NDArray[np.uint8]:
     """(H, 2 W, 3) bolls as one view shows them, and as all views do, both seen from a quarter turn further on.
 
-    The view is the one with the most masks. A boll has the same colour on both sides; None without masks.
+    A boll has the same colour on both sides.
+
+    Args:
+        view: one of the cameras; at least two of them have a pose.
+        ids: (H, W) masks of its image.
+        labels: (N,) boll of each Gaussian by all views, 0 = none.
     """
-    objects = find_objects(lifted, gaussians.means.astype(np.float64))
-    if not objects or len(cameras) < 2:
-        return None
-    chosen = int(np.bincount([item.view for item in objects]).argmax())
-    merged = np.zeros(len(gaussians), np.int32)
-    for boll in bolls:
-        merged[boll.indices] = boll.boll_id
+    held = label_view(gaussians, view, ids)
     single = np.zeros(len(gaussians), np.int32)
-    for number, item in enumerate((item for item in objects if item.view == chosen), 1):
-        known = np.bincount(merged[item.rows], minlength=1)
+    for number, mask_id in enumerate(np.unique(held[held > 0]), 1):
+        rows = held == mask_id
+        known = np.bincount(labels[rows], minlength=1)
         known[0] = 0
         # A mask that did not become a boll has a colour that no boll has.
-        single[item.rows] = known.argmax() if known.any() else len(bolls) + number
-    names = [camera.name for camera in cameras]
+        single[rows] = known.argmax() if known.any() else labels.max() + number
     angles = azimuths(cameras, fit_orbit(cameras))
-    away = (angles - angles[names.index(lifted.views[chosen])] - np.pi / 2 + np.pi) % (2 * np.pi) - np.pi
+    names = [camera.name for camera in cameras]
+    away = (angles - angles[names.index(view.name)] - np.pi / 2 + np.pi) % (2 * np.pi) - np.pi
     camera = cameras[int(np.abs(away).argmin())]
     small = camera.resized(WIDTH_PX, round(WIDTH_PX * camera.height / camera.width))
-    sides = [to_uint8(render(recolour_bolls(gaussians, labels, 1.0), small).image) for labels in (single, merged)]
+    sides = [to_uint8(render(recolour_bolls(gaussians, own, 1.0), small).image) for own in (single, labels)]
     return np.concatenate(sides, axis=1)
+
+
+def label_view(gaussians: Gaussians, camera: Camera, ids: NDArray[np.uint16]) -> NDArray[np.int64]:
+    """(N,) the mask of one view that has half of the weight of a Gaussian, 0 = none.
+
+    Args:
+        ids: (H, W) masks of the view.
+    """
+    weights = accumulate_weights(gaussians, camera, ids)
+    labels = np.zeros(len(gaussians), np.int64)
+    most = (weights.ids > 0) & (weights.weights > 0.5 * weights.total[weights.rows])
+    labels[weights.rows[most]] = weights.ids[most]
+    return labels

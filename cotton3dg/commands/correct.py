@@ -19,7 +19,7 @@ from ..geometry.triangulation import PickedPoint, point_of_picks
 from ..io.colmap import read_cameras
 from ..io.saving import explain_disk_errors
 from ..io.tables import parse_number, read_rows
-from ..options import recorded
+from ..recorded_options import recorded
 from ..schemas.bolls import read_bolls
 from ..schemas.corrections import CORNER, ENDS, RULER, Correction, Corrections, Pick, Place
 from ..schemas.record import Choices

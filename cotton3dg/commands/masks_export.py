@@ -18,6 +18,7 @@ from ..io.images import read_ids
 from ..io.saving import json_text
 from ..outputs import made_of, note_all, refuse_changed
 from ..schemas.masks import MasksInfo
+from ..staleness import id_image
 from ..workspace import Workspace
 
 
@@ -41,7 +42,8 @@ def export(workspace: Workspace) -> Path:
         (folder / "images").mkdir()
         for name in names:
             shutil.copyfile(workspace.undistorted_image(name), folder / "images" / Path(name).name)
-        coco = coco_document({name: read_ids(workspace.mask_png(name)) for name in names})
+        png_of = id_image(workspace)
+        coco = coco_document({name: read_ids(png_of(name)) for name in names})
         (folder / final.name).write_text(json_text(coco), encoding="utf-8")
         note_all(folder, made_of("masks-export", workspace.root))
     return final

@@ -23,19 +23,12 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class MaskSet:
-    """Boll masks of several images; an id means the same boll in all images only if these decided `together`."""
+    """Boll masks of several images; the same id in two images does not mean the same boll."""
 
     ids: dict[str, NDArray[np.uint16]]
     """Image name -> (H, W) instance ids, 0 = background, at the size of the undistorted image."""
     scores: dict[str, dict[int, float]] = field(default_factory=dict)
     """Image name -> instance id -> confidence in 0..1."""
-    together: bool = False
-    """Whether all images decided together: a boll has one id in all then, and its score is the probability that it is
-    one boll."""
-    halves: tuple[int, int] | None = None
-    """Counts of bolls by every second image alone, and by the others; None where they were not computed."""
-    left_out: tuple[LeftOut, ...] = ()
-    """What all images together saw and left out."""
     notes: tuple[str, ...] = ()
     """Notes on masks that were changed when they were read from a file."""
 
@@ -85,8 +78,8 @@ class BollInstance:
     diameter_su: float
     """Mean width of its Gaussians' centres; the surface lies outside of them."""
     confidence: float
-    """0..1, the share of the views that see the boll and agree on it; if the views decided together, the probability
-    that it is one boll."""
+    """0..1, the probability that it is one boll by the votes of all views; from masks of single images, the share of
+    the views that see the boll and agree on it."""
     flags: tuple[str, ...] = ()
     masks: tuple[tuple[str, int], ...] = ()
     """(view, mask id) of each mask that shows it; a mask of touching bolls belongs only to the one that fills most of

@@ -31,6 +31,7 @@ from ..io.colmap import read_cameras
 from ..io.images import read_ids
 from ..schemas.frames import FramesInfo
 from ..schemas.truth import TrueMasks
+from ..staleness import id_image
 from ..workspace import Workspace
 
 THRESHOLDS: Final = (0.25, 0.5, 0.75)
@@ -148,9 +149,9 @@ def evaluate_masks(workspace: Workspace, folder: Path) -> dict[str, MaskCounts]:
         BadInput: no image with masks has true masks.
     """
     truths = read_true_masks(workspace, folder)
-    counts = {}
+    counts, png_of = {}, id_image(workspace)
     for camera in read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm")):
-        stem, png = Path(camera.name).stem, workspace.mask_png(camera.name)
+        stem, png = Path(camera.name).stem, png_of(camera.name)
         if stem in truths and png.is_file():
             true = undistort_ids(stem, truths[stem], camera, workspace.sfm_model)
             counts[camera.name] = count_masks(read_ids(png), true)

@@ -7,6 +7,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Float32
+
 MIN_GAUSSIANS: Final = 10
 """Least number of Gaussians in an object (the seed paper's min_samples)."""
 
@@ -53,3 +55,26 @@ def find_compact_part(points: NDArray[Any]) -> NDArray[np.bool_]:
     spread = 1.4826 * np.median(np.abs(distances[kept] - middle))
     compact: NDArray[np.bool_] = kept & (distances <= middle + 3.5 * max(spread, 0.05 * middle))
     return compact
+
+
+def find_nearest(points: Float32, middles: Float32, sizes: Float32, reach: float) -> NDArray[np.uint16]:
+    """(N,) number, from 1, of the middle (B, D) nearest to each point (N, D), in diameters (B,) of the boll;
+    0 = none within reach."""
+    from scipy.spatial import cKDTree
+
+    if not len(middles) or not len(points):
+        return np.zeros(len(points), np.uint16)
+    # The nearest in their own diameters is among the nearest few.
+    distances, which = cKDTree(middles).query(points, k=min(6, len(middles)))
+    distances, which = distances.reshape(len(points), -1), which.reshape(len(points), -1)
+    relative = distances / sizes[which]
+    best = relative.argmin(axis=1)
+    rows = np.arange(len(points))
+    return np.where(relative[rows, best] < reach, which[rows, best] + 1, 0).astype(np.uint16)
+
+
+def weighted_median(values: Float32, weights: Float32) -> float:
+    """The value that has half of the weight at either side."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -12,16 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import MaskSet
+from ..core.machine import on_all_cores
+from ..core.network_maps import Maps
 from ..core.runs import Progress
-from ..core.scene import Camera, Gaussians
+from ..core.scene import Camera
 from ..errors import BadInput, BadUsage, CaptureFailed
 from ..gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
 from ..geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
 from ..io.annotations import read_masks, undistort_ids
 from ..options import MasksOptions
 from .bolls import BollNetwork, open_bolls
-from .detect_bolls import detect_bolls
 from .grounding_dino import find_boxes, open_grounding_dino
+from .group_votes import group_votes
 from .sam import Prompts, detect_sam, open_sam, prompts_around, table_prompts
 from .yolo import detect_yolo
 from .yolo_networks import class_numbers, open_network
@@ -54,12 +56,6 @@ class Plant:
     """Name of an undistorted image -> (H, W, 3) RGB."""
     points: NDArray[np.float64]
     """(P, 3) su, triangulated."""
-    model: Gaussians | None
-    """The trained model, once there is one, for the back ends that use it."""
-    allowed: NDArray[np.bool_] | None
-    """(N,) which Gaussians of the model may be a boll's."""
-    cm_per_su: float | None
-    """Length of a scene unit, about, once there is a scale."""
     filmed: Path
     """COLMAP model of the images before their lens distortion was taken out."""
     own_masks: Path
@@ -75,23 +71,29 @@ class Found:
     masks: MaskSet
     notes: tuple[str, ...] = ()
     """What the user should know."""
+    maps: Mapping[str, Maps] = field(default_factory=dict)
+    """Image name -> the bolls' network's maps, where it made the masks."""
 
 
 def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
-    """Masks of the bolls' network, on views evenly spaced around the plant; by place, too, once there is a model."""
+    """Maps of the bolls' network, on views evenly spaced around the plant, and the masks that each alone shows."""
     own = options.bolls.weights
-    return Found(_find_bolls(plant, options.views, open_bolls(plant.file(own) if own else None), progress))
+    return _find_bolls(plant, options.views, open_bolls(plant.file(own) if own else None), progress)
 
 
-def _find_bolls(plant: Plant, n_views: int, network: BollNetwork, progress: Progress) -> MaskSet:
+def _find_bolls(plant: Plant, n_views: int, network: BollNetwork, progress: Progress) -> Found:
     views = _spaced(plant, n_views)
-    images = [plant.photo(camera.name) for camera in views]
-    if plant.model is None:
-        return detect_bolls(images, views, network, progress=progress)
     windows = find_plant_windows(plant.points, plant.cameras, SEEN_MARGIN)
-    of_name = {camera.name: window for camera, window in zip(plant.cameras, windows, strict=True)}
-    seen = [of_name[camera.name] for camera in views]
-    return detect_bolls(images, views, network, plant.model, plant.allowed, progress, seen, plant.cm_per_su)
+    window_of = {camera.name: window for camera, window in zip(plant.cameras, windows, strict=True)}
+    maps: dict[str, Maps] = {}
+    for done, camera in enumerate(views):
+        progress(done, len(views), camera.name)
+        maps[camera.name] = network.maps(plant.photo(camera.name), window=window_of[camera.name])
+    grouped = dict(zip(maps, on_all_cores(group_votes, maps.values()), strict=True))
+    masks = MaskSet(
+        {name: ids for name, (ids, _) in grouped.items()}, {name: own for name, (_, own) in grouped.items()}
+    )
+    return Found(masks, maps=maps)
 
 
 def by_yolo(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
@@ -123,7 +125,7 @@ def by_sam(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
         prompts = table_prompts(plant.file(own.prompts), plant.cameras)
         views = [camera for camera in plant.cameras if camera.name in prompts]
     else:
-        bolls = _find_bolls(plant, options.views, open_bolls(), progress)
+        bolls = _find_bolls(plant, options.views, open_bolls(), progress).masks
         prompts = {name: prompts_around(ids) for name, ids in bolls.ids.items()}
         views = [camera for camera in plant.cameras if camera.name in prompts]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -12,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps, middles_of_pixels
 from ..core.scene import Float32
-from ..core.training_picture import CLASSES, LINT, OTHER
+from ..core.training_picture import CLASSES, OTHER
 from ..errors import BadInput, MissingInput
 from ..gaussians.rasterizer import Window
 from .weight_files import read_shipped
@@ -30,27 +30,6 @@ LARGEST_ZOOM: Final = 2.0
 """... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
 SURE: Final = 20.0
 """Logit that stands for certainty."""
-
-
-@dataclass(frozen=True)
-class Maps:
-    """The network's outputs for each pixel of an image, at half the size of its input."""
-
-    probabilities: Float32
-    """(C, h, w) probability of each of `CLASSES`."""
-    votes: Float32
-    """(2, h, w) x and y of the middle of the pixel's boll, px of the image."""
-    diameters: Float32
-    """(h, w) width of the pixel's boll, px of the image."""
-    scale: float
-    """Pixels of the image to one of the maps."""
-    image_shape: tuple[int, int]
-
-    @property
-    def lint(self) -> Float32:
-        """(h, w) probability of lint."""
-        lint: Float32 = self.probabilities[LINT]
-        return lint
 
 
 def input_size(height: int, width: int, look: float = 1.0) -> tuple[int, int]:
@@ -158,9 +137,3 @@ def _in_strides(
         for low, length, of_seen, of_image in zip(window[1::-1], window[3:1:-1], seen, image, strict=True)
     )
     return rows, columns
-
-
-def middles_of_pixels(shape: tuple[int, int], scale: float) -> Float32:
-    """(2, h, w) x, y of the middles of the pixels of maps, px of the image."""
-    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32) + np.float32(0.5)
-    return np.stack([x, y]) * np.float32(scale)

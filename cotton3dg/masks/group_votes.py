@@ -12,8 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps
 from ..core.scene import Float32
-from .bolls import OFFSET_PX, Maps
+from ..geometry.point_sets import find_nearest
+from .bolls import OFFSET_PX
 
 SURE: Final = 0.32
 """Probability of lint from which a pixel is lint."""
@@ -38,7 +40,7 @@ def group_votes(maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
     if len(rows):
         votes = maps.votes[:, rows, columns].T
         middles, sizes = _find_middles(votes, maps.diameters[rows, columns], maps)
-        ids[rows, columns] = find_nearest(votes, middles, sizes)
+        ids[rows, columns] = find_nearest(votes, middles, sizes, REACH)
     return draw_ids(ids, maps)
 
 
@@ -93,29 +95,6 @@ def suppress_non_maxima(places: Float32, sizes: Float32) -> NDArray[np.intp]:
         far = np.linalg.norm(places[near] - places[number], axis=1)
         alive[near[far < APART * np.maximum(sizes[near], size)]] = False
     return np.array(kept, np.intp)
-
-
-def find_nearest(points: Float32, middles: Float32, sizes: Float32, reach: float = REACH) -> NDArray[np.uint16]:
-    """(N,) number, from 1, of the middle (B, D) nearest to each point (N, D), in diameters (B,) of the boll;
-    0 = none within reach."""
-    from scipy.spatial import cKDTree
-
-    if not len(middles) or not len(points):
-        return np.zeros(len(points), np.uint16)
-    # The nearest in their own diameters is among the nearest few.
-    distances, which = cKDTree(middles).query(points, k=min(6, len(middles)))
-    distances, which = distances.reshape(len(points), -1), which.reshape(len(points), -1)
-    relative = distances / sizes[which]
-    best = relative.argmin(axis=1)
-    rows = np.arange(len(points))
-    return np.where(relative[rows, best] < reach, which[rows, best] + 1, 0).astype(np.uint16)
-
-
-def weighted_median(values: Float32, weights: Float32) -> float:
-    """The value that has half of the weight at either side."""
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
 
 
 def draw_ids(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps
 from ..core.training_picture import LEAF
-from .bolls import BollNetwork, Maps
+from .bolls import BollNetwork
 from .group_votes import group_votes
 from .test_time_augmentation import predict_with_augmentation
 

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps, middles_of_pixels
 from ..core.scene import Float32
-from .bolls import BollNetwork, Maps, middles_of_pixels
+from .bolls import BollNetwork
 
 LOOKS: Final = (1.0, 0.5, 0.25)
 """Sizes, relative to `input_size`, at which the network sees an image: it recognises a boll that fills the image only

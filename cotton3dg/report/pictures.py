@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -91,7 +93,11 @@ class Pictures:
         """Images that have masks, in order of name."""
         if not self.facts.done("masks"):
             return []
-        return [name for name in sorted(self.camera_of) if self.workspace.mask_png(name).is_file()]
+        return [name for name in sorted(self.camera_of) if self._ids_png(name).is_file()]
+
+    @cached_property
+    def _ids_png(self) -> Callable[[str], Path]:
+        return self.workspace.boll_ids_png if self.facts.done("cluster") else self.workspace.mask_png
 
     @cached_property
     def owners(self) -> dict[str, dict[int, int]]:
@@ -112,7 +118,7 @@ class Pictures:
 
     @cached_property
     def _ids(self) -> dict[str, NDArray[np.uint16]]:
-        return {name: read_ids(self.workspace.mask_png(name)) for name in self.masked}
+        return {name: read_ids(self._ids_png(name)) for name in self.masked}
 
     def photo(self, name: str) -> Picture:
         """The undistorted image."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.bolls import BollInstance, BollSelection, LeftOut, LiftedMasks
-from ..core.scene import Gaussians
+from ..core.scene import Float32, Gaussians
 from ..errors import BadInput
 from ..io.arrays import read_array, read_arrays
 from .document import Document
@@ -49,10 +49,15 @@ class BollsInfo(Document):
     bolls: tuple[BollFacts, ...]
     left_out: tuple[LeftOut, ...] = ()
     """What looks like lint and is not among the bolls."""
+    halves: tuple[int, int] | None = None
+    """Counts of bolls by every second image alone, and by the others."""
 
 
 def describe_bolls(
-    bolls: Sequence[BollInstance], gaussians_sha256: str, left_out: tuple[LeftOut, ...] = ()
+    bolls: Sequence[BollInstance],
+    gaussians_sha256: str,
+    left_out: tuple[LeftOut, ...] = (),
+    halves: tuple[int, int] | None = None,
 ) -> BollsInfo:
     """The document of some bolls."""
     facts = (
@@ -68,7 +73,7 @@ def describe_bolls(
         )
         for boll in bolls
     )
-    return BollsInfo(gaussians_sha256, tuple(facts), left_out)
+    return BollsInfo(gaussians_sha256, tuple(facts), left_out, halves)
 
 
 def write_lifted(path: Path, lifted: LiftedMasks) -> None:
@@ -112,17 +117,32 @@ def read_lifted(path: Path) -> LiftedMasks:
     return LiftedMasks(sha256, views, candidates, foreground, seen, selections)
 
 
+def write_lint_share(path: Path, shares: Float32, gaussians_sha256: str) -> None:
+    """Save how much each Gaussian (N,) of a model is lint, as an uncompressed .npz."""
+    with path.open("wb") as file:
+        np.savez(file, gaussians_sha256=np.array(gaussians_sha256), shares=shares)
+
+
+def read_lint_share(path: Path, gaussians: Gaussians) -> Float32:
+    """(N,) how much each of these Gaussians is lint, as `write_lint_share` saved it.
+
+    Raises:
+        BadInput: the file is damaged, or belongs to another model.
+    """
+    arrays = read_arrays(path)
+    if str(arrays.get("gaussians_sha256")) != gaussians.sha256():
+        raise BadInput(f"{path.name} belongs to another model than gaussians.ply; run `cotton3dg segment` again")
+    if arrays.get("shares", np.zeros(0)).shape != (len(gaussians),):
+        raise BadInput(f"{path.name} is damaged; make it again with `cotton3dg segment`")
+    return arrays["shares"].astype(np.float32)
+
+
 def boll_labels(bolls: list[BollInstance], n: int) -> NDArray[np.int32]:
     """(N,) boll of each of n Gaussians, 0 = none."""
     labels = np.zeros(n, np.int32)
     for boll in bolls:
         labels[boll.indices] = boll.boll_id
     return labels
-
-
-def read_left_out(bolls_json: Path) -> tuple[LeftOut, ...]:
-    """What looks like lint and is not among the bolls that `cluster` saved."""
-    return BollsInfo.load(bolls_json).left_out
 
 
 def read_bolls(bolls_json: Path, labels_npy: Path) -> tuple[list[BollInstance], str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..core.bolls import LeftOut
 from .document import Document
 
 
@@ -30,13 +29,5 @@ class MasksInfo(Document):
     weights_sha256: dict[str, str]
     seconds_per_image: float
     images: tuple[MaskedImage, ...]
-    together: bool = False
-    """Whether all images decided together, so that a score is the probability of one boll."""
-    halves: tuple[int, int] | None = None
-    """Counts of bolls by every second image alone, and by the others."""
-    left_out: tuple[LeftOut, ...] = ()
-    """What all images together saw and left out."""
-
-    def scores(self) -> dict[tuple[str, int], float]:
-        """By image and mask id."""
-        return {(image.name, int(mask)): score for image in self.images for mask, score in image.scores.items()}
+    maps: bool = False
+    """Whether the network's maps of each image are there, too: `masks/<image>.npz`."""

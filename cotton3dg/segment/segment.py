@@ -69,14 +69,15 @@ def segmented(
         id_images: (H, W) ids of the masks of each of `cameras`, 0 = background.
     """
     allowed = within_orbit(gaussians.means, all_cameras, fit_orbit(all_cameras))
-    info = SegmentInfo(options.method, options.target)
+    method = "lift" if options.method == "lint" else options.method
+    info = SegmentInfo(method, options.target)
     if options.method == "affinity":
         return _by_features(gaussians, cameras, id_images, allowed, options.affinity, progress, info)
     begin_s = time.perf_counter()
     rim_px = rim_width_px(id_images)
     views = _weights(gaussians, cameras, id_images, rim_px, progress)
     info = replace(info, rim_px=rim_px, weights_seconds=time.perf_counter() - begin_s)
-    if options.method == "lift" or not cameras:
+    if options.method in {"lint", "lift"} or not cameras:
         return Segmented(lift(views, allowed, gaussians.sha256(), None, FOREGROUND_SHARE), info)
     return _by_probabilities(gaussians, cameras, id_images, allowed, views, options.probability, progress, info)
 

@@ -1,4 +1,4 @@
-"""Lift the boll masks of single images onto the Gaussians."""
+"""Say of each Gaussian what the images show there: how much it is lint, or which masks hold it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.runs import Progress, StageOutcome, silent
-from ..core.scene import Camera
+from ..core.scene import Camera, Gaussians
 from ..errors import BadInput
 from ..gaussians.metrics import to_uint8
+from ..geometry.camera_orbit import fit_orbit, within_orbit
 from ..io.colmap import read_cameras
 from ..io.images import fit_size, read_ids, write_image
 from ..io.ply import read_gaussians, write_gaussians
 from ..options import SegmentOptions
-from ..schemas.bolls import write_lifted
+from ..schemas.bolls import write_lifted, write_lint_share
+from ..schemas.masks import MasksInfo
+from ..schemas.network_maps import read_maps
+from ..schemas.segment import SegmentInfo
 from ..stage import Cost, Stage, Work, twice_the_model
 from ..workspace import Workspace
 from .lift import resize_ids
+from .lint_share import gather_lint
 from .segment import segmented
 
 LEAST_LIFTED: Final = 0.75
@@ -32,14 +37,17 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes selections.npz: which Gaussians each mask holds, with their weights in each view; and segment.json.
+    """Writes lint_share.npz, how much each Gaussian is lint by the network's maps; or, of masks without maps or by
+    another method, selections.npz: which Gaussians each mask holds, with their weights in each view. And segment.json.
 
     The method `probability` also writes probabilities.npy, lint.ply (the Gaussians above the threshold), and of a few
     views the rendered map, its way over the training and the lint alone; `affinity` writes features.npy.
     """
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
-    workspace.require(workspace.folder("masks"), "masks")
+    masks = MasksInfo.load_if_there(workspace.require(workspace.folder("masks"), "masks") / workspace.masks_json.name)
+    if options.method == "lint" and masks and masks.maps:
+        return _share_lint(workspace, gaussians, cameras, progress)
     masked, id_images = _masks(workspace, cameras, options)
     found = segmented(gaussians, cameras, masked, id_images, options, progress)
     with workspace.writing("segment") as folder:
@@ -74,6 +82,23 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         "whether masks/ are of this plant and named like its images"
     )
     return StageOutcome(summary, ("masks_misfit",), (warning,))
+
+
+def _share_lint(
+    workspace: Workspace, gaussians: Gaussians, cameras: Sequence[Camera], progress: Progress
+) -> StageOutcome:
+    seen = [camera for camera in cameras if workspace.maps_npz(camera.name).is_file()]
+    maps = [read_maps(workspace.maps_npz(camera.name)) for camera in seen]
+    allowed = within_orbit(gaussians.means, cameras, fit_orbit(cameras))
+    shares = gather_lint(maps, seen, gaussians, allowed, progress)
+    lint = int((shares > 0.5).sum())
+    with workspace.writing("segment") as folder:
+        write_lint_share(folder / workspace.lint_share_npz.name, shares, gaussians.sha256())
+        SegmentInfo("lint", target=0).save(folder / workspace.segment_json.name)
+    summary = {"views": len(seen), "lint_gaussians": lint, "gaussians": len(gaussians)}
+    if lint:
+        return StageOutcome(summary)
+    return StageOutcome(summary, ("no_bolls",), ("no Gaussian is lint; look at masks/ or import masks",))
 
 
 def _masks(
@@ -111,4 +136,4 @@ def _cost(work: Work) -> Cost:
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 
-STAGE: Final = Stage("segment", version=5, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)
+STAGE: Final = Stage("segment", version=6, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -21,7 +21,7 @@ FACTORS: Final[dict[str, tuple[str, str, tuple[Any, ...]]]] = {
     "sh": ("train", "sh_degree", (0, 1, 2, 3)),
     "gaussians": ("train", "max_gaussians", (15_000, 30_000, 60_000, 150_000, 300_000, 1_000_000)),
     "views": ("masks", "views", (4, 8, 16, 36, 72)),
-    "method": ("segment", "method", ("lift", "probability", "affinity")),
+    "method": ("segment", "method", ("lint", "lift", "probability", "affinity")),
 }
 """Sweep -> stage, option and values, coarse to fine. Besides, there are `style` and `preset`."""
 

@@ -24,12 +24,13 @@ from ..io.ply import read_gaussians
 from ..io.saving import write_text_atomically
 from ..io.skeleton import draw_map, skeleton_ply
 from ..io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text
-from ..options import TraitsOptions, recorded
+from ..options import TraitsOptions
 from ..plant_map.edges import edge_opacity
 from ..plant_map.map_plant import map_gaussians
 from ..plant_map.summary import boll_rows, branch_rows, summarise_map
 from ..plant_map.thin_twigs import Trail, follow_thin_twigs
-from ..schemas.bolls import boll_labels, describe_bolls, read_bolls_of, read_left_out
+from ..recorded_options import recorded
+from ..schemas.bolls import BollsInfo, boll_labels, describe_bolls, read_bolls_of
 from ..schemas.corrections import OF_BOLLS, Corrections
 from ..schemas.masks import MasksInfo
 from ..schemas.scale import PatchesInfo, ScaleInfo
@@ -67,7 +68,7 @@ def inputs(workspace: Workspace) -> list[Path]:
         workspace.masks_json,
         workspace.undistorted,
         workspace.patches_json,
-        *([workspace.folder("masks")] if workspace.patches_json.exists() else []),
+        *([workspace.folder("masks"), workspace.boll_images] if workspace.patches_json.exists() else []),
         *(workspace.record_file(stage) for stage in EARLIER_STAGES),
     ]
 
@@ -121,10 +122,9 @@ def _measure(
 ) -> tuple[Measured, Corrected | None, PlantMap]:
     """The measures, a person's corrections, and the map, up to the ends of twigs that only the photos show."""
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
-    masks = MasksInfo.load_if_there(workspace.masks_json)
-    if masks:
+    if masks := MasksInfo.load_if_there(workspace.masks_json):
         recorded("masks", {"backend": masks.backend})  # refuses those of a back end that is gone
-    halves = masks.halves if masks else None
+    by_images = BollsInfo.load(workspace.bolls_json)
     cameras = _cameras(workspace)
     filming = _filming(workspace, cameras)
 
@@ -141,10 +141,9 @@ def _measure(
     if scale and plant and (trails := _thin_twigs(workspace, gaussians, plant, scale, cameras, plant_map)):
         plant_map = _map(gaussians, last, cameras, [trail.places for trail in trails])
         ends = [PlantFrame(scale, plant.foot).scene(trail.places) for trail in trails if not trail.meets_model]
-    left_out = read_left_out(workspace.bolls_json)
-    measured = measure_whole(before, halves, ends, left_out)
+    measured = measure_whole(before, by_images.halves, ends, by_images.left_out)
     if corrected:
-        again = measure_whole(last, None, ends, still_left_out(left_out, corrected.bolls))
+        again = measure_whole(last, None, ends, still_left_out(by_images.left_out, corrected.bolls))
         measured = mark_corrections(measured, again, corrected, scale_info.moved_corners)
     return measured, corrected, plant_map
 
@@ -205,7 +204,7 @@ def _lint_colours(workspace: Workspace, bolls: list[BollInstance]) -> dict[int, 
         shown = {boll.boll_id: [mask_id for name, mask_id in boll.masks if name == view] for boll in bolls}
         if calibration is None or not any(shown.values()):
             continue
-        photo, ids = read_image(workspace.undistorted_image(view)), read_ids(workspace.mask_png(view))
+        photo, ids = read_image(workspace.undistorted_image(view)), read_ids(workspace.boll_ids_png(view))
         for boll_id, mask_ids in shown.items():
             colour = mask_reflectance(photo, np.isin(ids, mask_ids), calibration)
             if colour is not None:

@@ -30,18 +30,22 @@ from markdown_tables import markdown
 from numpy.typing import NDArray
 from true_scene import TruePlant, true_masks, true_plant
 
+from cotton3dg.cluster import locate_bolls as locate_bolls_module
+from cotton3dg.cluster import separate_bolls
+from cotton3dg.cluster.locate_bolls import locate_bolls
+from cotton3dg.cluster.same_boll import read_score
+from cotton3dg.core.network_maps import Maps, middles_of_pixels
 from cotton3dg.evaluation.masks import score_masks
 from cotton3dg.gaussians.rasterizer import Window
 from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
+from cotton3dg.geometry.point_sets import weighted_median
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import read_image
 from cotton3dg.io.ply import read_gaussians
-from cotton3dg.masks import detect_bolls as detect_bolls_module
-from cotton3dg.masks import separate_bolls
-from cotton3dg.masks.bolls import BollNetwork, Maps, middles_of_pixels, open_bolls
-from cotton3dg.masks.detect_bolls import detect_bolls
-from cotton3dg.masks.group_votes import weighted_median
-from cotton3dg.masks.same_boll import read_score
+from cotton3dg.masks.bolls import BollNetwork, open_bolls
+from cotton3dg.masks.single_image import find_bolls
+from cotton3dg.schemas.scale import read_scale
+from cotton3dg.segment.lint_share import gather_lint
 
 PARTS = ("classes", "offsets", "sizes", "lengths", "things", "space")
 
@@ -91,7 +95,7 @@ def join_by_votes_alone() -> AbstractContextManager[object]:
 
 def keep_white_things() -> AbstractContextManager[object]:
     """Nothing that was found is dropped for what it looks like."""
-    return mock.patch.object(detect_bolls_module, "find_white_things", lambda sums, _: np.zeros(len(sums), bool))
+    return mock.patch.object(locate_bolls_module, "find_white_things", lambda sums, _: np.zeros(len(sums), bool))
 
 
 def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[dict[str, object]]:
@@ -104,21 +108,26 @@ def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[di
     gaussians = read_gaussians(plant.run.gaussians_ply)
     allowed = within_orbit(gaussians.means, cameras, orbit)
     network = Lessened(open_bolls(), "")
+    scale = read_scale(plant.run.scale_json) if plant.run.scale_json.is_file() else None
+    cm_per_su = scale.cm_per_su if scale else None
     changes = {"lengths": join_by_votes_alone, "things": keep_white_things}
     for part in ("", *parts):
-        model = None if part == "space" else gaussians
-        seen = [
-            (image, view) for image, view in zip(images, views, strict=True) if model is not None or view.name in true
-        ]
-        by_view, cameras_seen = zip(*seen, strict=True)
-        with changes.get(part, nullcontext)():
-            masks = detect_bolls(by_view, cameras_seen, network.without(part), model, allowed)
-        ids = np.unique(np.concatenate([np.unique(found) for found in masks.ids.values()]))
-        scores, miou = score_masks((masks.ids[name], true[name]) for name in true)
+        lessened = network.without(part)
+        if part == "space":
+            shown = zip(images, views, strict=True)
+            found = {view.name: find_bolls(image, lessened)[0] for image, view in shown if view.name in true}
+            bolls = float("nan")
+        else:
+            maps = [lessened.maps(image) for image in images]
+            shares = gather_lint(maps, views, gaussians, allowed)
+            with changes.get(part, nullcontext)():
+                located = locate_bolls(maps, views, gaussians, shares, orbit.axis, cm_per_su)
+            found, bolls = located.images, float(len(located.bolls))
+        scores, miou = score_masks((found[name], true[name]) for name in true)
         yield {
             "plant": plant.run.plant_id,
             "without": part or "nothing",
-            "bolls": float((ids > 0).sum()) if model is not None else float("nan"),
+            "bolls": bolls,
             "F1": next(score.f1 for score in scores if score.iou == 0.5),
             "mIoU": miou,
         }

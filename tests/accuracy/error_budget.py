@@ -37,7 +37,7 @@ from cotton3dg.core.runs import silent
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import write_ids
 from cotton3dg.io.saving import file_sha256, json_text, write_text_atomically
-from cotton3dg.options import recorded
+from cotton3dg.recorded_options import recorded
 from cotton3dg.schemas.scale import ScaleInfo
 from cotton3dg.sfm.lens import undistort
 from cotton3dg.stage import stage_of

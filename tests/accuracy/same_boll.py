@@ -31,15 +31,15 @@ from simulated_runs import film_and_run, side_by_side
 from stored_votes import StoredVotes, open_votes
 from true_scene import true_plant
 
+from cotton3dg.cluster import boll_parts, join_parts
+from cotton3dg.cluster.boll_parts import Part, gather_parts
+from cotton3dg.cluster.hough_voting import Middles
+from cotton3dg.cluster.join_parts import REACH_CM, find_near_pairs
+from cotton3dg.cluster.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
+from cotton3dg.cluster.separate_bolls import Bolls, find_peaks, guess_scale, join_bolls
+from cotton3dg.cluster.split_parts import split_parts
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.masks import boll_parts, join_parts
-from cotton3dg.masks.boll_parts import Part, gather_parts
-from cotton3dg.masks.join_parts import REACH_CM, find_near_pairs
-from cotton3dg.masks.meeting_votes import Middles
-from cotton3dg.masks.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
-from cotton3dg.masks.separate_bolls import Bolls, find_peaks, guess_scale, join_bolls
-from cotton3dg.masks.split_parts import split_parts
 from cotton3dg.workspace import Workspace
 
 FILM = "--width 960 --height 540 --frames 62 --supersampling 1"

@@ -14,17 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
+from cotton3dg.cluster.hough_voting import Votes, cast_votes
+from cotton3dg.cluster.lint_in_space import LintInSpace
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.gaussians import rasterizer
 from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
+from cotton3dg.io.ply import read_gaussians
 from cotton3dg.io.saving import file_sha256
 from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
-from cotton3dg.masks.lint_in_space import LintInSpace, gather_lint
-from cotton3dg.masks.meeting_votes import Votes, cast_votes
 from cotton3dg.masks.stage import load_plant
 from cotton3dg.options import MasksOptions
 from cotton3dg.schemas.scale import ScaleInfo
+from cotton3dg.segment.lint_share import gather_lint
 
 LINT_SHARE = 0.02
 """Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""
@@ -57,26 +59,25 @@ def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:
 
 def gather_votes(plant: TruePlant, network: BollNetwork) -> StoredVotes:
     """What the network says of the images that `masks` takes by default."""
-    seen = load_plant(plant.run, MasksOptions())
-    if seen.model is None or seen.allowed is None:
-        raise SystemExit(f"{plant.run.root} has no trained model; run it first")
+    seen, model = load_plant(plant.run), read_gaussians(plant.run.require(plant.run.gaussians_ply, "train"))
+    orbit = fit_orbit(seen.cameras)
     windows = find_plant_windows(seen.points, seen.cameras, SEEN_MARGIN)
-    chosen = evenly_spaced(azimuths(seen.cameras, fit_orbit(seen.cameras)), MasksOptions.views)
+    chosen = evenly_spaced(azimuths(seen.cameras, orbit), MasksOptions.views)
     views = [seen.cameras[k] for k in chosen]
     maps = [network.maps(seen.photo(seen.cameras[k].name), window=windows[k]) for k in chosen]
-    lint = gather_lint(maps, views, seen.model, seen.allowed)
+    lint = LintInSpace.of(model, gather_lint(maps, views, model, within_orbit(model.means, seen.cameras, orbit)))
     votes = [cast_votes(of_image, camera, lint) for of_image, camera in zip(maps, views, strict=True)]
     scale = ScaleInfo.load(plant.run.scale_json)
     true_cm = true_bolls_cm(plant)
-    weights, total = np.zeros((len(seen.model), len(true_cm) + 1)), np.zeros(len(seen.model))
+    weights, total = np.zeros((len(model), len(true_cm) + 1)), np.zeros(len(model))
     for name, ids in true_masks(plant, list(seen.cameras)).items():
         camera = next(camera for camera in seen.cameras if camera.name == name)
-        held = rasterizer.accumulate_weights(seen.model, camera, ids)
+        held = rasterizer.accumulate_weights(model, camera, ids)
         np.add.at(weights, (held.rows, held.ids), held.weights)
         total += held.total
     true_ids = np.where(2 * weights.sum(axis=1) > total, weights.argmax(axis=1), 0)
     kept = (lint.shares > LINT_SHARE) & np.isfinite(lint.gaussians.means).all(axis=1)
-    slim = LintInSpace(seen.model[kept], lint.shares[kept], lint.origin)
+    slim = LintInSpace(model[kept], lint.shares[kept], lint.origin)
     return StoredVotes(votes, slim, scale.cm_per_su, true_ids[kept], true_cm, cm_from_scene(plant))
 
 

@@ -1,7 +1,7 @@
 """Masks in space on turns around varied plants: bolls of all kinds, in any light, before any background.
 
     python tests/accuracy/varied_turns.py FOLDER [--seeds 0 8] [--weights own FILE ...]
-        [--set masks.meeting_votes.UNSURE=0.8 ...]
+        [--set cluster.hough_voting.UNSURE=0.8 ...]
 
 The plants are scenes of the kind that the bolls' network learns from, with numbers that no training reaches and 8 to 20
 bolls; of odd ones most touch others. Each is filmed once around, in one light before one background, and a model is
@@ -25,6 +25,7 @@ import pandas as pd
 from markdown_tables import markdown
 from numpy.typing import NDArray
 
+from cotton3dg.cluster.locate_bolls import locate_bolls
 from cotton3dg.core.scene import Camera, Float32, Float64, Gaussians
 from cotton3dg.core.srgb import to_linear
 from cotton3dg.evaluation.masks import match_ious, score_masks
@@ -32,8 +33,8 @@ from cotton3dg.gaussians.views import View
 from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
 from cotton3dg.io.ply import read_gaussians, write_gaussians
 from cotton3dg.masks.bolls import BollNetwork, open_bolls
-from cotton3dg.masks.detect_bolls import detect_bolls
 from cotton3dg.options import resolve
+from cotton3dg.segment.lint_share import gather_lint
 from cotton3dg.simulate.backgrounds import paint_backgrounds
 from cotton3dg.simulate.compositing import draw_power
 from cotton3dg.simulate.mesh import unit
@@ -191,9 +192,17 @@ def open_turn(folder: Path, seed: int) -> Turn:
 
 def measure(turn: Turn, network: BollNetwork) -> dict[str, float]:
     """What all images together make of a turn."""
-    of_plant = within_orbit(turn.gaussians.means, turn.cameras, fit_orbit(turn.cameras))
-    masks = detect_bolls(list(turn.images), turn.cameras, network, turn.gaussians, of_plant)
-    found, true = np.stack([masks.ids[camera.name] for camera in turn.cameras]), turn.ids.astype(np.uint16)
+    orbit = fit_orbit(turn.cameras)
+    maps = [network.maps(image) for image in turn.images]
+    of_plant = within_orbit(turn.gaussians.means, turn.cameras, orbit)
+    shares = gather_lint(maps, turn.cameras, turn.gaussians, of_plant)
+    located = locate_bolls(maps, turn.cameras, turn.gaussians, shares, orbit.axis)
+    return score(turn, np.stack([located.images[camera.name] for camera in turn.cameras]))
+
+
+def score(turn: Turn, found: NDArray[np.uint16]) -> dict[str, float]:
+    """How bolls drawn into the images (V, H, W) agree with the true ones."""
+    true = turn.ids.astype(np.uint16)
     anything = (found > 0) | (true > 0)
     ious, ours, theirs = match_ious(found[anything], true[anything])
     hits = ious >= 0.5

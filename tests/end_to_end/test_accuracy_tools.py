@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -23,8 +22,6 @@ from cotton3dg.commands.simulate import simulate
 from cotton3dg.evaluation.plant import evaluate
 from cotton3dg.geometry.polylines import nearest_on
 from cotton3dg.io.colmap import read_cameras
-from cotton3dg.masks.lint_edges import EdgeNetwork
-from cotton3dg.masks.weight_files import read_shipped
 from cotton3dg.options import resolve
 from cotton3dg.schemas.scale import read_scale
 from cotton3dg.workspace import Workspace
@@ -209,18 +206,6 @@ def test_a_scan_that_others_cut_into_branches_is_mapped_and_compared(tmp_path):
     assert re.search(r"[345] of 5 branches at the stem one to one, of [5-8] found", done.stdout), done.stdout
     assert "2 of 2 bolls on the right one" in done.stdout
     assert (tmp_path / "map_a.png").stat().st_size > 10_000
-
-
-def test_edges_are_learnt_from_a_run_and_its_true_masks(plant, filmed, tmp_path):
-    run = tmp_path / "plant"
-    shutil.copytree(plant.run.root, run)
-    shutil.copytree(filmed / "instances", run / "instances", dirs_exist_ok=True)
-    out, tool = tmp_path / "edges.onnx", ROOT / "tools" / "train_edges.py"
-    subprocess.run([sys.executable, tool, run, "--steps", "20", "--out", out], check=True, cwd=tmp_path)
-    network = EdgeNetwork(read_shipped(out), out.name)
-    for seen in runpy.run_path(str(tool))["pictures_of"](Workspace(run)):
-        found, true = network.find_lint(seen.image, seen.share, seen.likely, 20), seen.true > 0
-        assert (found & true).sum() > 0.5 * (found | true).sum()
 
 
 def test_internodes_are_paired_in_order():

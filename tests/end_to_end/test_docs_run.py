@@ -54,7 +54,6 @@ ELSEWHERE = {
     "study_set.py": "test_accuracy_tools.py",
     "map_surfaces.py": "test_accuracy_tools.py",
     "make interval-coverage": "test_accuracy_tools.py",
-    "make edges-network": "test_accuracy_tools.py",
     "processors.py": "test_accuracy_tools.py",
     "make segmentation-sweep": "test_accuracy_tools.py",
     "make error-budget": "test_accuracy_tools.py",

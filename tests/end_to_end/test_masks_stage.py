@@ -12,6 +12,7 @@ from scenes.onnx_scene import SIDE, write_bright_cells
 from cotton3dg.errors import BadInput, MissingInput
 from cotton3dg.io.images import read_ids, write_ids
 from cotton3dg.masks import stage as masks
+from cotton3dg.masks.bolls import SHIPPED_FILE
 from cotton3dg.options import MasksOptions, resolve
 from cotton3dg.workspace import Workspace
 
@@ -40,20 +41,20 @@ def test_masks_of_evenly_spaced_views(plant) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "networks", "model"),
+    ("options", "shipped"),
     [
-        ({}, {"bolls.onnx", "edges.onnx"}, True),
-        ({"weights": "own.onnx"}, {"edges.onnx"}, True),
-        ({"backend": "sam", "weights": "."}, {"bolls.onnx", "edges.onnx"}, True),
-        ({"backend": "sam", "weights": ".", "prompts": "."}, set(), False),
-        ({"backend": "import"}, set(), False),
+        ({}, True),
+        ({"weights": "own.onnx"}, False),
+        ({"backend": "sam", "weights": "."}, True),
+        ({"backend": "sam", "weights": ".", "prompts": "."}, False),
+        ({"backend": "import"}, False),
     ],
 )
-def test_who_looks_for_bolls_reads_the_networks_and_the_model(plant, options: dict, networks: set, model: bool) -> None:
+def test_masks_depend_on_the_network_that_finds_bolls_and_not_on_the_model(plant, options: dict, shipped: bool) -> None:
     workspace, _ = plant
     read = masks.STAGE.reads(workspace, resolve("masks", options))
-    assert {path.name for path in read} & {"bolls.onnx", "edges.onnx"} == networks
-    assert (workspace.gaussians_ply in read) == model
+    assert (SHIPPED_FILE in read) == shipped
+    assert workspace.gaussians_ply not in read
 
 
 def test_a_plant_without_open_bolls_is_told_not_failed(tmp_path: Path) -> None:

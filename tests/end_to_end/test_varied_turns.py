@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import varied_turns
 
-from cotton3dg.core.bolls import MaskSet
-
 pytestmark = pytest.mark.slow
 SEED = 3
 
@@ -46,16 +44,14 @@ def test_what_is_far_away_stands_where_it_is():
         np.testing.assert_allclose(other, first, atol=1e-4)
 
 
-def test_true_masks_are_right_and_one_that_joins_two_bolls_is_not(kept, monkeypatch):
+def test_true_masks_are_right_and_one_that_joins_two_bolls_is_not(kept):
     _, turn = kept
     sizes = np.bincount(turn.ids.ravel())[1:]
     first, second = np.argsort(-sizes)[:2] + 1
 
     def said(join):
         ids = np.where(turn.ids == second, first, turn.ids) if join else turn.ids
-        by_name = {camera.name: of_view.astype(np.uint16) for camera, of_view in zip(turn.cameras, ids, strict=True)}
-        monkeypatch.setattr(varied_turns, "detect_bolls", lambda *_: MaskSet(by_name, {}, together=True))
-        return varied_turns.measure(turn, network=None)
+        return varied_turns.score(turn, ids.astype(np.uint16))
 
     exact, joined = said(join=False), said(join=True)
     assert exact["true"] == exact["bolls"] == (sizes > 0).sum() and exact["false"] == 0

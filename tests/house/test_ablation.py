@@ -4,11 +4,14 @@ import numpy as np
 from ablation import Lessened, keep_white_things
 from scenes.boll_scene import CENTRES, Speaking, cameras, maps_of, masks_of, model, photos_of
 
-from cotton3dg.masks.detect_bolls import detect_bolls
+from cotton3dg.cluster.locate_bolls import locate_bolls
+from cotton3dg.segment.lint_share import gather_lint
 
 
-def count(masks) -> int:
-    return len(np.unique(np.concatenate([ids[ids > 0] for ids in masks.ids.values()])))
+def count(photos, network, gaussians) -> int:
+    maps = [network.maps(photo) for photo in photos]
+    shares = gather_lint(maps, cameras(), gaussians, np.ones(len(gaussians), bool))
+    return len(locate_bolls(maps, cameras(), gaussians, shares, np.array([0.0, 0, 1])).bolls)
 
 
 def test_each_image_is_seen_once():
@@ -19,8 +22,8 @@ def test_each_image_is_seen_once():
     for view, ids in zip(maps, images, strict=True):
         view.lint[ids == 5] = 0.55
     photos, network = photos_of(images), Lessened(Speaking(maps), "")
-    as_it_is = count(detect_bolls(photos, cameras(), network, gaussians))
+    as_it_is = count(photos, network, gaussians)
     assert 2 < as_it_is < len(CENTRES)
-    assert count(detect_bolls(photos, cameras(), network.without(""), gaussians)) == as_it_is
+    assert count(photos, network.without(""), gaussians) == as_it_is
     with keep_white_things():
-        assert count(detect_bolls(photos, cameras(), network.without("things"), gaussians)) == as_it_is + 1
+        assert count(photos, network.without("things"), gaussians) == as_it_is + 1

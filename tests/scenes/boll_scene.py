@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cotton3dg.core.network_maps import Maps
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.gaussians.rasterizer import render_values
 from cotton3dg.io.images import write_ids
 from cotton3dg.io.ply import write_gaussians
-from cotton3dg.masks.bolls import Maps
 from cotton3dg.workspace import Workspace
 from scenes.splat_scenes import round_gaussians
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cotton3dg.masks.lint_in_space import LintInSpace
-from cotton3dg.masks.meeting_votes import Votes
+from cotton3dg.cluster.hough_voting import Votes
+from cotton3dg.cluster.lint_in_space import LintInSpace
 
 from .splat_scenes import round_gaussians
 

@@ -9,12 +9,13 @@ from typer.testing import CliRunner
 from cotton3dg import pipeline
 from cotton3dg.cli.app import app
 from cotton3dg.errors import BadUsage
-from cotton3dg.options import recorded, resolve
+from cotton3dg.options import resolve
+from cotton3dg.recorded_options import recorded
 from cotton3dg.schemas.record import Choices
 
 NO_LINT = "masks.backend = 'lint' is gone; use bolls"
-NO_JOINING = "cluster.method = 'agglomerative' is gone; use consensus"
-NO_REACH = "is gone with method = agglomerative; use method = consensus"
+NO_JOINING = "cluster.method = 'agglomerative' is gone; use votes"
+NO_REACH = "is gone with method = agglomerative; use method = votes"
 LEFT = {
     "masks": {"backend": "lint", "views": 24},
     "cluster": {"method": "agglomerative", "boll_plys": False, "reach": 0.5},
@@ -104,7 +105,7 @@ def test_the_status_of_an_old_plant_says_what_is_stale_and_why(old_plant):
     told = CliRunner().invoke(app, ["status", str(old_plant.root)])
     assert told.exit_code == 0
     assert "option backend lint -> bolls" in told.output
-    assert "cluster.method agglomerative -> consensus (default)" in told.output
+    assert "cluster.method agglomerative -> votes (default)" in told.output
     assert contents(old_plant) == before
 
 
@@ -114,7 +115,7 @@ def test_a_run_of_an_old_plant_makes_its_stages_again_with_what_replaces_it(old_
     assert "changed since the last run: masks.backend lint -> bolls" in told.output
     assert "scale: up to date" in told.output and "masks: starts" in told.output
     assert old_plant.read_record("masks").options["backend"] == "bolls"
-    assert old_plant.read_record("cluster").options["method"] == "consensus"
+    assert old_plant.read_record("cluster").options["method"] == "votes"
     assert all(state.done for state in pipeline.status(old_plant, pipeline.stage_options(old_plant)))
 
 

@@ -12,9 +12,9 @@ from cotton3dg.options import (
     ProbabilityOptions,
     ScaleOptions,
     TrainOptions,
-    recorded,
     resolve,
 )
+from cotton3dg.recorded_options import recorded
 
 
 def test_later_layers_win():
@@ -110,7 +110,7 @@ def test_the_command_line_can_name_the_method_too():
             "segment",
             {},
             {"threshold": "0.9"},
-            r"with method = lift; choose method = probability, leave it out",
+            r"with method = lint; choose method = probability, leave it out",
         ),
         ("segment", {"threshold": 0.9}, {}, r"keep it below \[segment\.probability\] in cotton3dg\.toml"),
         ("segment", {"method": "affinity", "steps": 3}, {}, r"segment\.steps has no effect with method = affinity"),

@@ -72,23 +72,6 @@ def test_exact_masks_give_exact_bolls():
     assert all(boll.confidence > 0.8 and len(boll.views) >= 5 for boll in bolls)
 
 
-def test_where_images_decided_together_a_boll_is_what_has_one_id():
-    """Two halves that no view shows together stay two bolls, though they fit into one."""
-    scene, _, masks = lifted(1, missed=0, merged=0, split=0)
-    boll = scene.touching[-1][0]
-    left = scene.means[:, 0] < np.median(scene.means[scene.bolls == boll, 0])
-    selections = []
-    for one in masks.selections:
-        shown, odd = int(np.bincount(scene.bolls[one.indices], one.weights).argmax()), masks.views.index(one.view) % 2
-        kept = (left if odd else ~left)[one.indices] if shown == boll else np.ones(len(one.indices), bool)
-        if kept.any():
-            name = 25 if shown == boll and odd else shown
-            selections.append(replace(one, mask_id=name, indices=one.indices[kept], weights=one.weights[kept]))
-    halved = replace(masks, selections=tuple(selections))
-    assert len(merge_views(halved, scene.means, UP)) == 24
-    assert len(merge_views(halved, scene.means, UP, together=True)) == 25
-
-
 def test_a_pair_that_every_view_merges_is_parted_by_its_shape():
     scene, _, _ = drawn(1)
     pair = scene.touching[-1]

@@ -8,9 +8,10 @@ import pytest
 import torch
 from scenes.imagenet_weights import published_weights
 
+from cotton3dg.core.network_maps import middles_of_pixels
 from cotton3dg.core.training_picture import LINT, NOT_LINT, UNKNOWN, TrainingPicture
 from cotton3dg.errors import BadInput, MissingInput
-from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, middles_of_pixels, open_bolls
+from cotton3dg.masks.bolls import CHANNELS, OFFSET_PX, BollNetwork, open_bolls
 from cotton3dg.masks.bolls_network import BollsNetwork, from_onnx, load_imagenet, to_onnx
 from cotton3dg.masks.bolls_training import BORDER_PX, TrainingSettings, losses, restore_norms, targets, train
 

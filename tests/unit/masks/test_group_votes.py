@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.bolls import Maps
+from cotton3dg.core.network_maps import Maps
 from cotton3dg.masks.group_votes import group_votes
 
 SHAPE = (100, 140)

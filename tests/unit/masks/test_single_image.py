@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from cotton3dg.core.network_maps import Maps
 from cotton3dg.core.training_picture import CLASSES, LEAF, LINT, OTHER
-from cotton3dg.masks.bolls import Maps
 from cotton3dg.masks.single_image import find_bolls, weigh_evidence
 from cotton3dg.masks.test_time_augmentation import mirror
 

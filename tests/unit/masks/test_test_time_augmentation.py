@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from cotton3dg.core.network_maps import Maps, middles_of_pixels
 from cotton3dg.core.training_picture import LINT
-from cotton3dg.masks.bolls import Maps, middles_of_pixels
 from cotton3dg.masks.test_time_augmentation import (
     FAMILIAR_PX,
     LOOKS,

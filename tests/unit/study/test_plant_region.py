@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from cotton3dg.core.network_maps import Maps
 from cotton3dg.core.scene import Camera
 from cotton3dg.gaussians.views import View
-from cotton3dg.masks.bolls import Maps
 from cotton3dg.study import plant_region
 from cotton3dg.study.plant_region import PlantRegions, find_plant_region, resized
 

@@ -45,7 +45,7 @@ def test_presets_with_other_methods_are_tried_when_they_are_named(plant):
 
 def test_affinity_is_clustered_as_published_unless_another_way_is_asked_for(plant):
     pairs = {item.value: item.options["cluster"].method for item in settings_of("method", plant, "draft", {}, VIDEO)}
-    assert pairs == {"lift": "consensus", "probability": "consensus", "affinity": "dbscan"}
+    assert pairs == {"lint": "votes", "lift": "votes", "probability": "votes", "affinity": "dbscan"}
     asked = settings_of("method", plant, "draft", {"cluster": {"method": "consensus"}}, VIDEO)
     assert {item.options["cluster"].method for item in asked} == {"consensus"}
 

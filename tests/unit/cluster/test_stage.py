@@ -1,18 +1,18 @@
-"""How long a scene unit is to the stage masks, and when that makes its result out of date."""
+"""How long a scene unit is to the stage cluster, and when that makes its result out of date."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cotton3dg.cluster.stage import parts, read_unit_length
 from cotton3dg.core.measurements import Scale
 from cotton3dg.errors import BadInput
-from cotton3dg.masks.stage import parts, read_unit_length
 from cotton3dg.options import resolve
 from cotton3dg.schemas.scale import ScaleInfo
 from cotton3dg.workspace import Workspace
 
-BOLLS = resolve("masks")
+BOLLS = resolve("cluster")
 
 
 @pytest.fixture
@@ -37,30 +37,23 @@ def test_it_is_known_to_a_few_per_cent(workspace, cm_per_su):
     assert read_unit_length(workspace) == pytest.approx(cm_per_su, rel=0.025)
 
 
-def test_masks_are_made_again_when_bolls_have_another_size(workspace):
+def test_bolls_are_sought_again_when_bolls_have_another_size(workspace):
     before = parts_after(workspace, info(36.0))
     assert parts_after(workspace, info(36.0 + 1e-6)) == before
     assert parts_after(workspace, info(40.0)) != before
     assert parts_after(workspace, ScaleInfo("none", "no table")) != before
 
 
-def test_corners_that_a_person_moved_leave_the_masks_as_they_are(workspace):
+def test_corners_that_a_person_moved_leave_the_bolls_as_they_are(workspace):
     before = parts_after(workspace, info(36.0))
     assert parts_after(workspace, replace(info(50.0), found=info(36.0))) == before
 
 
-def test_without_a_scale_masks_are_made_all_the_same(workspace):
+def test_without_a_scale_bolls_are_found_all_the_same(workspace):
     assert read_unit_length(workspace) is None
     before = parts(workspace, BOLLS)
     assert parts_after(workspace, ScaleInfo("none", "no table")) == before
     assert read_unit_length(workspace) is None
-
-
-def test_back_ends_that_do_not_look_for_bolls_by_the_network_ask_for_no_scale(workspace):
-    info(36.0).save(workspace.scale_json)
-    assert parts(workspace, resolve("masks", {"backend": "yolo"})) == {}
-    assert parts(workspace, resolve("masks", {"backend": "sam", "prompts": "clicks.csv"})) == {}
-    assert parts(workspace, resolve("masks", {"backend": "sam"})) == parts(workspace, BOLLS) != {}
 
 
 def test_a_damaged_scale_is_said_when_the_stage_runs(workspace):

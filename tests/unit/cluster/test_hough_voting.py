@@ -2,22 +2,22 @@
 
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model, photos_of
+from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model
 
-from cotton3dg.masks import meeting_votes
-from cotton3dg.masks.detect_bolls import separate_all
-from cotton3dg.masks.lint_edges import open_edges
-from cotton3dg.masks.lint_in_space import gather_lint
-from cotton3dg.masks.lint_owners import average_votes
-from cotton3dg.masks.meeting_votes import (
+from cotton3dg.cluster import hough_voting
+from cotton3dg.cluster.boll_images import draw_bolls, without_specks
+from cotton3dg.cluster.hough_voting import (
     Middles,
     Votes,
     cast_votes,
     find_middles,
     meet_rays,
 )
-from cotton3dg.masks.outline_bolls import outline_bolls, without_specks
-from cotton3dg.masks.separate_bolls import find_parts, separate_bolls
+from cotton3dg.cluster.label_gaussians import average_votes
+from cotton3dg.cluster.lint_in_space import LintInSpace
+from cotton3dg.cluster.locate_bolls import separate_all
+from cotton3dg.cluster.separate_bolls import find_parts, separate_bolls
+from cotton3dg.segment.lint_share import gather_lint
 
 
 def everything(gaussians) -> np.ndarray:
@@ -30,7 +30,7 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     rng = np.random.default_rng(0)
     images = masks_of(gaussians, bolls, cameras())
     maps = [maps_of(camera, ids, rng, noise) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
+    lint = LintInSpace.of(gaussians, gather_lint(maps, cameras(), gaussians, everything(gaussians)))
     votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
     middles = find_middles(votes)
     assert len(middles.centres) == len(CENTRES)
@@ -39,9 +39,9 @@ def test_votes_meet_in_the_middles_of_the_bolls(noise):
     np.testing.assert_allclose(middles.diameters, 2 * RADIUS, rtol=0.15)
     assert (middles.views >= 6).all()
     same = distances.argmin(axis=1)
-    owners, edges = average_votes(votes, middles), open_edges()
-    for camera, ids, photo, view in zip(cameras(), images, photos_of(images), maps, strict=True):
-        found = outline_bolls(photo, view.lint, camera, lint, owners, edges)
+    owners = average_votes(votes, middles)
+    for camera, ids in zip(cameras(), images, strict=True):
+        found = draw_bolls(camera, lint, owners)
         named = np.concatenate([[0], same + 1])[found]
         assert (named == ids).mean() > 0.97
         both = (named > 0) & (ids > 0)
@@ -57,7 +57,7 @@ def test_either_half_of_the_views_counts_what_it_sees():
     whole, blind = ([maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)] for _ in "ab")
     for view, ids in zip(blind, images, strict=True):
         view.lint[ids == 1] = 0.02
-    lint = gather_lint(whole, cameras(), gaussians, everything(gaussians))
+    lint = LintInSpace.of(gaussians, gather_lint(whole, cameras(), gaussians, everything(gaussians)))
     sharp, dull = (
         [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
         for maps in (whole, blind)
@@ -82,7 +82,7 @@ def test_lint_that_most_views_see_is_lint_in_all_of_them():
         if number % 3 == 1:
             view.lint[ids == 0] = 0.7
         maps.append(view)
-    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
+    lint = LintInSpace.of(gaussians, gather_lint(maps, cameras(), gaussians, everything(gaussians)))
     for camera, ids in zip(cameras(), images, strict=True):
         shown = lint.seen(camera)[0] > 0.5
         assert (shown & (ids > 0)).sum() / (shown | (ids > 0)).sum() > 0.85
@@ -93,7 +93,9 @@ def test_gaussians_that_are_not_allowed_are_no_lint():
     images = masks_of(gaussians, bolls, cameras())
     rng = np.random.default_rng(0)
     maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = gather_lint(maps, cameras(), gaussians, gaussians.means[:, 0] < CENTRES[:, 0].min() - 9)
+    lint = LintInSpace.of(
+        gaussians, gather_lint(maps, cameras(), gaussians, gaussians.means[:, 0] < CENTRES[:, 0].min() - 9)
+    )
     assert not lint.shares.any()
     votes = [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
     assert not len(find_middles(votes).centres)
@@ -107,7 +109,7 @@ def test_what_one_view_alone_sees_is_no_boll():
         if number:
             ids[ids == 3] = 0
     maps = [maps_of(camera, ids, rng) for camera, ids in zip(cameras(), images, strict=True)]
-    lint = gather_lint(maps, cameras(), gaussians, everything(gaussians))
+    lint = LintInSpace.of(gaussians, gather_lint(maps, cameras(), gaussians, everything(gaussians)))
     middles = find_middles([cast_votes(v, c, lint) for v, c in zip(maps, cameras(), strict=True)])
     assert len(middles.centres) == len(CENTRES) - 1
     assert np.linalg.norm(middles.centres - CENTRES[2], axis=1).min() > RADIUS
@@ -117,12 +119,11 @@ def test_no_lint_is_no_boll():
     gaussians, _ = model()
     camera = cameras()[0]
     maps = maps_of(camera, np.zeros((camera.height, camera.width), int), np.random.default_rng(0))
-    lint = gather_lint([maps, maps], [camera, camera], gaussians, everything(gaussians))
+    lint = LintInSpace.of(gaussians, gather_lint([maps, maps], [camera, camera], gaussians, everything(gaussians)))
     votes = cast_votes(maps, camera, lint)
     middles = find_middles([votes, votes])
     assert isinstance(middles, Middles) and not len(middles.centres)
-    photo = np.zeros((camera.height, camera.width, 3), np.uint8)
-    assert not outline_bolls(photo, maps.lint, camera, lint, average_votes([votes, votes], middles), open_edges()).any()
+    assert not draw_bolls(camera, lint, average_votes([votes, votes], middles)).any()
 
 
 def test_specks_are_removed_and_pieces_behind_a_branch_kept():
@@ -195,7 +196,7 @@ def test_votes_are_smoothed_in_blocks_without_a_trace(block, monkeypatch):
     centres = np.random.default_rng(0).uniform(0, 5, (40, 3))
     usual = find_middles(votes_for(centres, 6, 60))
     assert len(usual.centres) > 20
-    monkeypatch.setattr(meeting_votes, "BLOCK", block)
+    monkeypatch.setattr(hough_voting, "BLOCK", block)
     other = find_middles(votes_for(centres, 6, 60))
     for name in ("centres", "diameters", "support", "views"):
         assert (getattr(usual, name) == getattr(other, name)).all()

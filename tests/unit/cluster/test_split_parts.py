@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scenes.seen_balls import Ball, see
 
-from cotton3dg.masks.meeting_votes import find_middles
-from cotton3dg.masks.separate_bolls import find_parts
-from cotton3dg.masks.split_parts import PlacedVotes, fit_mixture, fit_two, split_parts
+from cotton3dg.cluster.hough_voting import find_middles
+from cotton3dg.cluster.separate_bolls import find_parts
+from cotton3dg.cluster.split_parts import PlacedVotes, fit_mixture, fit_two, split_parts
 
 DIAMETER = 4.0
 GAIN = 0.25
@@ -44,7 +44,7 @@ def test_a_fit_never_becomes_less_likely(monkeypatch):
     votes = scattered((300, (0, 0, 0)), (300, (2.5, 0, 0)))
     likelihoods = []
     for iterations in range(1, 12):
-        monkeypatch.setattr("cotton3dg.masks.split_parts.ITERATIONS", iterations)
+        monkeypatch.setattr("cotton3dg.cluster.split_parts.ITERATIONS", iterations)
         likelihoods.append(fit_mixture(votes, np.array([[0.5, 1, 0], [1.5, -1, 0]]), 4.0, DIAMETER).log_likelihood)
     assert (np.diff(likelihoods) > -1e-9).all()
 

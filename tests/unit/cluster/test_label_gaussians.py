@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cotton3dg.masks.lint_owners import average_votes
-from cotton3dg.masks.meeting_votes import Middles, Votes
+from cotton3dg.cluster.hough_voting import Middles, Votes
+from cotton3dg.cluster.label_gaussians import average_votes
 
 MIDDLES = np.array([[0.0, 0, 0], [0.7, 0, 0]], np.float32)
 """Diameters apart; the plane half-way between them is at 0.35 ..."""

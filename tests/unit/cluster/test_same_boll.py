@@ -8,11 +8,11 @@ import pytest
 from same_boll import TERMS, calibrate, is_measured, write_score
 from scenes.seen_balls import Ball, see
 
-from cotton3dg.masks.boll_parts import gain_of_two, gather_parts, join_two, mean_width, measure_pair
-from cotton3dg.masks.join_parts import join_parts
-from cotton3dg.masks.meeting_votes import Middles, find_faint
-from cotton3dg.masks.same_boll import Calibration, PairMeasures, Score, Term, read_score
-from cotton3dg.masks.separate_bolls import separate_bolls
+from cotton3dg.cluster.boll_parts import gain_of_two, gather_parts, join_two, mean_width, measure_pair
+from cotton3dg.cluster.hough_voting import Middles, find_faint
+from cotton3dg.cluster.join_parts import join_parts
+from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, read_score
+from cotton3dg.cluster.separate_bolls import separate_bolls
 from cotton3dg.workspace import Workspace
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]

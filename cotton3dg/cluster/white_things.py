@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.network_maps import Maps
 from ..core.scene import Float32, Float64
 from ..core.training_picture import LINT, OTHER
-from .bolls import Maps
-from .group_votes import weighted_median
+from ..geometry.point_sets import weighted_median
 
 BESIDE: Final = 0.3
 """Width of the surroundings of a boll, relative to the root of its area in the image."""

@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 
 from ..core.scene import Float32, Float64
-from .group_votes import weighted_median
-from .meeting_votes import APART, LEAST_VIEWS, Middles, Votes
+from ..geometry.point_sets import weighted_median
+from .hough_voting import APART, LEAST_VIEWS, Middles, Votes
 
 MOST_VOTES: Final = 600
 """Number of a part's votes that are used. More would not change a decision."""

@@ -1,18 +1,21 @@
 """What is white but no boll."""
 
+import itertools
+
 import numpy as np
 import pytest
-from scenes.boll_scene import CENTRES, RADIUS, Speaking, cameras, maps_of, masks_of, model, photos_of
+from scenes.boll_scene import CENTRES, RADIUS, cameras, maps_of, masks_of, model
 
-from cotton3dg.masks.detect_bolls import detect_bolls
-from cotton3dg.masks.white_things import find_white_things, measure_surroundings
+from cotton3dg.cluster.locate_bolls import locate_bolls
+from cotton3dg.cluster.white_things import find_white_things, measure_surroundings
+from cotton3dg.segment.lint_share import gather_lint
 
 OF_THING = 5
 """The boll of the scene that stands lowest."""
 
 
 def scene(lint_of_thing: float, plant_beside_thing: float):
-    """Images, what the network says of them, and true ids; beside all other bolls half of what is seen is bur."""
+    """What the network says of images, and true ids; beside all other bolls half of what is seen is bur."""
     gaussians, bolls = model()
     rng = np.random.default_rng(0)
     images = masks_of(gaussians, bolls, cameras())
@@ -24,7 +27,7 @@ def scene(lint_of_thing: float, plant_beside_thing: float):
         view.probabilities[2] = np.where(ids == 0, bur, 0)
         view.lint[ids == OF_THING] = lint_of_thing
         view.probabilities[0] = 1 - view.probabilities[1:].sum(axis=0)
-    return photos_of(images), maps, gaussians, images
+    return maps, gaussians, images
 
 
 @pytest.mark.parametrize(
@@ -33,21 +36,26 @@ def scene(lint_of_thing: float, plant_beside_thing: float):
     ids=["less sure, no plant", "less sure, on a plant", "hardly sure, on a plant", "as sure, no plant"],
 )
 def test_what_the_network_is_less_sure_of_is_a_boll_only_on_a_plant(lint, plant, kept):
-    photos, maps, gaussians, true = scene(lint, plant)
-    masks = detect_bolls(photos, cameras(), Speaking(maps), gaussians)
-    of_thing = np.concatenate([masks.ids[c.name][ids == OF_THING] for c, ids in zip(cameras(), true, strict=True)])
+    maps, gaussians, true = scene(lint, plant)
+    shares = gather_lint(maps, cameras(), gaussians, np.ones(len(gaussians), bool))
+    located = locate_bolls(maps, cameras(), gaussians, shares, np.array([0.0, 0, 1]))
+    of_thing = np.concatenate([located.images[c.name][ids == OF_THING] for c, ids in zip(cameras(), true, strict=True)])
     assert ((of_thing > 0).mean() > 0.9) == kept
     assert kept or (of_thing > 0).mean() < 0.01
     of_others = np.concatenate(
-        [masks.ids[c.name][(ids > 0) & (ids < OF_THING)] for c, ids in zip(cameras(), true, strict=True)]
+        [located.images[c.name][(ids > 0) & (ids < OF_THING)] for c, ids in zip(cameras(), true, strict=True)]
     )
     assert (of_others > 0).mean() > 0.9
     # Half of the twelve views may or may not tell the two apart that touch.
-    assert masks.halves in {(3 + kept,) * 2, (4 + kept,) * 2}
-    assert all(set(masks.scores[name]) == set(np.unique(ids[ids > 0])) for name, ids in masks.ids.items())
+    assert located.halves in {(3 + kept,) * 2, (4 + kept,) * 2}
+    for boll in located.bolls:
+        assert boll.masks == tuple((name, boll.boll_id) for name in boll.views)
+        assert all((located.images[name] == boll.boll_id).any() for name in boll.views)
+    assert [boll.boll_id for boll in located.bolls] == list(range(1, len(located.bolls) + 1))
+    assert all(a.centre[2] >= b.centre[2] for a, b in itertools.pairwise(located.bolls))
     # What does not count is said all the same.
-    assert [thing.reason for thing in masks.left_out] == ["white_thing"] * (not kept)
-    assert kept or np.linalg.norm(masks.left_out[0].centre_su - CENTRES[OF_THING - 1]) < 0.2 * RADIUS
+    assert [thing.reason for thing in located.left_out] == ["white_thing"] * (not kept)
+    assert kept or np.linalg.norm(located.left_out[0].centre_su - CENTRES[OF_THING - 1]) < 0.2 * RADIUS
 
 
 def test_a_network_that_knows_no_plants_is_not_asked_for_them():
@@ -61,7 +69,7 @@ def test_a_network_that_knows_no_plants_is_not_asked_for_them():
 
 
 def test_sums_are_of_what_is_on_and_beside_each_boll():
-    _, maps, _, images = scene(0.6, 0.1)
+    maps, _, images = scene(0.6, 0.1)
     sums = measure_surroundings(maps[0], images[0], 6)
     for boll in range(1, 6):
         on = images[0] == boll

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
-from .meeting_votes import FARTHEST, Middles, Votes
+from .hough_voting import FARTHEST, Middles, Votes
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

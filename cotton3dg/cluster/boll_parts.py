@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
+from .hough_voting import Middles, Votes, meet_rays
 from .lint_in_space import LintInSpace
-from .meeting_votes import Middles, Votes, meet_rays
 from .same_boll import PairMeasures
 from .split_parts import PlacedVotes, fit_mixture
 
@@ -48,8 +48,7 @@ class Part:
 
 def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> dict[int, Part]:
     """The parts with these middles, by row; a part without a vote of its own is left out."""
-    places = lint.gaussians.means[lint.shares > 0.5]
-    places = places[np.isfinite(places).all(axis=1)]
+    places = lint.gaussians.means[lint.rows]
     owners = middles.nearest(places)
     owned = np.concatenate([middles.nearest(view.surfaces) for view in votes])
     names = ("places", "rays", "weights")

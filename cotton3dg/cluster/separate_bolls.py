@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Float32
+from ..geometry.point_sets import weighted_median
 from .boll_parts import Part, gather_parts
-from .group_votes import weighted_median
+from .hough_voting import APART, FARTHEST, Middles, Votes, find_faint, find_middles
 from .join_parts import join_parts
 from .lint_in_space import LintInSpace
-from .meeting_votes import APART, FARTHEST, Middles, Votes, find_faint, find_middles
 from .same_boll import Score, read_score
 from .split_parts import split_parts
 

@@ -1,0 +1,133 @@
+"""The bolls of a plant from the network's maps: votes meet in space, a score joins parts, Gaussians get labels.
+
+Each Gaussian of lint gets its boll directly; masks of single images have no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.bolls import BollInstance, LeftOut
+from ..core.machine import on_all_cores
+from ..core.network_maps import Maps
+from ..core.scene import Camera, Float32, Float64, Gaussians
+from ..geometry.point_sets import measure_extent
+from .boll_images import draw_bolls
+from .boll_shape import number_bolls
+from .hough_voting import Middles, Votes, cast_votes
+from .label_gaussians import average_votes
+from .lint_in_space import LintInSpace
+from .separate_bolls import Bolls, Separated, separate_bolls
+from .white_things import find_white_things, measure_surroundings
+
+FAINT_IS_BOLL: Final = 0.25
+"""Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants. Two were
+things, and one was a part of a boll. ..."""
+THING_IS_BOLL: Final = 0.1
+"""... The same for a white thing. These plants had too few of them to measure it."""
+FEWEST_TO_HALVE: Final = 12
+"""Least number of views whose halves are compared. Halves of fewer views do not measure the whole."""
+LEAST_GAUSSIANS: Final = 5
+"""Least number of Gaussians of a boll; a small boll of a coarse model has at most twenty."""
+FEW_VIEWS: Final = 3
+"""Bolls that fewer images show have a flag."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """The bolls of a plant."""
+
+    bolls: list[BollInstance]
+    """From the top downwards, with ids 1, 2, ..."""
+    images: dict[str, NDArray[np.uint16]]
+    """Image name -> (H, W) boll ids, 0 = none."""
+    halves: tuple[int, int] | None
+    """Counts by every second image alone, and by the others; None with too few images."""
+    left_out: tuple[LeftOut, ...]
+
+
+def locate_bolls(
+    maps: Sequence[Maps],
+    cameras: Sequence[Camera],
+    gaussians: Gaussians,
+    shares: Float32,
+    up: Float64,
+    cm_per_su: float | None = None,
+) -> Located:
+    """The bolls that the maps of all images together show.
+
+    Args:
+        maps: of the image of each of `cameras`.
+        shares: (N,) share of lint of each Gaussian, 0..1.
+        up: (3,) roughly upwards in the scene; only the numbering depends on it.
+        cm_per_su: length of a scene unit; None = unknown.
+    """
+    lint = LintInSpace.of(gaussians, shares)
+    votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
+    (middles, faint), *halves = separate_all(votes, lint, cm_per_su)
+    owners = average_votes(votes, middles)
+    images = on_all_cores(lambda camera: draw_bolls(camera, lint, owners), cameras)
+    sums = np.zeros((len(middles.centres), 4))
+    for view, ids in zip(maps, images, strict=True):
+        sums += measure_surroundings(view, ids, len(middles.centres))
+    white = find_white_things(sums, middles.support)
+    owner = np.zeros(len(gaussians), np.uint16)
+    owner[lint.rows] = owners.at(gaussians.means[lint.rows])
+    by_name = {camera.name: ids for camera, ids in zip(cameras, images, strict=True)}
+    bolls = number_bolls(list(_instances(owner, middles, ~white, gaussians, by_name)), up)
+    numbers = np.zeros(len(middles.centres) + 1, np.uint16)
+    for boll in bolls:
+        numbers[owner[boll.indices[0]]] = boll.boll_id
+    counts = [int((~np.isin(middles.nearest(half.bolls.centres), np.flatnonzero(white) + 1)).sum()) for half in halves]
+    return Located(
+        [replace(boll, masks=tuple((view, boll.boll_id) for view in boll.views)) for boll in bolls],
+        {name: numbers[ids] for name, ids in by_name.items()},
+        (counts[0], counts[1]) if counts else None,
+        (
+            *_leave_out(faint, "faint", FAINT_IS_BOLL),
+            *_leave_out(middles.take(white), "white_thing", THING_IS_BOLL),
+        ),
+    )
+
+
+def separate_all(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> list[Separated]:
+    """The bolls from all votes, and, if there are enough views, those from every second view and those from the other
+    half: what other images would have given. All of them take the places of lint from all views."""
+    parts = [votes]
+    if len(votes) >= FEWEST_TO_HALVE:
+        parts += [votes[0::2], votes[1::2]]
+    return on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
+
+
+def _instances(
+    owner: NDArray[np.uint16],
+    middles: Bolls,
+    counted: NDArray[np.bool_],
+    gaussians: Gaussians,
+    images: Mapping[str, NDArray[np.uint16]],
+) -> Iterator[BollInstance]:
+    """The bolls that have enough Gaussians.
+
+    Args:
+        owner: (N,) number of the middle of each Gaussian, from 1. images: the same of pixels.
+        counted: (B,) which middles are bolls.
+    """
+    for number in np.flatnonzero(counted) + 1:
+        rows = np.flatnonzero(owner == number)
+        if len(rows) < LEAST_GAUSSIANS:
+            continue
+        centre, widths = measure_extent(gaussians.means[rows])
+        views = tuple(sorted(name for name, ids in images.items() if (ids == number).any()))
+        confidence = round(float(middles.one_boll[number - 1]), 3)
+        doubts = ("disputed",) * (confidence < 0.5) + ("few_views",) * (len(views) < FEW_VIEWS)
+        yield BollInstance(0, rows, views, centre, float(widths.mean()), confidence, doubts)
+
+
+def _leave_out(middles: Middles, reason: str, probability: float) -> Iterator[LeftOut]:
+    for centre, diameter in zip(middles.centres.tolist(), middles.diameters.tolist(), strict=True):
+        yield LeftOut(tuple(centre), diameter, reason, probability)

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "harmonics.h"
+#include "optimiser.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -92,15 +93,6 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrectio
     }
 }
 
-// The factor by which a step at `mean` is longer: at least 1, also if `mean` is NaN.
-float lengthening(const Surroundings& s, const float* mean) {
-    const float x = mean[0] - s.centre[0], y = mean[1] - s.centre[1], z = mean[2] - s.centre[2];
-    const float beyond = __builtin_sqrtf(x * x + y * y + z * z) / s.radius - 1;
-    return beyond > 0 ? 1 + s.growth * beyond : 1;
-}
-
-COTTON_INLINE float at_most(float value, float most) { return value < most ? value : most; }
-
 }  // namespace
 
 void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* rows) {
@@ -127,10 +119,9 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, basis, lane, gradient + row_gradient::colour);
         });
-        const float longer = lengthening(a.surroundings, a.parameters.means + 3 * row);
         for (int k = 0; k < 3; ++k) {
-            rates[row_gradient::mean + k] = a.rates.means * at_most(longer, a.surroundings.most_means);
-            rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(longer, a.surroundings.most_log_scales);
+            rates[row_gradient::mean + k] = a.rates.means * a.rate_factors[2 * row];
+            rates[row_gradient::log_scale + k] = a.rates.log_scales * a.rate_factors[2 * row + 1];
         }
         update_geometry(a, row, bias[0], gradient, rates);
 

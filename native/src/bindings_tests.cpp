@@ -50,20 +50,22 @@ py::dict gradient_arrays(const Frame<Real>& frame, const ViewGradient<Real>& gra
                     "v_opacity_logits"_a = logits, "v_sh"_a = sh, "abs_grad_px"_a = abs_grad_px, "weight"_a = weight);
 }
 
-py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
-                    const py::object& target, double dssim, int threads) {
+// Gradients of a view, of which `loss_of(view, threads)` gives the loss in the precision of its argument.
+template <class LossOf>
+py::tuple gradients_by(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
+                       int threads, const LossOf& loss_of) {
     return with_precision(gaussians, [&](auto real) {
         using Real = decltype(real);
         const GaussianArrays<Real> arrays(gaussians);
         const auto backdrop = checked<Real>(background, "background", {3});
-        const Target photograph = checked_target(target, dssim, view);
-        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
         const Real* behind = backdrop.data();
+        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
+        const ImageLoss<Real> loss = loss_of(real);
         Frame<Real>& frame = scratch_frame<Real>();
         ViewGradient<Real> gradient;
         {
             py::gil_scoped_release release;
-            gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
+            gradient = view_gradient(frame, scene, view, behind, threads, loss);
         }
         py::dict report = report_of(gradient.report);
         report["finite"] = gradient.finite && gradient.spoilt == 0;
@@ -71,27 +73,22 @@ py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree,
     });
 }
 
+py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
+                    const py::object& target, double dssim, int threads) {
+    const Target photograph = checked_target(target, dssim, view);
+    return gradients_by(gaussians, view, sh_degree, background, threads,
+                        [&](auto real) { return loss_against<decltype(real)>(photograph, view, threads); });
+}
+
 py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
                          const py::object& v_image, int threads) {
-    return with_precision(gaussians, [&](auto real) {
+    return gradients_by(gaussians, view, sh_degree, background, threads, [&](auto real) {
         using Real = decltype(real);
-        const GaussianArrays<Real> arrays(gaussians);
-        const auto backdrop = checked<Real>(background, "background", {3});
-        const auto v = checked<Real>(v_image, "v_image", {view.height, view.width, 3});
-        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
-        const Real *behind = backdrop.data(), *pixels = v.data();
-        Frame<Real>& frame = scratch_frame<Real>();
-        ViewGradient<Real> gradient;
-        {
-            py::gil_scoped_release release;
-            const ImageLoss<Real> given = [&](const Real*, Real* planar) {
-                for (int64_t i = 0; i < 3 * view.pixels(); ++i) planar[i % 3 * view.pixels() + i / 3] = pixels[i];
-                return LossReport{0, 0, 0};
-            };
-            gradient = view_gradient(frame, scene, view, behind, threads, given);
-        }
-        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0),
-                              gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
+        const Real* pixels = checked<Real>(v_image, "v_image", {view.height, view.width, 3}).data();
+        return ImageLoss<Real>([pixels, &view](const Real*, Real* planar) {
+            for (int64_t i = 0; i < 3 * view.pixels(); ++i) planar[i % 3 * view.pixels() + i / 3] = pixels[i];
+            return LossReport{0, 0, 0};
+        });
     });
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "geometry.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "harmonics.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -182,7 +183,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
             record[field::cut_radius2] = Real(padded2[lane]);
             record[field::depth] = Real(depth);
             out.rects[row] = rect;
-            count.rect_tiles += rect.area();
+            count.most_pairs += rect.area();
             visible[count.visible++] = uint32_t(row);
         }
     }

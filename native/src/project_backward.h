@@ -8,11 +8,11 @@ namespace {
 
 // Sum of a Gaussian's pair gradients, tile by tile: the order does not depend on threads.
 template <class Real>
-COTTON_INLINE void fold(const Real* pair_rows, HitRange range, Real sums[pair_gradient::size]) {
+COTTON_INLINE void fold(const Real* pair_rows, PairRange pairs, Real sums[pair_gradient::size]) {
     constexpr int n = pair_gradient::size / kLanes<Real>;
     Vec<Real> total[n] = {};
-    for (int64_t slot = range.begin; slot < int64_t(range.begin) + range.count; ++slot) {
-        for (int k = 0; k < n; ++k) total[k] += load(pair_rows + slot * pair_gradient::size + k * kLanes<Real>);
+    for (int64_t pair = pairs.begin; pair < int64_t(pairs.begin) + pairs.count; ++pair) {
+        for (int k = 0; k < n; ++k) total[k] += load(pair_rows + pair * pair_gradient::size + k * kLanes<Real>);
     }
     for (int k = 0; k < n; ++k) store(sums + k * kLanes<Real>, total[k]);
 }
@@ -117,7 +117,7 @@ static_assert(row_gradient::unit % kLanes<float> == 0 && row_gradient::unit + 3 
 
 template <class Real>
 int64_t project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
-                         const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
+                         const Real* records, int record_stride, const PairRange* ranges, const Real* pair_rows,
                          Real* rows) {
     const RatioLimits limits(view);
     double centre[3];

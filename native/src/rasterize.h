@@ -90,7 +90,7 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
             values = record + field::values;
         },
         [&](int i) COTTON_INLINE_BODY { return blend(splat, i, transmittance, blends[i / kBlockPixels]); },
-        [&](int64_t e, uint32_t blocks) COTTON_INLINE_BODY {
+        [&](int64_t pair, uint32_t blocks) COTTON_INLINE_BODY {
             using namespace pair_gradient;
             V sums[size] = {};
             // A second loop over the blocks, so that the processor overlaps the long chains of both.
@@ -119,12 +119,12 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
                     sums[weight] += b.weight[j];
                 }
             });
-            Real* row = rows + int64_t(tile.slots[e]) * size;
+            Real* row = rows + int64_t(tile.numbers[pair]) * size;
             sums[abs_x] *= splat.p;
             for (int k = 0; k < size; k += kLanes<Real>) store(row + k, sums_of_lanes<Real>(sums + k));
         },
-        [&](int64_t e) {
-            Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;
+        [&](int64_t pair) {
+            Real* row = rows + int64_t(tile.numbers[pair]) * pair_gradient::size;
             for (int k = 0; k < pair_gradient::size; ++k) row[k] = 0;
         });
 }

@@ -63,7 +63,7 @@ MUTATIONS = (
         "minimum(sqrt(maximum(@cut2, Pack{}) / kScale2), Pack{} + 3.0)",
     ),)),
     Mutation("sum that depends on the threads", (Change(
-        "train.cpp", "image_loss",
+        "loss.cpp", "image_loss",
         "for (const LossSums& @sum : @sums) @report.l1 += @sum.l1 * @norm, @report.ssim += @sum.ssim * @norm;",
         "std::vector<LossSums> parts(size_t(thread_count(threads)), LossSums{0, 0});\n"
         "for (size_t i = 0; i < @sums.size(); ++i) {\n"

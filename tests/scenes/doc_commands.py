@@ -15,7 +15,7 @@ from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected
 from scenes.tiny_plant import ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "tests" / "README.md"])
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*/README.md")])
 SCRIPTS = sorted((ROOT / "examples").glob("*.sh"))
 GROUP: Any = typer.main.get_command(app)
 COMMANDS: dict[str, Any] = GROUP.commands

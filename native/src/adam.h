@@ -79,18 +79,20 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrectio
     for (int k = 0; k < n; k += kLanes<float>) {
         const int count = n - k < kLanes<float> ? n - k : kLanes<float>;
         const Bias own = {load(first_bias + k), load(second_bias + k)};
-        V pv{}, mv{}, sv{};
-        if (count == kLanes<float>) {
-            pv = load(p + k), mv = load(m + k), sv = load(s + k);
-            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
-            store(p + k, pv), store(m + k, mv), store(s + k, sv);
-        } else {
-            const size_t bytes = size_t(count) * sizeof(float);
-            std::memcpy(&pv, p + k, bytes), std::memcpy(&mv, m + k, bytes), std::memcpy(&sv, s + k, bytes);
-            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
-            std::memcpy(p + k, &pv, bytes), std::memcpy(m + k, &mv, bytes), std::memcpy(s + k, &sv, bytes);
-        }
+        V pv = load_part(p + k, count), mv = load_part(m + k, count), sv = load_part(s + k, count);
+        update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
+        store_part(p + k, pv, count), store_part(m + k, mv, count), store_part(s + k, sv, count);
     }
+}
+
+// The unit vectors that project_backward left in up to kPack rows of the gradient; the last is repeated to fill up.
+COTTON_INLINE void row_directions(const float* rows, int64_t n, PackOf<float> unit[3]) {
+    float lanes[3][kPack];
+    for (int lane = 0; lane < kPack; ++lane) {
+        const float* from = rows + (lane < n ? lane : n - 1) * row_gradient::size + row_gradient::unit;
+        for (int k = 0; k < 3; ++k) lanes[k][lane] = from[k];
+    }
+    std::memcpy(unit, lanes, sizeof lanes);
 }
 
 }  // namespace

@@ -25,7 +25,6 @@ constexpr Kernels<Real> table() {
                     ray_weights<Real>,
                     backward<Real>,
                     project_backward<Real>,
-                    sh_gradient<Real>,
                     loss_forward<Real>,
                     loss_backward<Real>,
                     nullptr,

@@ -40,8 +40,6 @@ struct Kernels {
     int64_t (*project_backward)(const Scene<Real>&, const View&, const uint32_t* visible, int64_t n,
                                 const Real* records, int record_stride, const PairRange* ranges, const Real* pair_rows,
                                 Real* rows);
-    // Full gradient of the SH coefficients from the row gradients, written to v_sh (N, sh_stored, 3).
-    void (*sh_gradient)(const Scene<Real>&, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh);
     // Row band of one channel: sums of |x - y| and SSIM; writes the three derivative maps.
     LossSums (*loss_forward)(const LossBand<Real>&);
     // The same band: gradient of the loss by the image from the derivative maps.

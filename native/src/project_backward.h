@@ -182,25 +182,4 @@ int64_t project_backward(const Scene<Real>& scene, const View& view, const uint3
     return spoilt;
 }
 
-template <class Real>
-void sh_gradient(const Scene<Real>& scene, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh) {
-    for (int64_t first = 0; first < n; first += kPack) {
-        const Real* pack = rows + first * row_gradient::size;
-        const int64_t count = n - first < kPack ? n - first : kPack;
-        PackOf<Real> unit[3], basis[kMostCoefficients];
-        row_directions(pack, count, unit);
-        with_degree(scene.sh_degree, [&]<int degree>() {
-            constexpr int coefficients = (degree + 1) * (degree + 1);
-            sh_basis<degree, Real>(unit, basis);
-            for (int64_t lane = 0; lane < count; ++lane) {
-                const Real* v_colour = pack + lane * row_gradient::size + row_gradient::colour;
-                Real* v = v_sh + 3 * scene.sh_stored * int64_t(visible[first + lane]);
-                for (int k = 0; k < coefficients; ++k) {
-                    for (int c = 0; c < 3; ++c) v[3 * k + c] = basis[k][lane] * v_colour[c];
-                }
-            }
-        });
-    }
-}
-
 }  // namespace cotton::COTTON_ISA

@@ -44,22 +44,13 @@ void forward_tile(const Tile& tile, const Real* records, const Real* background,
 
 template <class Real>
 typename Kernels<Real>::Forward forward(int channels) {
-    switch (channels) {
-        case 2:
-            return forward_tile<Real, 2>;
-        case 3:
-            return forward_tile<Real, 3>;
-        case 4:
-            return forward_tile<Real, 4>;
-        case 5:
-            return forward_tile<Real, 5>;
-        case 17:
-            return forward_tile<Real, 17>;
-        case 33:
-            return forward_tile<Real, 33>;
-        default:
-            return nullptr;
-    }
+    return channels == 2    ? forward_tile<Real, 2>
+           : channels == 3  ? forward_tile<Real, 3>
+           : channels == 4  ? forward_tile<Real, 4>
+           : channels == 5  ? forward_tile<Real, 5>
+           : channels == 17 ? forward_tile<Real, 17>
+           : channels == 33 ? forward_tile<Real, 33>
+                            : nullptr;
 }
 
 // Front to back again: the loop keeps only the transmittance and one scalar per pixel, the gradient-weighted colour

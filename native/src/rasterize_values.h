@@ -45,14 +45,7 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
 
 template <class Real>
 typename Kernels<Real>::ValuesBackward values_backward(int channels) {
-    switch (channels) {
-        case 1:
-            return values_backward_tile<Real, 1>;
-        case 4:
-            return values_backward_tile<Real, 4>;
-        default:
-            return nullptr;
-    }
+    return channels == 1 ? values_backward_tile<Real, 1> : channels == 4 ? values_backward_tile<Real, 4> : nullptr;
 }
 
 }  // namespace cotton::COTTON_ISA

@@ -21,21 +21,6 @@ COTTON_INLINE Vec<Real> window(const At& at) {
     return result;
 }
 
-// The first n lanes, the others zero.
-template <class T>
-COTTON_INLINE Vec<T> load_part(const T* from, int n) {
-    Vec<T> result{};
-    if (n == kLanes<T>) return load(from);
-    for (int i = 0; i < n; ++i) result[i] = from[i];
-    return result;
-}
-
-template <class T>
-COTTON_INLINE void store_part(T* to, Vec<T> value, int n) {
-    if (n == kLanes<T>) return store(to, value);
-    for (int i = 0; i < n; ++i) to[i] = value[i];
-}
-
 // Blurs `maps` quantities over the band. `fill(y, x, n, values)` gives those of the n pixels from (x, y) on and zeros
 // for the other lanes; `emit(y, x, n, blurred)` takes them.
 template <int maps, class Real, class Fill, class Emit>

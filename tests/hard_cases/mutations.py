@@ -49,7 +49,7 @@ MUTATIONS = (
         "}",
     ),)),
     Mutation("parameters that are not finite are not culled", (Change(
-        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
+        "project.h", "project", "!(@flags[@lane] == 0) ? kNonFinite", "false ? kNonFinite"
     ),)),
     Mutation("colours that are not finite are not culled", (Change(
         "project.h", "write_values", "return @usable;", "return true;"

@@ -190,9 +190,12 @@ def rate_factors(means: Float32, orbit: Orbit) -> Float32:
     Gaussians there are larger and seen from farther. Within the plant region nothing changes; beyond it the factors
     grow with the distance of the (N, 3) `means` from its centre, up to their limits.
     """
-    x, y, z = (means - orbit.centre.astype(np.float32)).T
-    with np.errstate(over="ignore", invalid="ignore"):  # a mean may be anywhere
+    with np.errstate(all="ignore"):  # a mean may be anywhere, and the orbit of a single camera has no size
+        # One axis at a time, as every step does this: sums over an array's last three numbers take three times as long.
+        x, y, z = (axis - centre for axis, centre in zip(means.T, orbit.centre.astype(np.float32), strict=True))
         radii_beyond = np.sqrt(x * x + y * y + z * z) / np.float32(PLANT_REGION * orbit.distance) - 1
-        factors = 1 + SURROUNDINGS_GROWTH * np.fmax(radii_beyond, 0)
-    limited: Float32 = np.minimum(factors[:, None], np.array([SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES], np.float32))
-    return limited
+        longer = 1 + SURROUNDINGS_GROWTH * np.fmax(radii_beyond, 0)
+    factors = np.empty((len(means), 2), np.float32)
+    for column, most in enumerate((SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES)):
+        np.minimum(longer, most, out=factors[:, column])
+    return factors

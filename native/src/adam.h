@@ -4,6 +4,7 @@
 
 #include "harmonics.h"
 #include "optimiser.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {

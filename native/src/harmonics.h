@@ -2,7 +2,6 @@
 #pragma once
 
 #include "geometry.h"
-#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "harmonics.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {

@@ -94,6 +94,10 @@ def test_rates_grow_around_the_plant_up_to_a_limit() -> None:
     far, limits = 1 + 0.5 * SURROUNDINGS_GROWTH, [SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES]
     assert factors.dtype == np.float32
     assert factors.tolist() == [[1, 1], [1, 1], [far, far], limits, limits, [1, 1]]
+    assert rate_factors(means[:2].astype(np.float32), dataclasses.replace(orbit, distance=0.0)).tolist() == [
+        [1, 1],
+        limits,
+    ]
 
 
 def test_windows_take_three_of_four_epochs_once_the_count_is_settled() -> None:

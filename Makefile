@@ -12,7 +12,7 @@ PLANTS ?= $(patsubst %/traits/traits.csv,%,$(wildcard results/study_set/*/traits
 SYSTEM_PACKAGES := python3-venv python3-dev g++ ffmpeg libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0
 # Whole files to a process, as the tests of one share what they made; in their order, as the longest come first.
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
-SOURCES := $(wildcard native/CMakeLists.txt native/src/*)
+SOURCES := $(wildcard native/CMakeLists.txt native/src/* native/vision/*)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
@@ -148,12 +148,12 @@ lint: setup ## ruff, mypy, import-linter, clang-format
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run --Werror native/src/*
+	$(BIN)/clang-format --dry-run --Werror native/src/* native/vision/*
 
 format: setup ## bring Python and C++ into shape
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i native/src/*
+	$(BIN)/clang-format -i native/src/* native/vision/*
 
 bench: setup ## speed of the core as JSON in results/; BENCH='--plants DIR ...' adds trained plants
 	mkdir -p results

@@ -62,17 +62,6 @@ class LearningRates:
         epsilon: float,
     ) -> None: ...
 
-class Surroundings:
-    def __init__(
-        self,
-        *,
-        centre: tuple[float, float, float],
-        radius_su: float,
-        growth: float,
-        most_means: float,
-        most_log_scales: float,
-    ) -> None: ...
-
 class OptimiserState:
     def __init__(self, *, gaussians: Arrays, first: Arrays, second: Arrays, steps: NDArray[Any]) -> None: ...
 
@@ -89,7 +78,7 @@ def train_step(
     target: NDArray[Any],
     dssim: float,
     rates: LearningRates,
-    surroundings: Surroundings,
+    rate_factors: NDArray[Any],
     threads: int,
 ) -> dict[str, Any]: ...
 
@@ -115,4 +104,4 @@ class for_tests:  # noqa: N801  # a submodule
     @staticmethod
     def image_gradient(
         gaussians: Arrays, view: View, sh_degree: int, background: NDArray[Any], v_image: NDArray[Any], threads: int
-    ) -> tuple[bool, dict[str, NDArray[Any]], dict[str, Any]]: ...
+    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]], dict[str, Any]]: ...

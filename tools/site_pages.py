@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "native/README.md": "native.md",
     "tests/README.md": "tests.md",
     "CHANGELOG.md": "CHANGELOG.md",
 }

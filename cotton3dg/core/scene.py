@@ -71,6 +71,11 @@ class Camera:
         z = np.where(depths > 0, depths, np.nan)[:, None]
         return in_camera[:, :2] / z * (self.fx, self.fy) + (self.cx, self.cy), depths
 
+    def rays(self, pixels: NDArray[Any]) -> Float64:
+        """(..., 3) viewing rays of unit depth, in the camera's axes, through (..., 2) px."""
+        flat = (np.asarray(pixels, np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
+        return np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
+
 
 @dataclass(frozen=True)
 class Gaussians:

@@ -114,7 +114,7 @@ def ssim_map(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.
 def plant_region(camera: Camera, depth: NDArray[Any], centre: NDArray[Any], radius_su: float) -> NDArray[np.bool_]:
     """(H, W) pixels whose surface, at the rendered `depth`, lies within `radius_su` of `centre`."""
     y, x = np.mgrid[0.5 : camera.height, 0.5 : camera.width]
-    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
+    rays = camera.rays(np.stack([x, y], axis=-1))
     in_camera = camera.rotation @ np.asarray(centre, np.float64) + camera.cam_from_scene[:, 3]
     distance = np.linalg.norm(rays * np.asarray(depth, np.float64)[..., None] - in_camera, axis=-1)
     near: NDArray[np.bool_] = np.isfinite(distance) & (depth > 0) & (distance <= radius_su)

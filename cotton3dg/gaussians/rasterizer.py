@@ -195,6 +195,7 @@ def train_step(
     sh_degree: int,
     background: Background = BLACK,
     learning_rates: LearningRates,
+    rate_factors: Float32 | None = None,
     dssim: float = 0.2,
     threads: int = 0,
     near_su: float | None = None,
@@ -209,11 +210,13 @@ def train_step(
     Gaussian window, sigma 1.5, zero padding. When the loss is not finite nothing is changed, and a Gaussian whose
     gradient is not finite stays as it was; the report says so.
 
+    Args:
+        rate_factors: (N, 2) by which the rates of each Gaussian's mean and log scales are multiplied; None = 1.
     Raises:
         ValueError: an array of wrong dtype, shape or memory order.
         OutOfResources: more (tile, Gaussian) pairs than memory is meant for.
     """
-    rates = {name: value for name, value in vars(learning_rates).items() if name != "surroundings"}
+    factors = np.ones((len(gaussians), 2), np.float32) if rate_factors is None else rate_factors
     step = partial(
         _native.train_step,
         state=_native.OptimiserState(
@@ -228,8 +231,8 @@ def train_step(
         background=np.array(background, np.float32),
         target=np.ascontiguousarray(target),
         dssim=dssim,
-        rates=_native.LearningRates(**rates),
-        surroundings=_native.Surroundings(**vars(learning_rates.surroundings)),
+        rates=_native.LearningRates(**vars(learning_rates)),
+        rate_factors=factors,
         threads=threads,
     )
     return StepReport(**_within_memory(step))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,26 +21,6 @@ def arrays_of(gaussians: Gaussians) -> tuple[Float32, Float32, Float32, Float32,
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """Around the plant Gaussians are larger and seen from farther, so they may take longer steps.
-
-    Within `radius_su` of `centre` nothing changes; beyond it the rates of means and of log scales grow with distance.
-    """
-
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius_su: float = math.inf
-    growth: float = 0.0
-    """Growth of a rate for each further radius, relative to the rate itself."""
-    most_means: float = 1.0
-    """Largest factor on the rate of the means."""
-    most_log_scales: float = 1.0
-
-
-NO_SURROUNDINGS: Final = Surroundings()
-"""The same rates everywhere."""
-
-
-@dataclass(frozen=True)
 class LearningRates:
     """Step sizes of Adam and its constants; `means` is in su."""
 
@@ -54,7 +33,6 @@ class LearningRates:
     beta1: float = 0.9
     beta2: float = 0.999
     epsilon: float = 1e-15
-    surroundings: Surroundings = NO_SURROUNDINGS
 
 
 @dataclass

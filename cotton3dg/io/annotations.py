@@ -140,7 +140,7 @@ def undistort_ids(name: str, ids: NDArray[np.uint16], camera: Camera, model_dir:
     filmed = _find_filmed_camera(camera.name, model_dir)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     if filmed is not None and (width, height) == (filmed.width, filmed.height):
-        rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1).reshape(-1, 3)
+        rays = camera.rays(np.stack([x, y], axis=-1)).reshape(-1, 3)
         x, y = filmed.img_from_cam(rays).T.reshape(2, camera.height, camera.width)
     elif abs(width * camera.height / (height * camera.width) - 1) < SAME_ASPECT:
         x, y = x * width / camera.width, y * height / camera.height

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Gaussians, rotations
+from ..gaussians.state import arrays_of
 
 FAINTEST_OPACITY: Final = 0.005
 """As in the paper. It is about 1/255, below which a Gaussian does not change any pixel."""
@@ -123,13 +124,7 @@ def split(parents: Gaussians) -> tuple[Gaussians, Gaussians]:
 
 def concatenate(parts: list[Gaussians]) -> Gaussians:
     """All Gaussians of `parts` in order, in arrays of their own."""
-    return Gaussians(
-        np.concatenate([part.means for part in parts]),
-        np.concatenate([part.quats for part in parts]),
-        np.concatenate([part.log_scales for part in parts]),
-        np.concatenate([part.opacity_logits for part in parts]),
-        np.concatenate([part.sh for part in parts]),
-    )
+    return Gaussians(*(np.concatenate(arrays) for arrays in zip(*map(arrays_of, parts), strict=True)))
 
 
 def order_along_curve(means: NDArray[Any]) -> NDArray[np.int64]:

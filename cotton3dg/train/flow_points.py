@@ -74,11 +74,9 @@ def find_dense_points(
             depths[i].append(estimate)
     found, colours = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for view, estimates in zip(small, depths, strict=True):
-        depth, pixels = _agree(estimates), _grid(view.camera)
+        camera, depth, pixels = view.camera, _agree(estimates), _grid(view.camera)
         pixels, depth = pixels[np.isfinite(depth)], depth[np.isfinite(depth)]
-        found.append(
-            (_rays(view.camera, pixels) * depth[:, None] - view.camera.cam_from_scene[:, 3]) @ view.camera.rotation
-        )
+        found.append((camera.rays(pixels) * depth[:, None] - camera.cam_from_scene[:, 3]) @ camera.rotation)
         colours.append(view.image[pixels[:, 1].astype(int), pixels[:, 0].astype(int)])
     xyz, rgb = np.concatenate(found), np.concatenate(colours)
     if len(xyz) > count:
@@ -114,12 +112,6 @@ def _grid(camera: Camera) -> NDArray[np.float64]:
     return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
 
 
-def _rays(camera: Camera, pixels: NDArray[Any]) -> NDArray[np.float64]:
-    """(P, 3) viewing rays of unit depth in the camera's frame."""
-    xy = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-    return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-
-
 def _depths(first: Camera, second: Camera, forward: NDArray[Any], backward: NDArray[Any]) -> NDArray[np.float64]:
     """(P,) depth in `first` of its grid pixels, su; NaN where flow and cameras do not agree.
 
@@ -134,9 +126,9 @@ def _depths(first: Camera, second: Camera, forward: NDArray[Any], backward: NDAr
     returned = there + backward[rows_there, columns_there]
     # In the second camera a point at depth d lies at d·a + b, parallel to the ray r: r × (d·a + b) = 0.
     second_from_first = second.rotation @ first.rotation.T
-    a = _rays(first, pixels) @ second_from_first.T
+    a = first.rays(pixels) @ second_from_first.T
     b = second.cam_from_scene[:, 3] - second_from_first @ first.cam_from_scene[:, 3]
-    ray = _rays(second, there)
+    ray = second.rays(there)
     ra, rb = np.cross(ray, a), np.cross(ray, b)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = -(ra * rb).sum(axis=1) / (ra * ra).sum(axis=1)

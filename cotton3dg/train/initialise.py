@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import SH_CONSTANT, Camera, Gaussians
+from ..core.scene import SH_CONSTANT, Camera, Float64, Gaussians
 from ..errors import CaptureFailed
 from ..gaussians.views import View
 from ..geometry.camera_orbit import fit_orbit
@@ -83,15 +83,8 @@ def fill(cameras: Sequence[Camera], count: int, sh_degree: int, seed: int) -> Ga
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     reach_su = FILL_REACH * orbit.distance
     sigma_su = 0.3 * reach_su * (4 * np.pi / 3 / max(count, 1)) ** (1 / 3)
-    quats = np.zeros((count, 4), np.float32)
-    quats[:, 0] = 1.0
-    return Gaussians(
-        (orbit.centre + directions * reach_su * np.cbrt(rng.random((count, 1)))).astype(np.float32),
-        quats,
-        np.full((count, 3), np.log(sigma_su), np.float32),
-        np.full(count, np.log(FILL_OPACITY / (1 - FILL_OPACITY)), np.float32),
-        np.zeros((count, (sh_degree + 1) ** 2, 3), np.float32),
-    )
+    means = orbit.centre + directions * reach_su * np.cbrt(rng.random((count, 1)))
+    return _isotropic(means, np.full(count, sigma_su), FILL_OPACITY, sh_degree)
 
 
 def place_gaussians(
@@ -123,17 +116,20 @@ def place_gaussians(
         raise CaptureFailed(f"{len(finite)} usable points to start from (4 needed); film again or use more frames")
     if len(finite) > max_gaussians:
         finite = np.sort(open_stream(seed, "thinning").choice(finite, max_gaussians, replace=False))
-    points, n = points[finite], len(finite)
-    quats = np.zeros((n, 4), np.float32)
-    quats[:, 0] = 1.0
-    sh = np.zeros((n, (sh_degree + 1) ** 2, 3), np.float32)
-    sh[:, 0] = (colours[finite] / np.float32(255) - 0.5) / SH_CONSTANT
+    gaussians = _isotropic(points[finite], starting_scales(points[finite]), opacity, sh_degree)
+    gaussians.sh[:, 0] = (colours[finite] / np.float32(255) - 0.5) / SH_CONSTANT
+    return gaussians
+
+
+def _isotropic(means: Float64, sigmas_su: Float64, opacity: float, sh_degree: int) -> Gaussians:
+    """Grey Gaussians at (N, 3) `means` with (N,) standard deviations."""
+    n = len(means)
     return Gaussians(
-        points.astype(np.float32),
-        quats,
-        np.repeat(np.log(starting_scales(points)).astype(np.float32)[:, None], 3, axis=1),
+        means.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.repeat(np.log(sigmas_su).astype(np.float32)[:, None], 3, axis=1),
         np.full(n, np.log(opacity / (1 - opacity)), np.float32),
-        sh,
+        np.zeros((n, (sh_degree + 1) ** 2, 3), np.float32),
     )
 
 

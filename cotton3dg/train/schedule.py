@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from ..core.scene import Camera
+from ..core.scene import Camera, Float32
 from ..gaussians.metrics import PLANT_REGION
 from ..gaussians.rasterizer import Window
-from ..gaussians.state import NO_SURROUNDINGS, LearningRates, Surroundings
+from ..gaussians.state import LearningRates
 from ..gaussians.views import View
 from ..geometry.camera_orbit import Orbit, fit_orbit
 from ..options import TrainOptions
@@ -74,7 +74,6 @@ class Schedule:
     options: TrainOptions
     cameras: list[Camera]
     orbit: Orbit
-    around: Surroundings
     levels: list[tuple[int, list[View]]]
     """The views from coarse to fine, as `resolutions` has them."""
     order: list[int]
@@ -91,7 +90,6 @@ class Schedule:
             options,
             cameras,
             orbit,
-            surroundings(orbit, options.steps),
             resolutions(views, options.steps),
             image_order(len(views), options.steps, options.seed),
             densification_steps(options.steps, len(views)),
@@ -114,7 +112,11 @@ class Schedule:
         return min(self.options.sh_degree, int(step / (SH_RAISED_EVERY * self.options.steps)))
 
     def learning_rates(self, step: int) -> LearningRates:
-        return learning_rates(step, self.options.steps, self.orbit.distance, self.around)
+        return learning_rates(step, self.options.steps, self.orbit.distance)
+
+    def rate_factors(self, means: Float32) -> Float32 | None:
+        """(N, 2) by which the rates of means and of log scales grow for Gaussians at `means`; None = not at all."""
+        return None if self.options.steps < SURROUNDINGS_STEPS else rate_factors(means, self.orbit)
 
     def hidden_are_known(self, done: int) -> bool:
         """Whether the steps since the last densification before `done` used every view as a whole.
@@ -161,14 +163,13 @@ def image_order(n_views: int, steps: int, seed: int) -> list[int]:
     return order
 
 
-def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings = NO_SURROUNDINGS) -> LearningRates:
+def learning_rates(step: int, steps: int, radius_su: float) -> LearningRates:
     """Rates of step `step` of `steps`; that of the means grows with the scene.
 
     At 30,000 steps they start as those of Kerbl et al. 2023. A shorter run must cover the same way in fewer steps: all
     rates grow as the run gets shorter, down to SHORTEST_STEPS. The means' fall all the time, as in the paper, to a
     hundredth; the others, constant there, fall at the end. The exponents were fitted to runs of 1000 steps on 480 px
     and 3000 steps on 960 px images, where they gain 3 dB and 2 dB; that of view dependence to 2000 steps on 480 px.
-    `around` the plant the rates grow with the distance, unlike in the paper.
     """
     progress = step / steps
     shortness = max(1.0, PAPER_STEPS / max(steps, SHORTEST_STEPS))
@@ -180,19 +181,21 @@ def learning_rates(step: int, steps: int, radius_su: float, around: Surroundings
         opacity_logits=5e-2 * min(2.0, shortness) * settling,
         sh0=2.5e-3 * min(2.0, shortness) * settling,
         sh_rest=2.5e-3 / 20 * min(40.0, shortness) * settling,
-        surroundings=around,
     )
 
 
-def surroundings(orbit: Orbit, steps: int) -> Surroundings:
-    """The surroundings in which a training of `steps` steps takes longer steps."""
-    if steps < SURROUNDINGS_STEPS:
-        return NO_SURROUNDINGS
-    x, y, z = orbit.centre
-    return Surroundings(
-        (float(x), float(y), float(z)),
-        PLANT_REGION * orbit.distance,
-        SURROUNDINGS_GROWTH,
-        SURROUNDINGS_MEANS,
-        SURROUNDINGS_LOG_SCALES,
-    )
+def rate_factors(means: Float32, orbit: Orbit) -> Float32:
+    """(N, 2) by which the rates of means and of log scales grow around the plant, unlike in the paper.
+
+    Gaussians there are larger and seen from farther. Within the plant region nothing changes; beyond it the factors
+    grow with the distance of the (N, 3) `means` from its centre, up to their limits.
+    """
+    with np.errstate(all="ignore"):  # a mean may be anywhere, and the orbit of a single camera has no size
+        # One axis at a time, as every step does this: sums over an array's last three numbers take three times as long.
+        x, y, z = (axis - centre for axis, centre in zip(means.T, orbit.centre.astype(np.float32), strict=True))
+        radii_beyond = np.sqrt(x * x + y * y + z * z) / np.float32(PLANT_REGION * orbit.distance) - 1
+        longer = 1 + SURROUNDINGS_GROWTH * np.fmax(radii_beyond, 0)
+    factors = np.empty((len(means), 2), np.float32)
+    for column, most in enumerate((SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES)):
+        np.minimum(longer, most, out=factors[:, column])
+    return factors

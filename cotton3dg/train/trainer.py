@@ -175,8 +175,8 @@ def _take_step(training: Training, view: View, step: int, schedule: Schedule) ->
         view.camera,
         view.image,
         sh_degree=schedule.sh_degree(step),
-        background=(0.0, 0.0, 0.0),
         learning_rates=schedule.learning_rates(step),
+        rate_factors=schedule.rate_factors(training.fit.gaussians.means),
         dssim=schedule.options.dssim,
         window=schedule.window(step),
     )

@@ -3,6 +3,8 @@
 #pragma once
 
 #include "harmonics.h"
+#include "optimiser.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -78,28 +80,21 @@ COTTON_INLINE void update_sh(const AdamRows& a, int64_t row, const BiasCorrectio
     for (int k = 0; k < n; k += kLanes<float>) {
         const int count = n - k < kLanes<float> ? n - k : kLanes<float>;
         const Bias own = {load(first_bias + k), load(second_bias + k)};
-        V pv{}, mv{}, sv{};
-        if (count == kLanes<float>) {
-            pv = load(p + k), mv = load(m + k), sv = load(s + k);
-            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
-            store(p + k, pv), store(m + k, mv), store(s + k, sv);
-        } else {
-            const size_t bytes = size_t(count) * sizeof(float);
-            std::memcpy(&pv, p + k, bytes), std::memcpy(&mv, m + k, bytes), std::memcpy(&sv, s + k, bytes);
-            update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
-            std::memcpy(p + k, &pv, bytes), std::memcpy(m + k, &mv, bytes), std::memcpy(s + k, &sv, bytes);
-        }
+        V pv = load_part(p + k, count), mv = load_part(m + k, count), sv = load_part(s + k, count);
+        update(a.rates, own, load(g + k), load(rates + k), pv, mv, sv);
+        store_part(p + k, pv, count), store_part(m + k, mv, count), store_part(s + k, sv, count);
     }
 }
 
-// The factor by which a step at `mean` is longer: at least 1, also if `mean` is NaN.
-float lengthening(const Surroundings& s, const float* mean) {
-    const float x = mean[0] - s.centre[0], y = mean[1] - s.centre[1], z = mean[2] - s.centre[2];
-    const float beyond = __builtin_sqrtf(x * x + y * y + z * z) / s.radius - 1;
-    return beyond > 0 ? 1 + s.growth * beyond : 1;
+// The unit vectors that project_backward left in up to kPack rows of the gradient; the last is repeated to fill up.
+COTTON_INLINE void row_directions(const float* rows, int64_t n, PackOf<float> unit[3]) {
+    float lanes[3][kPack];
+    for (int lane = 0; lane < kPack; ++lane) {
+        const float* from = rows + (lane < n ? lane : n - 1) * row_gradient::size + row_gradient::unit;
+        for (int k = 0; k < 3; ++k) lanes[k][lane] = from[k];
+    }
+    std::memcpy(unit, lanes, sizeof lanes);
 }
-
-COTTON_INLINE float at_most(float value, float most) { return value < most ? value : most; }
 
 }  // namespace
 
@@ -127,10 +122,9 @@ void adam(const AdamRows& a, const uint32_t* visible, int64_t n, const float* ro
         with_degree(a.sh_degree, [&]<int degree>() {
             update_sh<degree>(a, row, bias, basis, lane, gradient + row_gradient::colour);
         });
-        const float longer = lengthening(a.surroundings, a.parameters.means + 3 * row);
         for (int k = 0; k < 3; ++k) {
-            rates[row_gradient::mean + k] = a.rates.means * at_most(longer, a.surroundings.most_means);
-            rates[row_gradient::log_scale + k] = a.rates.log_scales * at_most(longer, a.surroundings.most_log_scales);
+            rates[row_gradient::mean + k] = a.rates.means * a.rate_factors[2 * row];
+            rates[row_gradient::log_scale + k] = a.rates.log_scales * a.rate_factors[2 * row + 1];
         }
         update_geometry(a, row, bias[0], gradient, rates);
 

@@ -29,69 +29,69 @@ py::tuple image_loss_of(const py::object& image, const py::object& target, doubl
 }
 
 template <class Real>
-py::dict gradient_arrays(const Frame<Real>& frame, const ViewGradient<Real>& gradient, int sh_stored) {
+py::dict gradient_arrays(const Frame<Real>& frame, const ViewGradient<Real>& gradient) {
     const int64_t n = frame.scene.count;
     auto means = zeros<Real>({n, 3}), quats = zeros<Real>({n, 4}), log_scales = zeros<Real>({n, 3}),
-         logits = zeros<Real>({n}), sh = zeros<Real>({n, sh_stored, 3}), abs_grad_px = zeros<Real>({n}),
-         weight = zeros<Real>({n});
+         logits = zeros<Real>({n}), colours = zeros<Real>({n, 3}), directions = zeros<Real>({n, 3}),
+         abs_grad_px = zeros<Real>({n}), weight = zeros<Real>({n});
     for (int64_t i = 0; i < frame.visible_count; ++i) {
         const int64_t row = frame.visible[i];
         const Real* from = gradient.rows + i * row_gradient::size;
-        for (int k = 0; k < 3; ++k) means.mutable_at(row, k) = from[row_gradient::mean + k];
+        for (int k = 0; k < 3; ++k) {
+            means.mutable_at(row, k) = from[row_gradient::mean + k];
+            colours.mutable_at(row, k) = from[row_gradient::colour + k];
+            directions.mutable_at(row, k) = from[row_gradient::unit + k];
+        }
         for (int k = 0; k < 4; ++k) quats.mutable_at(row, k) = from[row_gradient::quat + k];
         for (int k = 0; k < 3; ++k) log_scales.mutable_at(row, k) = from[row_gradient::log_scale + k];
         logits.mutable_at(row) = from[row_gradient::logit];
         abs_grad_px.mutable_at(row) = from[row_gradient::abs_grad_px];
         weight.mutable_at(row) = from[row_gradient::weight];
     }
-    kernels<Real>().sh_gradient(frame.scene, frame.visible.data(), frame.visible_count, gradient.rows,
-                                sh.mutable_data());
     return py::dict("v_means"_a = means, "v_quats"_a = quats, "v_log_scales"_a = log_scales,
-                    "v_opacity_logits"_a = logits, "v_sh"_a = sh, "abs_grad_px"_a = abs_grad_px, "weight"_a = weight);
+                    "v_opacity_logits"_a = logits, "v_colours"_a = colours, "directions"_a = directions,
+                    "abs_grad_px"_a = abs_grad_px, "weight"_a = weight);
+}
+
+// Gradients of a view, of which `loss_of(view, threads)` gives the loss in the precision of its argument.
+template <class LossOf>
+py::tuple gradients_by(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
+                       int threads, const LossOf& loss_of) {
+    return with_precision(gaussians, [&](auto real) {
+        using Real = decltype(real);
+        const GaussianArrays<Real> arrays(gaussians);
+        const auto backdrop = checked<Real>(background, "background", {3});
+        const Real* behind = backdrop.data();
+        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
+        const ImageLoss<Real> loss = loss_of(real);
+        Frame<Real>& frame = scratch_frame<Real>();
+        ViewGradient<Real> gradient;
+        {
+            py::gil_scoped_release release;
+            gradient = view_gradient(frame, scene, view, behind, threads, loss);
+        }
+        py::dict report = report_of(gradient.report);
+        report["finite"] = gradient.finite && gradient.spoilt == 0;
+        return py::make_tuple(report, gradient_arrays(frame, gradient), counts(frame));
+    });
 }
 
 py::tuple gradients(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
                     const py::object& target, double dssim, int threads) {
-    return with_precision(gaussians, [&](auto real) {
-        using Real = decltype(real);
-        const GaussianArrays<Real> arrays(gaussians);
-        const auto backdrop = checked<Real>(background, "background", {3});
-        const Target photograph = checked_target(target, dssim, view);
-        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
-        const Real* behind = backdrop.data();
-        Frame<Real>& frame = scratch_frame<Real>();
-        ViewGradient<Real> gradient;
-        {
-            py::gil_scoped_release release;
-            gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
-        }
-        py::dict report = report_of(gradient.report);
-        report["finite"] = gradient.finite && gradient.spoilt == 0;
-        return py::make_tuple(report, gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
-    });
+    const Target photograph = checked_target(target, dssim, view);
+    return gradients_by(gaussians, view, sh_degree, background, threads,
+                        [&](auto real) { return loss_against<decltype(real)>(photograph, view, threads); });
 }
 
 py::tuple image_gradient(const py::tuple& gaussians, const View& view, int sh_degree, const py::object& background,
                          const py::object& v_image, int threads) {
-    return with_precision(gaussians, [&](auto real) {
+    return gradients_by(gaussians, view, sh_degree, background, threads, [&](auto real) {
         using Real = decltype(real);
-        const GaussianArrays<Real> arrays(gaussians);
-        const auto backdrop = checked<Real>(background, "background", {3});
-        const auto v = checked<Real>(v_image, "v_image", {view.height, view.width, 3});
-        const Scene<Real> scene = arrays.scene_with_sh(sh_degree);
-        const Real *behind = backdrop.data(), *pixels = v.data();
-        Frame<Real>& frame = scratch_frame<Real>();
-        ViewGradient<Real> gradient;
-        {
-            py::gil_scoped_release release;
-            const ImageLoss<Real> given = [&](const Real*, Real* planar) {
-                for (int64_t i = 0; i < 3 * view.pixels(); ++i) planar[i % 3 * view.pixels() + i / 3] = pixels[i];
-                return LossReport{0, 0, 0};
-            };
-            gradient = view_gradient(frame, scene, view, behind, threads, given);
-        }
-        return py::make_tuple(py::bool_(gradient.finite && gradient.spoilt == 0),
-                              gradient_arrays(frame, gradient, scene.sh_stored), counts(frame));
+        const Real* pixels = checked<Real>(v_image, "v_image", {view.height, view.width, 3}).data();
+        return ImageLoss<Real>([pixels, &view](const Real*, Real* planar) {
+            for (int64_t i = 0; i < 3 * view.pixels(); ++i) planar[i % 3 * view.pixels() + i / 3] = pixels[i];
+            return LossReport{0, 0, 0};
+        });
     });
 }
 

@@ -1,10 +1,6 @@
 // The Python module cotton3dg._native: the optimiser step.
 #include "bindings_train.h"
 
-#include <pybind11/stl.h>
-
-#include <array>
-
 namespace cotton {
 namespace {
 
@@ -44,29 +40,32 @@ struct StatisticsArrays {
 
 py::dict train_step(OptimiserState& state, StatisticsArrays& statistics, const View& view, int sh_degree,
                     const py::object& background, const py::object& target, double dssim, const LearningRates& rates,
-                    const Surroundings& surroundings, int threads) {
+                    const py::object& rate_factors, int threads) {
     if (statistics.count.shape(0) != state.parameters.count())
         throw py::value_error("the statistics must have as many rows as there are Gaussians");
     const auto backdrop = checked<float>(background, "background", {3});
+    const auto factors = checked<float>(rate_factors, "rate_factors", {state.parameters.count(), 2});
     const Target photograph = checked_target(target, dssim, view);
     const Scene<float> scene = state.parameters.scene_with_sh(sh_degree);
-    AdamRows rows = {};
-    rows.parameters = pointers(state.parameters);
-    rows.sh_stored = scene.sh_stored;
-    rows.sh_degree = sh_degree;
-    rows.first = pointers(state.first);
-    rows.second = pointers(state.second);
-    rows.steps = state.steps.mutable_data();
-    rows.rates = rates;
-    rows.surroundings = surroundings;
-    rows.statistics = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
-                       statistics.count.mutable_data(), float(1 / double(view.image_pixels()))};
+    const Statistics sums = {statistics.abs_grad_px.mutable_data(), statistics.weight.mutable_data(),
+                             statistics.count.mutable_data(), float(1 / double(view.image_pixels()))};
+    const AdamRows rows = {pointers(state.parameters),
+                           pointers(state.first),
+                           pointers(state.second),
+                           scene.sh_stored,
+                           sh_degree,
+                           state.steps.mutable_data(),
+                           rates,
+                           factors.data(),
+                           nullptr,
+                           0,
+                           sums};
     const float* behind = backdrop.data();
     Frame<float>& frame = scratch_frame<float>();
     ViewGradient<float> gradient;
     {
         py::gil_scoped_release release;
-        gradient = loss_gradient(frame, scene, view, photograph, behind, threads);
+        gradient = view_gradient(frame, scene, view, behind, threads, loss_against<float>(photograph, view, threads));
         if (gradient.finite) adam_step(frame, gradient, rows);
     }
     py::dict report = report_of(gradient.report);
@@ -87,12 +86,6 @@ void bind_training(py::module_& m) {
              }),
              py::kw_only(), "means"_a, "quats"_a, "log_scales"_a, "opacity_logits"_a, "sh0"_a, "sh_rest"_a, "beta1"_a,
              "beta2"_a, "epsilon"_a);
-    py::class_<Surroundings>(m, "Surroundings")
-        .def(py::init([](const std::array<float, 3>& centre, float radius_su, float growth, float most_means,
-                         float most_log_scales) {
-                 return Surroundings{{centre[0], centre[1], centre[2]}, radius_su, growth, most_means, most_log_scales};
-             }),
-             py::kw_only(), "centre"_a, "radius_su"_a, "growth"_a, "most_means"_a, "most_log_scales"_a);
     py::class_<OptimiserState>(m, "OptimiserState")
         .def(py::init<const py::tuple&, const py::tuple&, const py::tuple&, const py::object&>(), py::kw_only(),
              "gaussians"_a, "first"_a, "second"_a, "steps"_a);
@@ -100,7 +93,7 @@ void bind_training(py::module_& m) {
         .def(py::init<const py::object&, const py::object&, const py::object&>(), py::kw_only(), "abs_grad_px"_a,
              "weight"_a, "count"_a);
     m.def("train_step", train_step, py::kw_only(), "state"_a, "statistics"_a, "view"_a, "sh_degree"_a, "background"_a,
-          "target"_a, "dssim"_a, "rates"_a, "surroundings"_a, "threads"_a);
+          "target"_a, "dssim"_a, "rates"_a, "rate_factors"_a, "threads"_a);
 }
 
 }  // namespace cotton

@@ -17,13 +17,11 @@ inline py::dict report_of(const LossReport& report) {
     return py::dict("loss"_a = report.loss, "l1"_a = report.l1, "ssim"_a = report.ssim);
 }
 
-// The view's gradient by the loss against a photograph.
 template <class Real>
-ViewGradient<Real> loss_gradient(Frame<Real>& frame, const Scene<Real>& scene, const View& view, const Target& target,
-                                 const Real* background, int threads) {
-    return view_gradient<Real>(frame, scene, view, background, threads, [&](const Real* image, Real* v_image) {
+ImageLoss<Real> loss_against(const Target& target, const View& view, int threads) {
+    return [&target, &view, threads](const Real* image, Real* v_image) {
         return image_loss(image, target, view.width, view.height, threads, v_image);
-    });
+    };
 }
 
 }  // namespace cotton

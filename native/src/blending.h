@@ -2,6 +2,7 @@
 // at a vector of pixels, and the rule for which pixels take it.
 #pragma once
 
+#include "projection.h"
 #include "simd.h"
 
 namespace cotton::COTTON_ISA {
@@ -128,30 +129,30 @@ COTTON_INLINE void each_block(uint32_t blocks, const Body& body) {
     for (; blocks != 0; blocks &= blocks - 1) body(__builtin_ctz(blocks));
 }
 
-// The loop of all rasterizers: every entry front to back, and for each entry every block that it reaches and that still
+// The loop of all rasterizers: every pair front to back, and for each pair every block that it reaches and that still
 // has an open pixel. `visit(i)` blends the block of pixels from i on and returns whether it still has an open pixel.
-// `begin` and `finish` enclose the visits of an entry; `skip` replaces them if there are no visits. `rows` is the table
+// `begin` and `finish` enclose the visits of a pair; `skip` replaces them if there are no visits. `rows` is the table
 // to which `finish` and `skip` write, or null.
 template <class Real, class Begin, class Visit, class Finish, class Skip>
 COTTON_INLINE void walk(const Tile& tile, const Real* records, int stride, uint32_t open_blocks, const Real* rows,
                         int row_stride, const Begin& begin, const Visit& visit, const Finish& finish,
                         const Skip& skip) {
     constexpr int64_t ahead = 4;  // records and rows are scattered over more memory than the caches hold
-    for (int64_t e = 0; e < tile.count; ++e) {
-        if (e + ahead < tile.count) {
-            __builtin_prefetch(records + int64_t(tile.entries[e + ahead].row) * stride);
-            if (rows) __builtin_prefetch(rows + int64_t(tile.slots[e + ahead]) * row_stride, 1);
+    for (int64_t pair = 0; pair < tile.count; ++pair) {
+        if (pair + ahead < tile.count) {
+            __builtin_prefetch(records + int64_t(tile.pairs[pair + ahead].row) * stride);
+            if (rows) __builtin_prefetch(rows + int64_t(tile.numbers[pair + ahead]) * row_stride, 1);
         }
-        const uint32_t blocks = tile.entries[e].blocks & open_blocks;
+        const uint32_t blocks = tile.pairs[pair].blocks & open_blocks;
         if (blocks == 0) {
-            skip(e);
+            skip(pair);
             continue;
         }
-        begin(records + int64_t(tile.entries[e].row) * stride);
+        begin(records + int64_t(tile.pairs[pair].row) * stride);
         each_block(blocks, [&](int block) COTTON_INLINE_BODY {
             if (!visit(block * kBlockPixels)) open_blocks &= ~(1u << block);
         });
-        finish(e, blocks);
+        finish(pair, blocks);
     }
 }
 

@@ -1,12 +1,10 @@
 #include "frame.h"
 
-#include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cstring>
 #include <new>
 #include <utility>
-
-#include "threads.h"
 
 namespace cotton {
 namespace {
@@ -50,44 +48,39 @@ void Frame<Real>::project() {
 
     std::fill(culled, culled + kCullReasons, 0);
     chunk_begin_.assign(size_t(chunks) + 1, 0);
-    int64_t rect_tiles = 0;
+    pair_offset_.assign(size_t(chunks), 0);
+    int64_t most_pairs = 0;
     for (int64_t c = 0; c < chunks; ++c) {
         const ProjectionCount& count = chunks_[size_t(c)];
         chunk_begin_[size_t(c) + 1] = chunk_begin_[size_t(c)] + count.visible;
-        rect_tiles += count.rect_tiles;
+        pair_offset_[size_t(c)] = most_pairs;
+        most_pairs += count.most_pairs;
         for (int r = 0; r < kCullReasons; ++r) culled[r] += count.culled[r];
     }
     visible_count = chunk_begin_.back();
-    if (rect_tiles > kMaxPairs) throw std::bad_alloc();
+    if (most_pairs > kMaxPairs) throw std::bad_alloc();
 
-    // List the tiles of each chunk's Gaussians in its own part of `hits_`, then number the hits through: slots.
-    hits_.reserve(rect_tiles);
+    // List the pairs of each chunk's Gaussians in its own part of `pairs_`, then number them through.
+    pairs_.reserve(most_pairs);
     ranges.reserve(n);
     visible.reserve(visible_count);
-    hit_offset_.assign(size_t(chunks), 0);
-    std::vector<int64_t> hit_count(size_t(chunks), 0);
-    int64_t part = 0;
-    for (int64_t c = 0; c < chunks; ++c) {
-        hit_offset_[size_t(c)] = part;
-        part += chunks_[size_t(c)].rect_tiles;
-    }
+    std::vector<int64_t> chunk_pairs(size_t(chunks), 0), first_pair(size_t(chunks), 0);
     parallel_for(chunks, threads, [&](int64_t c) {
         const uint32_t* rows = out.visible + c * kChunk;
         const int64_t count = chunks_[size_t(c)].visible;
         std::copy(rows, rows + count, visible.data() + chunk_begin_[size_t(c)]);
-        hit_count[size_t(c)] =
-            k.hit_tiles(view, out, rows, count, hits_.data() + hit_offset_[size_t(c)], ranges.data());
+        chunk_pairs[size_t(c)] =
+            k.list_pairs(view, out, rows, count, pairs_.data() + pair_offset_[size_t(c)], ranges.data());
     });
     pair_count = 0;
-    std::vector<int64_t> first_slot(size_t(chunks), 0);
     for (int64_t c = 0; c < chunks; ++c) {
-        first_slot[size_t(c)] = pair_count;
-        hit_offset_[size_t(c)] -= pair_count;
-        pair_count += hit_count[size_t(c)];
+        first_pair[size_t(c)] = pair_count;
+        pair_offset_[size_t(c)] -= pair_count;
+        pair_count += chunk_pairs[size_t(c)];
     }
     parallel_for(chunks, threads, [&](int64_t c) {
         for (int64_t i = chunk_begin_[size_t(c)]; i < chunk_begin_[size_t(c) + 1]; ++i) {
-            ranges[visible[i]].begin += uint32_t(first_slot[size_t(c)]);
+            ranges[visible[i]].begin += uint32_t(first_pair[size_t(c)]);
         }
     });
 }
@@ -102,19 +95,17 @@ void Frame<Real>::sort_by_depth() {
     const auto each_part = [&](const auto& body) {
         parallel_for(parts, threads, [&](int64_t part) { body(part, n * part / parts, n * (part + 1) / parts); });
     };
-    std::vector<uint64_t> all_or(size_t(parts), 0), all_and(size_t(parts), ~uint64_t(0));
-    each_part([&](int64_t part, int64_t begin, int64_t end) {
-        uint64_t some = 0, every = ~uint64_t(0);
+    std::atomic<uint64_t> some{0}, every{~uint64_t(0)};
+    each_part([&](int64_t, int64_t begin, int64_t end) {
+        uint64_t own_some = 0, own_every = ~uint64_t(0);
         for (int64_t i = begin; i < end; ++i) {
             rows[i] = visible[i];
             keys[i] = depth_key(records[int64_t(rows[i]) * stride() + field::depth]);
-            some |= keys[i];
-            every &= keys[i];
+            own_some |= keys[i];
+            own_every &= keys[i];
         }
-        all_or[size_t(part)] = some, all_and[size_t(part)] = every;
+        some |= own_some, every &= own_every;
     });
-    uint64_t some = 0, every = ~uint64_t(0);
-    for (int64_t part = 0; part < parts; ++part) some |= all_or[size_t(part)], every &= all_and[size_t(part)];
     const uint64_t varying = n > 0 ? some ^ every : 0;
     for (int shift = 0; shift < 64; shift += bits) {
         if ((varying >> shift & (buckets - 1)) == 0) continue;
@@ -138,43 +129,43 @@ void Frame<Real>::sort_by_depth() {
     if (rows != order_.data()) std::memcpy(order_.data(), rows, size_t(n) * sizeof(uint32_t));
 }
 
-// Stable scatter of the hits into their tiles, in depth order.
+// Stable scatter of the pairs into their tiles, in depth order.
 template <class Real>
 void Frame<Real>::bin() {
     sort_by_depth();
     const int64_t tile_count = tiles(), parts = threads;
     std::vector<int64_t> positions(size_t(parts * tile_count), 0);
     const auto part_begin = [&](int64_t part) { return visible_count * part / parts; };
-    const auto hits_of = [&](uint32_t row) {
-        return hits_.data() + hit_offset_[size_t(row / kChunk)] + ranges[row].begin;
+    const auto pairs_of = [&](uint32_t row) {
+        return pairs_.data() + pair_offset_[size_t(row / kChunk)] + ranges[row].begin;
     };
-    const auto each_hit = [&](int64_t part, const auto& body) {
+    const auto each_pair = [&](int64_t part, const auto& body) {
         constexpr int64_t ahead = 16;
         for (int64_t i = part_begin(part); i < part_begin(part + 1); ++i) {
             if (i + 2 * ahead < visible_count) __builtin_prefetch(&ranges[order_[i + 2 * ahead]]);
-            if (i + ahead < visible_count) __builtin_prefetch(hits_of(order_[i + ahead]));
+            if (i + ahead < visible_count) __builtin_prefetch(pairs_of(order_[i + ahead]));
             const uint32_t row = order_[i];
-            const HitRange range = ranges[row];
-            const Hit* hit = hits_of(row);
-            for (uint32_t j = 0; j < range.count; ++j) body(row, range.begin + j, hit[j]);
+            const PairRange range = ranges[row];
+            const GaussianPair* pairs = pairs_of(row);
+            for (uint32_t j = 0; j < range.count; ++j) body(row, range.begin + j, pairs[j]);
         }
     };
     parallel_for(parts, threads, [&](int64_t part) {
         int64_t* count = positions.data() + part * tile_count;
-        each_hit(part, [&](uint32_t, uint32_t, Hit hit) { ++count[hit.tile]; });
+        each_pair(part, [&](uint32_t, uint32_t, GaussianPair pair) { ++count[pair.tile]; });
     });
     const int64_t total = counts_to_positions(positions, parts);
     tile_begin_.reserve(tile_count + 1);
     std::copy_n(positions.begin(), tile_count, tile_begin_.data());
     tile_begin_[tile_count] = total;
-    entries_.reserve(total);
-    slots_.reserve(total);
+    tile_pairs_.reserve(total);
+    numbers_.reserve(total);
     parallel_for(parts, threads, [&](int64_t part) {
         int64_t* position = positions.data() + part * tile_count;
-        each_hit(part, [&](uint32_t row, uint32_t slot, Hit hit) {
-            const int64_t to = position[hit.tile]++;
-            entries_[to] = {row, hit.blocks};
-            slots_[to] = slot;
+        each_pair(part, [&](uint32_t row, uint32_t number, GaussianPair pair) {
+            const int64_t to = position[pair.tile]++;
+            tile_pairs_[to] = {row, pair.blocks};
+            numbers_[to] = number;
         });
     });
 }
@@ -182,8 +173,8 @@ void Frame<Real>::bin() {
 template <class Real>
 Tile Frame<Real>::tile(int64_t index) const {
     const int64_t begin = tile_begin_[index];
-    return {entries_.data() + begin,
-            slots_.data() + begin,
+    return {tile_pairs_.data() + begin,
+            numbers_.data() + begin,
             tile_begin_[index + 1] - begin,
             int(index % view.tiles_x()) * kTile,
             int(index / view.tiles_x()) * kTile,

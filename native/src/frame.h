@@ -1,15 +1,17 @@
 // One view of a scene: projected, binned into tiles, ready to be blended.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "buffer.h"
 #include "kernels.h"
+#include "threads.h"
 
 namespace cotton {
 
 inline constexpr int64_t kChunk = 2048;                       // Gaussians per task
-inline constexpr int64_t kMaxPairs = (int64_t(1) << 32) - 1;  // of (tile, Gaussian): slots are numbers of 32 bits
+inline constexpr int64_t kMaxPairs = (int64_t(1) << 32) - 1;  // their numbers have 32 bits
 
 template <class Real>
 class Frame {
@@ -21,6 +23,14 @@ class Frame {
     void blend(const Real* background, const Plane<Real>* planes, Real* transmittance) const;
 
     Tile tile(int64_t index) const;
+
+    // Runs body(first, n) for chunks of the visible rows, in parallel: those of `visible` from `first` on.
+    template <class Body>
+    void each_visible_chunk(const Body& body) const {
+        parallel_for((visible_count + kChunk - 1) / kChunk, threads,
+                     [&](int64_t c) { body(c * kChunk, std::min(kChunk, visible_count - c * kChunk)); });
+    }
+
     int64_t tiles() const { return int64_t(view.tiles_x()) * view.tiles_y(); }
 
     Scene<Real> scene;
@@ -30,7 +40,7 @@ class Frame {
     int64_t culled[kCullReasons] = {};
     Buffer<Real> records;
     Buffer<uint32_t> visible;  // the visible rows, ascending
-    Buffer<HitRange> ranges;   // slots of each visible row
+    Buffer<PairRange> ranges;  // of the pairs of each visible row
 
     int stride() const { return record_stride(scene.channels + scene.with_depth); }
 
@@ -42,13 +52,14 @@ class Frame {
     Buffer<TileRect> rects_;
     Buffer<uint32_t> chunk_visible_;
     std::vector<ProjectionCount> chunks_;
-    std::vector<int64_t> chunk_begin_, hit_offset_;  // of the visible rows; of the hits, minus the first slot
-    Buffer<Hit> hits_;
+    std::vector<int64_t> chunk_begin_;  // of the visible rows
+    std::vector<int64_t> pair_offset_;  // of a chunk's pairs in `pairs_`, minus the number of the first
+    Buffer<GaussianPair> pairs_;
     Buffer<uint64_t> keys_, keys_other_;
     Buffer<uint32_t> order_, order_other_;  // the visible rows, by (depth, row)
     Buffer<int64_t> tile_begin_;            // tiles() + 1
-    Buffer<TileEntry> entries_;
-    Buffer<uint32_t> slots_;
+    Buffer<TilePair> tile_pairs_;
+    Buffer<uint32_t> numbers_;
 };
 
 // Each calling thread keeps one frame and reuses its memory. Its contents depend only on the last prepare().

@@ -92,30 +92,13 @@ COTTON_INLINE void sh_colour(const Real* sh, const PackOf<Real>* basis, int lane
     for (int c = 0; c < 3; ++c) colour[c] = Real(0.5) + (sum[c] + basis[n - 1][lane] * sh[3 * (n - 1) + c]);
 }
 
-// The unit vectors that project_backward left in up to kPack rows of the gradient; the last is repeated to fill up.
-template <class Real>
-COTTON_INLINE void row_directions(const Real* rows, int64_t n, PackOf<Real> unit[3]) {
-    Real lanes[3][kPack];
-    for (int lane = 0; lane < kPack; ++lane) {
-        const Real* from = rows + (lane < n ? lane : n - 1) * row_gradient::size + row_gradient::unit;
-        for (int k = 0; k < 3; ++k) lanes[k][lane] = from[k];
-    }
-    std::memcpy(unit, lanes, sizeof lanes);
-}
-
 // Calls `body.template operator()<degree>()` with the degree as a compile-time constant.
 template <class Body>
 COTTON_INLINE void with_degree(int degree, const Body& body) {
-    switch (degree) {
-        case 0:
-            return body.template operator()<0>();
-        case 1:
-            return body.template operator()<1>();
-        case 2:
-            return body.template operator()<2>();
-        default:
-            return body.template operator()<3>();
-    }
+    if (degree == 0) return body.template operator()<0>();
+    if (degree == 1) return body.template operator()<1>();
+    if (degree == 2) return body.template operator()<2>();
+    return body.template operator()<3>();
 }
 
 }  // namespace cotton::COTTON_ISA

@@ -1,16 +1,16 @@
 // The kernels of one instruction set: this file is compiled once for each, with COTTON_ISA as the namespace.
 #include "kernels.h"
 
+#include "../vision/match.h"
 #include "adam.h"
-#include "hit_tiles.h"
-#include "loss.h"
-#include "match.h"
+#include "list_pairs.h"
 #include "project.h"
 #include "project_backward.h"
 #include "rasterize.h"
 #include "rasterize_rays.h"
 #include "rasterize_values.h"
 #include "self_test.h"
+#include "ssim.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -19,13 +19,12 @@ namespace {
 template <class Real>
 constexpr Kernels<Real> table() {
     Kernels<Real> t{project<Real>,
-                    hit_tiles<Real>,
+                    list_pairs<Real>,
                     forward<Real>,
                     values_backward<Real>,
                     ray_weights<Real>,
                     backward<Real>,
                     project_backward<Real>,
-                    sh_gradient<Real>,
                     loss_forward<Real>,
                     loss_backward<Real>,
                     nullptr,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "harmonics.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
@@ -141,20 +142,13 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
         for (int lane = 0; lane < rows.count; ++lane) {
             const int64_t row = first + lane;
             const double depth = f.cam[2][lane];
-            if (!(not_finite[lane] == 0)) {
-                ++count.culled[kNonFinite];
-                continue;
-            }
-            if (!(depth >= view.near_plane)) {
-                ++count.culled[kBehind];
-                continue;
-            }
-            if (f.degenerate[lane]) {
-                ++count.culled[kDegenerate];
-                continue;
-            }
-            if (!(cut2[lane] >= 0)) {
-                ++count.culled[kFaint];
+            const Cull reason = !(not_finite[lane] == 0)      ? kNonFinite
+                                : !(depth >= view.near_plane) ? kBehind
+                                : f.degenerate[lane]          ? kDegenerate
+                                : !(cut2[lane] >= 0)          ? kFaint
+                                                              : kCullReasons;
+            if (reason != kCullReasons) {
+                ++count.culled[reason];
                 continue;
             }
             const double numbers[] = {f.mean[0][lane], f.mean[1][lane], p[lane],      q[lane],
@@ -182,7 +176,7 @@ void project(const Scene<Real>& scene, const View& view, int64_t begin, int64_t 
             record[field::cut_radius2] = Real(padded2[lane]);
             record[field::depth] = Real(depth);
             out.rects[row] = rect;
-            count.rect_tiles += rect.area();
+            count.most_pairs += rect.area();
             visible[count.visible++] = uint32_t(row);
         }
     }

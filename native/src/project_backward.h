@@ -2,17 +2,18 @@
 #pragma once
 
 #include "harmonics.h"
+#include "projection.h"
 
 namespace cotton::COTTON_ISA {
 namespace {
 
 // Sum of a Gaussian's pair gradients, tile by tile: the order does not depend on threads.
 template <class Real>
-COTTON_INLINE void fold(const Real* pair_rows, HitRange range, Real sums[pair_gradient::size]) {
+COTTON_INLINE void fold(const Real* pair_rows, PairRange pairs, Real sums[pair_gradient::size]) {
     constexpr int n = pair_gradient::size / kLanes<Real>;
     Vec<Real> total[n] = {};
-    for (int64_t slot = range.begin; slot < int64_t(range.begin) + range.count; ++slot) {
-        for (int k = 0; k < n; ++k) total[k] += load(pair_rows + slot * pair_gradient::size + k * kLanes<Real>);
+    for (int64_t pair = pairs.begin; pair < int64_t(pairs.begin) + pairs.count; ++pair) {
+        for (int k = 0; k < n; ++k) total[k] += load(pair_rows + pair * pair_gradient::size + k * kLanes<Real>);
     }
     for (int k = 0; k < n; ++k) store(sums + k * kLanes<Real>, total[k]);
 }
@@ -117,7 +118,7 @@ static_assert(row_gradient::unit % kLanes<float> == 0 && row_gradient::unit + 3 
 
 template <class Real>
 int64_t project_backward(const Scene<Real>& scene, const View& view, const uint32_t* visible, int64_t n,
-                         const Real* records, int record_stride, const HitRange* ranges, const Real* pair_rows,
+                         const Real* records, int record_stride, const PairRange* ranges, const Real* pair_rows,
                          Real* rows) {
     const RatioLimits limits(view);
     double centre[3];
@@ -180,27 +181,6 @@ int64_t project_backward(const Scene<Real>& scene, const View& view, const uint3
         if (!(sum<Real>(doubt) == 0)) spoilt += drop_spoilt(rows + first * row_gradient::size, pack.count);
     }
     return spoilt;
-}
-
-template <class Real>
-void sh_gradient(const Scene<Real>& scene, const uint32_t* visible, int64_t n, const Real* rows, Real* v_sh) {
-    for (int64_t first = 0; first < n; first += kPack) {
-        const Real* pack = rows + first * row_gradient::size;
-        const int64_t count = n - first < kPack ? n - first : kPack;
-        PackOf<Real> unit[3], basis[kMostCoefficients];
-        row_directions(pack, count, unit);
-        with_degree(scene.sh_degree, [&]<int degree>() {
-            constexpr int coefficients = (degree + 1) * (degree + 1);
-            sh_basis<degree, Real>(unit, basis);
-            for (int64_t lane = 0; lane < count; ++lane) {
-                const Real* v_colour = pack + lane * row_gradient::size + row_gradient::colour;
-                Real* v = v_sh + 3 * scene.sh_stored * int64_t(visible[first + lane]);
-                for (int k = 0; k < coefficients; ++k) {
-                    for (int c = 0; c < 3; ++c) v[3 * k + c] = basis[k][lane] * v_colour[c];
-                }
-            }
-        });
-    }
 }
 
 }  // namespace cotton::COTTON_ISA

@@ -44,22 +44,13 @@ void forward_tile(const Tile& tile, const Real* records, const Real* background,
 
 template <class Real>
 typename Kernels<Real>::Forward forward(int channels) {
-    switch (channels) {
-        case 2:
-            return forward_tile<Real, 2>;
-        case 3:
-            return forward_tile<Real, 3>;
-        case 4:
-            return forward_tile<Real, 4>;
-        case 5:
-            return forward_tile<Real, 5>;
-        case 17:
-            return forward_tile<Real, 17>;
-        case 33:
-            return forward_tile<Real, 33>;
-        default:
-            return nullptr;
-    }
+    return channels == 2    ? forward_tile<Real, 2>
+           : channels == 3  ? forward_tile<Real, 3>
+           : channels == 4  ? forward_tile<Real, 4>
+           : channels == 5  ? forward_tile<Real, 5>
+           : channels == 17 ? forward_tile<Real, 17>
+           : channels == 33 ? forward_tile<Real, 33>
+                            : nullptr;
 }
 
 // Front to back again: the loop keeps only the transmittance and one scalar per pixel, the gradient-weighted colour
@@ -90,7 +81,7 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
             values = record + field::values;
         },
         [&](int i) COTTON_INLINE_BODY { return blend(splat, i, transmittance, blends[i / kBlockPixels]); },
-        [&](int64_t e, uint32_t blocks) COTTON_INLINE_BODY {
+        [&](int64_t pair, uint32_t blocks) COTTON_INLINE_BODY {
             using namespace pair_gradient;
             V sums[size] = {};
             // A second loop over the blocks, so that the processor overlaps the long chains of both.
@@ -119,12 +110,12 @@ void backward(const Tile& tile, const Real* records, const Plane<const Real>* im
                     sums[weight] += b.weight[j];
                 }
             });
-            Real* row = rows + int64_t(tile.slots[e]) * size;
+            Real* row = rows + int64_t(tile.numbers[pair]) * size;
             sums[abs_x] *= splat.p;
             for (int k = 0; k < size; k += kLanes<Real>) store(row + k, sums_of_lanes<Real>(sums + k));
         },
-        [&](int64_t e) {
-            Real* row = rows + int64_t(tile.slots[e]) * pair_gradient::size;
+        [&](int64_t pair) {
+            Real* row = rows + int64_t(tile.numbers[pair]) * pair_gradient::size;
             for (int k = 0; k < pair_gradient::size; ++k) row[k] = 0;
         });
 }

@@ -21,13 +21,13 @@ void ray_weights(const Tile& tile, const Real* records, int stride, const uint8_
             for (int j = 0; j < kVectors<Real>; ++j) store(blended + i + j * kLanes<Real>, b.weight[j]);
             return still_open;
         },
-        [&](int64_t e, uint32_t blocks) {
-            Real* row = weights + e * n;
+        [&](int64_t pair, uint32_t blocks) {
+            Real* row = weights + pair * n;
             for (int k = 0; k < n; ++k)
                 row[k] = blocks >> (pixels[k] / kBlockPixels) & 1 ? blended[pixels[k]] : Real(0);
         },
-        [&](int64_t e) {
-            for (int k = 0; k < n; ++k) weights[e * n + k] = 0;
+        [&](int64_t pair) {
+            for (int k = 0; k < n; ++k) weights[pair * n + k] = 0;
         });
 }
 

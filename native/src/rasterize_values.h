@@ -31,12 +31,12 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
             }
             return still_open;
         },
-        [&](int64_t e, uint32_t) {
-            Real* row = rows + int64_t(tile.slots[e]) * row_stride;
+        [&](int64_t pair, uint32_t) {
+            Real* row = rows + int64_t(tile.numbers[pair]) * row_stride;
             for (int c = 0; c < channels; ++c) row[c] = sum<Real>(sums[c]);
         },
-        [&](int64_t e) {
-            Real* row = rows + int64_t(tile.slots[e]) * row_stride;
+        [&](int64_t pair) {
+            Real* row = rows + int64_t(tile.numbers[pair]) * row_stride;
             for (int c = 0; c < channels; ++c) row[c] = 0;
         });
 }
@@ -45,14 +45,7 @@ void values_backward_tile(const Tile& tile, const Real* records, int stride, con
 
 template <class Real>
 typename Kernels<Real>::ValuesBackward values_backward(int channels) {
-    switch (channels) {
-        case 1:
-            return values_backward_tile<Real, 1>;
-        case 4:
-            return values_backward_tile<Real, 4>;
-        default:
-            return nullptr;
-    }
+    return channels == 1 ? values_backward_tile<Real, 1> : channels == 4 ? values_backward_tile<Real, 4> : nullptr;
 }
 
 }  // namespace cotton::COTTON_ISA

@@ -1,9 +1,6 @@
 #include "rays.h"
 
-#include <algorithm>
 #include <numeric>
-
-#include "threads.h"
 
 namespace cotton {
 
@@ -40,10 +37,10 @@ RayWeights<Real> ray_weights(const Frame<Real>& frame, const int64_t* pixels, in
         TileRays& own = found[size_t(t)];
         for (size_t k = 0; k < n; ++k) {
             const size_t before = own.rows.size();
-            for (int64_t e = 0; e < tile.count; ++e) {
-                const Real weight = weights[size_t(e) * n + k];
+            for (int64_t pair = 0; pair < tile.count; ++pair) {
+                const Real weight = weights[size_t(pair) * n + k];
                 if (!(weight > 0)) continue;
-                own.rows.push_back(int32_t(tile.entries[e].row));
+                own.rows.push_back(int32_t(tile.pairs[pair].row));
                 own.weights.push_back(weight);
             }
             result.starts[size_t(chosen[k]) + 1] = int64_t(own.rows.size() - before);

@@ -55,6 +55,21 @@ COTTON_INLINE void store(Real* to, Vec<Real> value) {
     std::memcpy(to, &value, sizeof value);
 }
 
+// The first n lanes, the others zero.
+template <class T>
+COTTON_INLINE Vec<T> load_part(const T* from, int n) {
+    Vec<T> result{};
+    if (n == kLanes<T>) return load(from);
+    for (int i = 0; i < n; ++i) result[i] = from[i];
+    return result;
+}
+
+template <class T>
+COTTON_INLINE void store_part(T* to, Vec<T> value, int n) {
+    if (n == kLanes<T>) return store(to, value);
+    for (int i = 0; i < n; ++i) to[i] = value[i];
+}
+
 // fma: a b + c and fnma: c - a b, rounded once where the instruction set can. minimum, maximum: the second operand when
 // either is NaN. lane_bits: one bit per true lane.
 #if defined(__AVX512F__)

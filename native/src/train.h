@@ -1,33 +1,13 @@
-// Loss, gradients and the optimiser step of one view.
+// Gradients and the optimiser step of one view.
 #pragma once
 
 #include <functional>
 
 #include "frame.h"
+#include "loss.h"
+#include "optimiser.h"
 
 namespace cotton {
-
-struct LossReport {
-    double loss, l1, ssim;
-};
-
-// The photograph with which an image, or a window of it, is compared.
-struct Target {
-    const uint8_t* rgb;  // of the first pixel
-    int64_t row;         // pixels from row to row
-    double share;        // share of the photograph in the comparison
-    double dssim;        // λ
-
-    static Target of(const uint8_t* photograph, const View& view, double dssim) {
-        const int64_t first = int64_t(view.top) * view.image_width + view.left;
-        return {photograph + 3 * first, view.image_width, double(view.pixels()) / double(view.image_pixels()), dssim};
-    }
-};
-
-// (1 - λ) L1 + λ (1 - SSIM) of a planar image (3, H, W), and the gradient, of the same size, of the target's share of
-// the loss: so a pixel weighs the same in a window as in the whole image.
-template <class Real>
-LossReport image_loss(const Real* image, const Target& target, int width, int height, int threads, Real* v_image);
 
 // The gradient of one view by the parameters: a row_gradient row for each visible Gaussian.
 template <class Real>

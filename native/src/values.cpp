@@ -1,9 +1,6 @@
 #include "values.h"
 
-#include <algorithm>
 #include <numeric>
-
-#include "threads.h"
 
 namespace cotton {
 namespace {
@@ -14,15 +11,6 @@ void each_pixel(const Tile& tile, const Body& body) {
         const int x = tile.x0 + pixel_x(i), y = tile.y0 + pixel_y(i);
         if (x < tile.width && y < tile.height) body(i, int64_t(y) * tile.width + x);
     }
-}
-
-// Runs body(i) for the visible Gaussians i = 0 .. visible_count - 1.
-template <class Real, class Body>
-void each_visible(const Frame<Real>& frame, const Body& body) {
-    const int64_t chunks = (frame.visible_count + kChunk - 1) / kChunk;
-    parallel_for(chunks, frame.threads, [&](int64_t chunk) {
-        for (int64_t i = chunk * kChunk; i < std::min(frame.visible_count, (chunk + 1) * kChunk); ++i) body(i);
-    });
 }
 
 // The mask ids of one tile except 0, ascending.
@@ -43,15 +31,15 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
     constexpr int planes = 4;
     const auto total_kernel = kernels<float>().values_backward(1);
     const auto masks_kernel = kernels<float>().values_backward(planes);
-    struct SlotWeight {
-        uint32_t slot;
+    struct PairWeight {
+        uint32_t number;
         uint16_t id;
         float weight;
     };
     thread_local Buffer<float> kept;
     Buffer<float>& totals = kept;  // the calling thread's, used in all threads
     totals.reserve(frame.pair_count);
-    std::vector<std::vector<SlotWeight>> found(size_t(frame.tiles()));
+    std::vector<std::vector<PairWeight>> found(size_t(frame.tiles()));
     parallel_for(frame.tiles(), frame.threads, [&](int64_t t) {
         Tile tile = frame.tile(t);
         const std::vector<uint16_t> ids = ids_in(tile, mask_ids);
@@ -60,10 +48,10 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
             total_kernel(tile, frame.records.data(), frame.stride(), indicators.data(), totals.data(), 1);
             return;
         }
-        const uint32_t* slots = tile.slots;
-        std::vector<uint32_t> entry_order(size_t(tile.count));
-        std::iota(entry_order.begin(), entry_order.end(), 0u);
-        tile.slots = entry_order.data();
+        const uint32_t* numbers = tile.numbers;
+        std::vector<uint32_t> places(size_t(tile.count));
+        std::iota(places.begin(), places.end(), 0u);
+        tile.numbers = places.data();
         std::vector<float> sums(size_t(tile.count * planes));
         for (size_t first = 0; first < ids.size(); first += planes - 1) {
             const size_t n = std::min(ids.size() - first, size_t(planes - 1));
@@ -74,38 +62,40 @@ std::vector<MaskWeight> mask_weights(Frame<float>& frame, const uint16_t* mask_i
                 }
             });
             masks_kernel(tile, frame.records.data(), frame.stride(), indicators.data(), sums.data(), planes);
-            for (int64_t e = 0; e < tile.count; ++e) {
-                totals[slots[e]] = sums[size_t(e * planes)];
+            for (int64_t pair = 0; pair < tile.count; ++pair) {
+                totals[numbers[pair]] = sums[size_t(pair * planes)];
                 for (size_t k = 0; k < n; ++k) {
-                    const float weight = sums[size_t(e * planes) + k + 1];
-                    if (weight > 0) found[size_t(t)].push_back({slots[e], ids[first + k], weight});
+                    const float weight = sums[size_t(pair * planes) + k + 1];
+                    if (weight > 0) found[size_t(t)].push_back({numbers[pair], ids[first + k], weight});
                 }
             }
         }
     });
-    each_visible(frame, [&](int64_t i) {
-        const HitRange range = frame.ranges[frame.visible[i]];
-        total[frame.visible[i]] =
-            std::accumulate(totals.data() + range.begin, totals.data() + range.begin + range.count, 0.0f);
+    frame.each_visible_chunk([&](int64_t first, int64_t n) {
+        for (int64_t i = first; i < first + n; ++i) {
+            const PairRange range = frame.ranges[frame.visible[i]];
+            const float* begin = totals.data() + range.begin;
+            total[frame.visible[i]] = std::accumulate(begin, begin + range.count, 0.0f);
+        }
     });
 
-    // Slots ascend with the rows: a counting sort of the finds by slot puts them in the order of the rows.
+    // Numbers ascend with the rows: a counting sort of the finds by number puts them in the order of the rows.
     std::vector<int64_t> begin(size_t(frame.pair_count) + 1, 0);
     for (const auto& tile : found) {
-        for (const SlotWeight& f : tile) ++begin[f.slot + 1];
+        for (const PairWeight& f : tile) ++begin[f.number + 1];
     }
     std::partial_sum(begin.begin(), begin.end(), begin.begin());
-    std::vector<SlotWeight> by_slot(size_t(begin.back()));
+    std::vector<PairWeight> by_number(size_t(begin.back()));
     std::vector<int64_t> position(begin.begin(), begin.end() - 1);
     for (const auto& tile : found) {
-        for (const SlotWeight& f : tile) by_slot[size_t(position[f.slot]++)] = f;
+        for (const PairWeight& f : tile) by_number[size_t(position[f.number]++)] = f;
     }
     std::vector<MaskWeight> weights;
     for (int64_t i = 0; i < frame.visible_count; ++i) {
-        const HitRange range = frame.ranges[frame.visible[i]];
-        const auto first = by_slot.begin() + begin[range.begin],
-                   last = by_slot.begin() + begin[range.begin + range.count];
-        std::stable_sort(first, last, [](const SlotWeight& a, const SlotWeight& b) { return a.id < b.id; });
+        const PairRange range = frame.ranges[frame.visible[i]];
+        const auto first = by_number.begin() + begin[range.begin],
+                   last = by_number.begin() + begin[range.begin + range.count];
+        std::stable_sort(first, last, [](const PairWeight& a, const PairWeight& b) { return a.id < b.id; });
         for (auto f = first; f != last; ++f) {
             if (f != first && f->id == (f - 1)->id) {
                 weights.back().weight += f->weight;

@@ -30,7 +30,7 @@ STEPS = 4
 """Steps in each turn."""
 GUARDS: dict[str, tuple[Change, ...]] = {
     "parameters that are not finite are culled": (Change(
-        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
+        "project.h", "project", "!(@flags[@lane] == 0) ? kNonFinite", "false ? kNonFinite"
     ),),
     "projections and colours that are not finite are culled": (
         Change("project.h", "project", "for (double @number : @numbers) @all &= finite(@number);", "(void)@numbers;"),
@@ -74,11 +74,11 @@ GUARDS: dict[str, tuple[Change, ...]] = {
     ),),
     "SSIM is at most 1": (
         Change(
-            "loss.h", "loss_forward",
+            "ssim.h", "loss_forward",
             "maximum(@blurred[2] - @m11 - @m22, V{}) + Real(kC2)", "@blurred[2] - @m11 - @m22 + Real(kC2)",
         ),
         Change(
-            "loss.h", "loss_forward",
+            "ssim.h", "loss_forward",
             "minimum(2 * (@blurred[3] - @m12) + Real(kC2), @b2)", "2 * (@blurred[3] - @m12) + Real(kC2)",
         ),
     ),

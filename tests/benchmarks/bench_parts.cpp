@@ -32,8 +32,8 @@ DECLARE(avx512)
 
 namespace {
 
-enum Part : int { kProject, kHitTiles, kForward, kLoss, kBackward, kProjectBackward, kAdam, kParts };
-constexpr const char* kNames[kParts] = {"project",  "hit_tiles",        "forward", "loss",
+enum Part : int { kProject, kListPairs, kForward, kLoss, kBackward, kProjectBackward, kAdam, kParts };
+constexpr const char* kNames[kParts] = {"project",  "list_pairs",       "forward", "loss",
                                         "backward", "project_backward", "adam"};
 std::atomic<int64_t> spent_ns[kParts];
 Kernels<float> measured;  // those that the timed ones call
@@ -81,7 +81,7 @@ void choose(const std::string& isa) {
     using K = Kernels<float>;
     table = measured;
     table.project = timed<kProject, &K::project>;
-    table.hit_tiles = timed<kHitTiles, &K::hit_tiles>;
+    table.list_pairs = timed<kListPairs, &K::list_pairs>;
     table.loss_forward = timed<kLoss, &K::loss_forward>;
     table.loss_backward = timed<kLoss, &K::loss_backward>;
     table.backward = timed<kBackward, &K::backward>;
@@ -104,9 +104,9 @@ Pairs count_pairs(const Frame<float>& frame) {
         for (int i = 0; i < kTilePixels; ++i) {
             transmittance[i] = tile.x0 + pixel_x(i) < tile.width && tile.y0 + pixel_y(i) < tile.height;
         }
-        for (int64_t e = 0; e < tile.count; ++e) {
-            const float* g = frame.records.data() + int64_t(tile.entries[e].row) * frame.stride();
-            for (uint32_t blocks = tile.entries[e].blocks; blocks != 0; blocks &= blocks - 1) {
+        for (int64_t pair = 0; pair < tile.count; ++pair) {
+            const float* g = frame.records.data() + int64_t(tile.pairs[pair].row) * frame.stride();
+            for (uint32_t blocks = tile.pairs[pair].blocks; blocks != 0; blocks &= blocks - 1) {
                 double* open = transmittance + __builtin_ctz(blocks) * kBlockPixels;
                 if (std::none_of(open, open + kBlockPixels, [](double x) { return x > kStop; })) continue;
                 pairs.evaluated += kBlockPixels;
@@ -154,6 +154,7 @@ void benchmark(FILE* file, int threads, int repeats) {
         first[k].resize(parameters[k].size()), second[k].resize(parameters[k].size());
     }
     for (auto& sums : statistics) sums.resize(size_t(n));
+    const std::vector<float> factors(size_t(2 * n), 1.0f);
     const auto photograph = read<uint8_t>(file, 3 * view.pixels());
     std::vector<int32_t> steps(static_cast<size_t>(n * kBands)), count(static_cast<size_t>(n));
 
@@ -173,6 +174,7 @@ void benchmark(FILE* file, int threads, int repeats) {
     rows.first = moments(first), rows.second = moments(second);
     rows.steps = steps.data();
     rows.rates = {0, 0, 0, 0, 0, 0, 0.9f, 0.999f, 1e-15f};  // the same work every time
+    rows.rate_factors = factors.data();
     rows.statistics = {statistics[0].data(), statistics[1].data(), count.data(), float(1 / double(view.pixels()))};
 
     const Target target = Target::of(photograph.data(), view, 0.2);

@@ -49,7 +49,7 @@ MUTATIONS = (
         "}",
     ),)),
     Mutation("parameters that are not finite are not culled", (Change(
-        "project.h", "project", "if (!(@flags[@lane] == 0))", "if (false)"
+        "project.h", "project", "!(@flags[@lane] == 0) ? kNonFinite", "false ? kNonFinite"
     ),)),
     Mutation("colours that are not finite are not culled", (Change(
         "project.h", "write_values", "return @usable;", "return true;"
@@ -63,7 +63,7 @@ MUTATIONS = (
         "minimum(sqrt(maximum(@cut2, Pack{}) / kScale2), Pack{} + 3.0)",
     ),)),
     Mutation("sum that depends on the threads", (Change(
-        "train.cpp", "image_loss",
+        "loss.cpp", "image_loss",
         "for (const LossSums& @sum : @sums) @report.l1 += @sum.l1 * @norm, @report.ssim += @sum.ssim * @norm;",
         "std::vector<LossSums> parts(size_t(thread_count(threads)), LossSums{0, 0});\n"
         "for (size_t i = 0; i < @sums.size(); ++i) {\n"

@@ -21,11 +21,12 @@ from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import OutOfResources
 from cotton3dg.gaussians import rasterizer
-from cotton3dg.gaussians.state import Surroundings
+from cotton3dg.geometry.camera_orbit import Orbit
 from cotton3dg.segment.affinity import normalise
 from cotton3dg.train import densify, trainer
 from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.train.quality import metrics_of, outcome_of
+from cotton3dg.train.schedule import SURROUNDINGS_LOG_SCALES, SURROUNDINGS_MEANS, rate_factors
 from cotton3dg.train.trainer import fit
 
 ROOT = Path(__file__).parents[2]
@@ -143,15 +144,16 @@ def test_case_25_the_first_steps_of_a_late_band_are_no_longer_than_its_rate(degr
         assert np.abs(gaussians.sh[:, band] - before).max() <= 1.05 * RATES.sh_rest
 
 
-@pytest.mark.parametrize("distance", [2.0, 1e3, 1e25])
+@pytest.mark.parametrize("distance", [20.0, 1e3, 1e25])
 def test_case_25_steps_far_away_keep_their_limit(distance: float) -> None:
     """However far the region where steps stay short is; squares of the largest distance overflow."""
     camera, gaussians = camera_at(24, 18), scene(60, seed=3)
-    around = Surroundings((distance, 0.0, 0.0), 0.5, 10.0, 20.0, 2.0)
+    orbit = Orbit(np.array([distance, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), 1.0, 1.0, 360.0, 0.0)
     before = Gaussians(*(a.copy() for a in arrays_of(gaussians)))
-    step(gaussians, camera, learning_rates=dataclasses.replace(RATES, surroundings=around))
+    step(gaussians, camera, rate_factors=rate_factors(gaussians.means, orbit))
     moved = [np.abs(a - b).max() for a, b in zip(arrays_of(gaussians), arrays_of(before), strict=True)]
-    limits = np.array([20 * RATES.means, RATES.quats, 2 * RATES.log_scales, RATES.opacity_logits, RATES.sh0])
+    far = SURROUNDINGS_MEANS * RATES.means, RATES.quats, SURROUNDINGS_LOG_SCALES * RATES.log_scales
+    limits = np.array([*far, RATES.opacity_logits, RATES.sh0])
     assert np.allclose(moved, limits, rtol=0.01)
 
 

@@ -137,6 +137,16 @@ def test_every_file_of_the_sources_that_the_text_names_exists(page):
             assert (ROOT / "cotton3dg" / path).is_file(), path
 
 
+def test_each_function_of_the_walk_through_the_core_is_in_its_file():
+    page = ROOT / "native" / "README.md"
+    named = re.findall(r"`(?:\w+::)?(\w+)`[^`]*?\(`((?:src|vision)/[\w.]+)`\)", page.read_text(encoding="utf-8"))
+    assert len(named) >= 12
+    for name, file in named:
+        assert re.search(rf"\b{name}\b", (page.parent / file).read_text(encoding="utf-8")), (name, file)
+    files = re.findall(r"`((?:src|vision)/[\w.]+)`", page.read_text(encoding="utf-8"))
+    assert {file for file in files if not (page.parent / file).is_file()} == set()
+
+
 def test_each_question_of_a_newcomer_has_one_file_with_what_it_names():
     part = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("\n## ")[1]
     rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.endswith("|")][2:]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import splatting
 import torch
+from scenes.differentiation import image_gradient, view_gradients
 from scenes.splat_scenes import NEAR, arrays_of, camera_at, double, native_view, scene
 from scipy import sparse
 
@@ -74,7 +75,7 @@ def test_image_and_gradients_match_autograd(name: str, degree: int, record_prope
     view = native_view(camera)
     native_image = _native.render(double(gaussians), view, degree, background, 2)[0]
     assert np.abs(native_image - image.detach().numpy()).max() < 1e-11
-    finite, gradients, _ = _native.for_tests.image_gradient(double(gaussians), view, degree, background, v_image, 2)
+    finite, gradients = image_gradient(double(gaussians), view, degree, background, v_image, 2)
     assert finite
     for key, parameter in zip(NAMES, parameters, strict=True):
         expected = np.zeros(parameter.shape) if parameter.grad is None else parameter.grad.numpy()
@@ -89,7 +90,7 @@ def test_gradients_match_finite_differences(name: str, record_property) -> None:
     rng = np.random.default_rng(PIXEL_SEED)
     v_image = rng.normal(size=(camera.height, camera.width, 3))
     arrays, view = double(gaussians), native_view(camera)
-    gradients = _native.for_tests.image_gradient(arrays, view, 3, background, v_image, 2)[1]
+    gradients = image_gradient(arrays, view, 3, background, v_image, 2)[1]
 
     def objective(*shifted: np.ndarray) -> float:
         return float((_native.render(shifted, view, 3, background, 2)[0] * v_image).sum())
@@ -116,8 +117,8 @@ def test_float_matches_double(name: str, record_property) -> None:
     background = np.array([0.2, 0.4, 0.6])
     v_image = np.random.default_rng(PIXEL_SEED).normal(size=(camera.height, camera.width, 3))
     view = native_view(camera)
-    exact = _native.for_tests.image_gradient(double(gaussians), view, 3, background, v_image, 2)[1]
-    single = _native.for_tests.image_gradient(
+    exact = image_gradient(double(gaussians), view, 3, background, v_image, 2)[1]
+    single = image_gradient(
         arrays_of(gaussians), view, 3, background.astype(np.float32), v_image.astype(np.float32), 2
     )[1]
     kind, bound = ("ordinary", 1e-5) if name in ORDINARY else ("hard", 1e-4)
@@ -175,13 +176,11 @@ def test_all_of_a_training_step_matches_autograd() -> None:
     expected = splatting.loss(image, target, 0.2)
     expected.backward()
     view = native_view(camera)
-    report, gradients, _ = _native.for_tests.gradients(double(gaussians), view, 2, background, target, 0.2, 2)
+    report, gradients = view_gradients(double(gaussians), view, 2, background, target, 0.2, 2)
     assert report["loss"] == pytest.approx(expected.item(), rel=1e-12)
     for key, parameter in zip(NAMES, parameters, strict=True):
         assert relative(gradients[key], parameter.grad.numpy()) < 1e-9, key
-    single = _native.for_tests.gradients(arrays_of(gaussians), view, 2, background.astype(np.float32), target, 0.2, 2)[
-        1
-    ]
+    single = view_gradients(arrays_of(gaussians), view, 2, background.astype(np.float32), target, 0.2, 2)[1]
     for key in NAMES:
         assert relative(single[key], gradients[key]) < 1e-4, key
 
@@ -201,7 +200,7 @@ def test_a_window_is_that_part_of_the_image(name: str, window: tuple[int, int, i
     view = native_view(camera, window=window)
     native_image = _native.render(double(gaussians), view, 2, background, 2)[0]
     assert np.abs(native_image - image[part].detach().numpy()).max() < 1e-11
-    report, gradients, _ = _native.for_tests.gradients(double(gaussians), view, 2, background, target, 0.2, 2)
+    report, gradients = view_gradients(double(gaussians), view, 2, background, target, 0.2, 2)
     assert report["loss"] == pytest.approx(expected.item(), rel=1e-12)
     for key, parameter in zip(NAMES, parameters, strict=True):
         assert relative(gradients[key], parameter.grad.numpy()) < (1e-9 if name in ORDINARY else 1e-8), key

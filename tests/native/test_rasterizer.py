@@ -7,7 +7,7 @@ import platform
 import re
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import adam as reference
@@ -20,7 +20,6 @@ from scipy import sparse
 from cotton3dg import _native
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.gaussians import rasterizer
-from cotton3dg.gaussians.state import NO_SURROUNDINGS, Surroundings
 
 
 def test_weights_are_those_that_rendering_uses() -> None:
@@ -100,17 +99,18 @@ def test_wrong_arrays_are_refused() -> None:
         _native.render(arrays_of(gaussians), view, 4, black, 1)
     with pytest.raises(ValueError, match="target"):
         loss_and_gradients(gaussians, camera, np.zeros((5, 5, 3), np.uint8))
+    with pytest.raises(ValueError, match="rate_factors"):
+        step(gaussians, camera, rate_factors=np.ones((2, 2), np.float32))
     with pytest.raises(ValueError, match="positive"):
         native_view(camera, near_su=0.0)
 
 
-@pytest.mark.parametrize("surroundings", [NO_SURROUNDINGS, Surroundings((0.2, -0.1, 0.1), 0.5, 2.0, 3.5, 1.5)])
-def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
-    """Four views, some Gaussians hidden in some of them; from within the radius to where rates are limited.
-
-    A band of the colour joins with each view.
-    """
-    rates, gaussians = replace(RATES, surroundings=surroundings), scene(60, seed=12)
+@pytest.mark.parametrize("most", [None, 3.5], ids=["one rate", "rates of their own"])
+def test_steps_are_those_of_the_reference(most: float | None) -> None:
+    """Four views, some Gaussians hidden in some of them; a band of the colour joins with each view."""
+    factors = None if most is None else np.random.default_rng(1).uniform(1, most, (60, 2)).astype(np.float32)
+    longer = dict(zip(("means", "log_scales"), np.ones((2, 60)) if factors is None else factors.T, strict=True))
+    rates, gaussians = RATES, scene(60, seed=12)
     gaussians.means[:20] *= np.float32(0.1)
     gaussians.means[50:, 2] = -9  # behind the first camera
     adam, statistics = rasterizer.AdamState.zeros(gaussians), rasterizer.DensityStatistics.zeros(60)
@@ -122,11 +122,11 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
         gradients = loss_and_gradients(gaussians, camera, target_of(camera), **options)
         seen = gradients.weight > 0
         steps[seen, : number + 1] += 1
-        start = expected[0].copy()
         for i, name in enumerate(("means", "quats", "log_scales", "opacity_logits", "sh")):
-            rate = reference.rates_of_rows(rates, start, "sh0" if name == "sh" else name)
             counts, rows = steps[:, 0], np.ix_(seen)
-            if name == "sh":
+            if name != "sh":
+                rate = np.full(60, getattr(rates, name)) * longer.get(name, 1)
+            else:
                 rate = np.broadcast_to(np.where(np.arange(16) == 0, rates.sh0, rates.sh_rest)[:, None], (60, 16, 3))
                 counts = np.repeat(steps, (1, 3, 5, 7), axis=1)[:, :, None]
                 rows = np.ix_(seen, np.arange(16) < (number + 1) ** 2)
@@ -134,7 +134,8 @@ def test_steps_are_those_of_the_reference(surroundings: Surroundings) -> None:
             stepped = reference.adam(*(a[rows] for a in (*state, counts, rate)), rates)
             for array, new in zip((expected[i], moments[0][i], moments[1][i]), stepped, strict=True):
                 array[rows] = new
-        rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), learning_rates=rates, **options)
+        options |= {"learning_rates": rates, "rate_factors": factors}
+        rasterizer.train_step(gaussians, adam, statistics, camera, target_of(camera), **options)
         for array, twin in zip(arrays_of(gaussians), expected, strict=True):
             np.testing.assert_allclose(array, twin, rtol=2e-6, atol=2e-6)
             twin[...] = array  # a rounding must not become another gradient in the next view

@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 import pytest
-from scenes.differentiation import loss_and_gradients
+from scenes.differentiation import image_gradient, loss_and_gradients
 from scenes.splat_scenes import (
     NEAR,
     SPECIAL,
@@ -131,8 +131,8 @@ def test_random_scenes_in_float_match_double(first: int, record_property) -> Non
             continue
         compared += 1
         v_image = rng.normal(size=exact_image.shape)
-        exact = _native.for_tests.image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
-        single = _native.for_tests.image_gradient(
+        exact = image_gradient(double(gaussians), view, 3, background, v_image, 1)[1]
+        single = image_gradient(
             arrays_of(gaussians), view, 3, background.astype(np.float32), v_image.astype(np.float32), 1
         )[1]
         largest = max(float(np.linalg.norm(exact[key])) for key in NAMES)

@@ -9,18 +9,6 @@ from cotton3dg.gaussians.state import LearningRates
 LONGEST_GRADIENT = 1e15
 
 
-def rates_of_rows(rates: LearningRates, means: np.ndarray, name: str) -> np.ndarray:
-    """(N,) rate of the array `name` for Gaussians at `means` (N, 3)."""
-    far = rates.surroundings
-    beyond = np.linalg.norm(means - np.array(far.centre), axis=1) / far.radius_su - 1
-    longer = 1 + far.growth * np.maximum(0, beyond)
-    if name == "means":
-        return rates.means * np.minimum(longer, far.most_means)
-    if name == "log_scales":
-        return rates.log_scales * np.minimum(longer, far.most_log_scales)
-    return np.full(len(means), getattr(rates, name))
-
-
 def adam(
     parameter: np.ndarray,
     gradient: np.ndarray,

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cotton3dg._native import for_tests
+from cotton3dg._native import View, for_tests
 from cotton3dg.core.scene import Camera, Gaussians
 from cotton3dg.gaussians import rasterizer
+from cotton3dg.gaussians.harmonics import basis
 from scenes.splat_scenes import arrays_of, native_view
+
+Arrays = tuple[NDArray[Any], ...]
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ def loss_and_gradients(
     """Loss of one view against its photograph (H, W, 3) uint8 and all gradients; see `train_step`."""
     degree = gaussians.sh_degree if sh_degree is None else sh_degree
     near = rasterizer.near_plane(gaussians, camera) if near_su is None else near_su
-    report, gradients, _ = for_tests.gradients(
+    report, found = view_gradients(
         arrays_of(gaussians),
         native_view(camera, near),
         degree,
@@ -61,4 +64,29 @@ def loss_and_gradients(
         dssim,
         threads,
     )
-    return LossGradients(**report, **gradients)
+    del found["v_colours"]
+    return LossGradients(**report, **found)
+
+
+def view_gradients(
+    arrays: Arrays, view: View, degree: int, background: NDArray[Any], target: NDArray[Any], dssim: float, threads: int
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """{loss, l1, ssim, finite} against a photograph, and the gradients by all parameters, in their precision."""
+    report, found, _ = for_tests.gradients(arrays, view, degree, background, target, dssim, threads)
+    return report, _with_v_sh(found, arrays[4], degree)
+
+
+def image_gradient(
+    arrays: Arrays, view: View, degree: int, background: NDArray[Any], v_image: NDArray[Any], threads: int
+) -> tuple[bool, dict[str, NDArray[Any]]]:
+    """Whether the gradients by all parameters are finite, and they, for a gradient by the image (H, W, 3)."""
+    report, found, _ = for_tests.image_gradient(arrays, view, degree, background, v_image, threads)
+    return report["finite"], _with_v_sh(found, arrays[4], degree)
+
+
+def _with_v_sh(found: dict[str, NDArray[Any]], sh: NDArray[Any], degree: int) -> dict[str, NDArray[Any]]:
+    """The gradient by the (N, K, 3) harmonics in place of the directions; the core computes it inside Adam only."""
+    functions = basis(found.pop("directions"), (degree + 1) ** 2)
+    v_sh = np.zeros_like(sh)
+    v_sh[:, : functions.shape[1]] = functions[:, :, None] * found["v_colours"][:, None]
+    return found | {"v_sh": v_sh}

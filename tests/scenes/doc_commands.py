@@ -15,7 +15,8 @@ from cotton3dg.options import COMMAND_OPTIONS, PRESETS, STAGE_OPTIONS, resolve
 from cotton3dg.pipeline import selected
 from scenes.tiny_plant import ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "tests" / "README.md"])
+READMES = [ROOT / folder / "README.md" for folder in ("native", "tests")]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *READMES])
 SCRIPTS = sorted((ROOT / "examples").glob("*.sh"))
 GROUP: Any = typer.main.get_command(app)
 COMMANDS: dict[str, Any] = GROUP.commands

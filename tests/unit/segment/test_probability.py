@@ -47,7 +47,7 @@ def view_of_renders(gaussians: Gaussians, camera: Camera, inside: np.ndarray) ->
         v_image = np.zeros((*inside.shape, 3), np.float32)
         v_image[..., 0] = v_map.reshape(inside.shape)
         found = for_tests.image_gradient(arrays_of(white), view, 0, np.zeros(3, np.float32), v_image, 0)[1]
-        return found["v_sh"][:, 0, 0] / np.float32(SH_CONSTANT)
+        return found["v_colours"][:, 0]
 
     return TrainingView(render, gradient, inside.ravel().astype(np.float32))
 

@@ -7,17 +7,23 @@ import numpy as np
 import pytest
 from scenes.training_scene import OPTIONS, orbit_camera, training_scene
 
+from cotton3dg.gaussians.metrics import PLANT_REGION
 from cotton3dg.gaussians.views import View
+from cotton3dg.geometry.camera_orbit import Orbit
 from cotton3dg.train.schedule import (
     DENSIFY_AFTER,
     DENSIFY_EVERY,
     DENSIFY_UNTIL,
     FEWEST_DENSIFICATIONS,
     SHORTEST_STEPS,
+    SURROUNDINGS_GROWTH,
+    SURROUNDINGS_LOG_SCALES,
+    SURROUNDINGS_MEANS,
     Schedule,
     densification_steps,
     image_order,
     learning_rates,
+    rate_factors,
     resolutions,
 )
 
@@ -78,6 +84,20 @@ def test_rates_decay_grow_with_the_scene_and_are_the_papers_at_its_length() -> N
 def test_the_rates_of_the_shortest_trainings_are_bounded() -> None:
     assert learning_rates(0, 1, 1.0) == learning_rates(0, 100, 1.0) == learning_rates(0, SHORTEST_STEPS, 1.0)
     assert learning_rates(0, 1, 1.0).log_scales < 0.15
+
+
+def test_rates_grow_around_the_plant_up_to_a_limit() -> None:
+    orbit = Orbit(np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, 1.0]), 4.0, 4.0, 360.0, 0.0)
+    radii = np.array([0.0, 1.0, 1.5, 1e6, np.inf, np.nan])
+    means = np.stack([1 + PLANT_REGION * 4 * radii, np.full(6, 2.0), np.full(6, 3.0)], axis=1)
+    factors = rate_factors(means.astype(np.float32), orbit)
+    far, limits = 1 + 0.5 * SURROUNDINGS_GROWTH, [SURROUNDINGS_MEANS, SURROUNDINGS_LOG_SCALES]
+    assert factors.dtype == np.float32
+    assert factors.tolist() == [[1, 1], [1, 1], [far, far], limits, limits, [1, 1]]
+    assert rate_factors(means[:2].astype(np.float32), dataclasses.replace(orbit, distance=0.0)).tolist() == [
+        [1, 1],
+        limits,
+    ]
 
 
 def test_windows_take_three_of_four_epochs_once_the_count_is_settled() -> None:

@@ -9,14 +9,14 @@ from scenes.training_scene import OPTIONS, quality_db, training_scene
 
 from cotton3dg.core.scene import Gaussians
 from cotton3dg.errors import StageFailed
-from cotton3dg.gaussians.metrics import PLANT_REGION, psnr_db, to_uint8
+from cotton3dg.gaussians.metrics import psnr_db, to_uint8
 from cotton3dg.gaussians.rasterizer import StepReport, render
 from cotton3dg.gaussians.views import View
 from cotton3dg.geometry.camera_orbit import fit_orbit
 from cotton3dg.train import densify, trainer
 from cotton3dg.train.initialise import place_gaussians
 from cotton3dg.train.quality import metrics_of, outcome_of
-from cotton3dg.train.schedule import image_order, surroundings
+from cotton3dg.train.schedule import image_order, rate_factors
 from cotton3dg.train.trainer import fit
 
 
@@ -189,20 +189,19 @@ def test_what_a_single_view_shows_stays() -> None:
 def test_what_is_far_from_the_centre_takes_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     start, views, _ = training_scene()
     orbit = fit_orbit([view.camera for view in views])
-    around = surroundings(orbit, 500)
-    assert around.centre == pytest.approx(tuple(orbit.centre))
-    assert around.radius_su == pytest.approx(PLANT_REGION * orbit.distance)
-    assert around.most_means > around.most_log_scales > 1
-    assert surroundings(orbit, 499).most_means == 1
-    honest, seen = trainer.train_step, set()
+    honest, asked = trainer.train_step, []
 
-    def step(*arguments, learning_rates, **options):
-        seen.add(learning_rates.surroundings)
-        return honest(*arguments, learning_rates=learning_rates, **options)
+    def step(gaussians, *arguments, rate_factors, **options):
+        asked.append((gaussians.means.copy(), rate_factors))
+        return honest(gaussians, *arguments, rate_factors=rate_factors, **options)
 
     monkeypatch.setattr(trainer, "train_step", step)
+    fit(start, views, dataclasses.replace(OPTIONS, steps=499))
+    assert all(factors is None for _, factors in asked)
+    asked.clear()
     fit(start, views, dataclasses.replace(OPTIONS, steps=500))
-    assert seen == {around}
+    assert len(asked) == 500
+    assert all(np.array_equal(factors, rate_factors(means, orbit)) for means, factors in asked)
 
 
 def test_windows_cost_quality_nowhere_but_outside_of_them() -> None:

@@ -2,7 +2,8 @@
 // reverse. All numbers are whole, so the result is exact, and the same on every processor.
 #pragma once
 
-#include "simd.h"
+#include "../src/simd.h"
+#include "descriptors.h"
 
 namespace cotton::COTTON_ISA {
 namespace {

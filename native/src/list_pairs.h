@@ -1,6 +1,7 @@
 // Which tiles, and which of their blocks, a projected Gaussian reaches: the exact test of its alpha-cut ellipse.
 #pragma once
 
+#include "projection.h"
 #include "simd.h"
 
 namespace cotton::COTTON_ISA {
@@ -24,8 +25,8 @@ struct BlockCorners {
 }  // namespace
 
 template <class Real>
-int64_t hit_tiles(const View& view, const Projection<Real>& projection, const uint32_t* visible, int64_t n, Hit* hits,
-                  HitRange* ranges) {
+int64_t list_pairs(const View& view, const Projection<Real>& projection, const uint32_t* visible, int64_t n,
+                   GaussianPair* pairs, PairRange* ranges) {
     using V = Vec<Real>;
     const BlockCorners<Real> corners;
     const int tiles_x = view.tiles_x();
@@ -58,7 +59,7 @@ int64_t hit_tiles(const View& view, const Projection<Real>& projection, const ui
                     const V distance2 = minimum(fma(u1, u1, v1 * v1), fma(u2, u2, v2 * v2));
                     blocks |= lane_bits(distance2 <= cut2) << b;
                 }
-                if (blocks != 0) hits[total++] = {uint32_t(ty * tiles_x + tx), blocks};
+                if (blocks != 0) pairs[total++] = {uint32_t(ty * tiles_x + tx), blocks};
             }
         }
         ranges[row] = {uint32_t(begin), uint32_t(total - begin)};

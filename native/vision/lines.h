@@ -2,10 +2,9 @@
 // the equation are in cotton3dg/plant_map/photo_lines.py.
 #pragma once
 
-#include <cstdint>
 #include <vector>
 
-#include "scene.h"
+#include "../src/scene.h"
 
 namespace cotton {
 

@@ -1,8 +1,6 @@
 // Matching of descriptors. The Python interface is cotton3dg/sfm/matching.py.
-#include "bindings.h"
-#include "kernels.h"
-
-#include <vector>
+#include "../src/bindings.h"
+#include "descriptors.h"
 
 namespace cotton {
 namespace {

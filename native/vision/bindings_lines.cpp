@@ -1,9 +1,8 @@
 // Thin lines in photos. The Python interface is cotton3dg/plant_map/photo_lines.py.
-#include "bindings.h"
-#include "lines.h"
-#include "threads.h"
-
 #include <pybind11/stl.h>
+
+#include "../src/bindings.h"
+#include "lines.h"
 
 namespace cotton {
 namespace {

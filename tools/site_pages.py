@@ -122,7 +122,7 @@ def command_reference() -> str:
 
 
 def _option_row(item: Any) -> str:
-    flags = ", ".join(f"`{flag}`" for flag in item.opts)
+    flags = ", ".join(f"`{flag}`" for flag in (*item.opts, *item.secondary_opts))
     default = f" (default: {item.default})" if item.show_default and item.default not in (None, False, "") else ""
     return f"| {flags} | {(item.help or '').replace('|', chr(92) + '|')}{default} |"
 

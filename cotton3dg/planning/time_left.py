@@ -14,6 +14,9 @@ from ..workspace import Workspace
 RESUMED: Final = 0.05
 """Share of a step: if its first message tells of more, an earlier run has done that."""
 
+PRIOR_S: Final = 10.0
+"""So many seconds as expected count beside what a run has taken, so that its first seconds decide nothing."""
+
 
 class TimeLeft:
     """Follows a run step by step. Its clock is the caller's: every method takes the present time, s."""
@@ -50,8 +53,8 @@ class TimeLeft:
 
     def end(self, now_s: float) -> None:
         """The step at work ends."""
-        if not self._first and self._name in self.expected_s:
-            self._expected_so_far_s += self.expected_s[self._name]
+        if self._name in self.expected_s:
+            self._expected_so_far_s += self._expected_own_s
             self._taken_so_far_s += now_s - self._began_s
         self.begin("", now_s)
 
@@ -63,13 +66,26 @@ class TimeLeft:
 
     def seconds(self, now_s: float) -> float:
         """Seconds that are left of the run; NaN if nothing is known of the step at work."""
-        pace = self._taken_so_far_s / self._expected_so_far_s if self._expected_so_far_s > 0 else 1.0
+        pace = self._pace(now_s)
         return self._own_s(now_s, pace) + pace * self._ahead_s
+
+    def _pace(self, now_s: float) -> float:
+        """How many times as long as expected the run takes, by all that it has done."""
+        taken_s, expected_s = PRIOR_S + self._taken_so_far_s, PRIOR_S + self._expected_so_far_s
+        if self._share > 0 and self._name in self.expected_s:
+            taken_s += now_s - self._began_s
+            expected_s += self._share * self._expected_own_s
+        return taken_s / expected_s
+
+    @property
+    def _expected_own_s(self) -> float:
+        """Seconds expected of the step at work, without what an earlier run had done; NaN if nothing is."""
+        return self.expected_s.get(self._name, math.nan) * (1 - (self._first or 0.0))
 
     def _own_s(self, now_s: float, pace: float) -> float:
         """Seconds that are left of the step at work: as expected at its beginning, by its own pace towards its end."""
         taken_s, left = now_s - self._began_s, 1 - self._share
-        expected_s = pace * self.expected_s.get(self._name, math.nan) * (1 - (self._first or 0.0))
+        expected_s = pace * self._expected_own_s
         if self._share == 0:
             return max(0.0, expected_s - taken_s) if math.isfinite(expected_s) else math.nan
         by_pace_s = taken_s * left / self._share

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cotton3dg.pipeline import STAGES, Step, stage_options
-from cotton3dg.planning.time_left import TimeLeft, time_left_of
+from cotton3dg.planning.time_left import PRIOR_S, TimeLeft, time_left_of
 from cotton3dg.stage import Footage
 
 EXPECTED = {"frames": 10.0, "train": 60.0, "traits": 10.0, "report": 5.0}
@@ -30,18 +30,33 @@ def test_a_slow_machine_is_slow_in_what_is_ahead() -> None:
     left.advance(1, 100, 1.0)
     left.end(20.0)
     left.begin("train", 20.0)
-    assert left.seconds(20.0) == 2 * (60 + 10 + 5)
+    assert left.seconds(20.0) == (PRIOR_S + 20) / (PRIOR_S + 10) * (60 + 10 + 5)
     assert left.place == "2 of 3"
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_what_is_seen_weighs_more_the_more_of_it_there_is(share) -> None:
+def test_what_is_seen_weighs_more_the_more_of_it_there_is() -> None:
     """Training takes 120 s instead of 60."""
     left = begun("train", expected={"train": 60.0})
-    left.advance(0, 1000, 0.0)
-    left.advance(round(1000 * share), 1000, 120 * share)
-    true_s, planned_s = 120 * (1 - share), 60 * (1 - share)
-    assert left.seconds(120 * share) == pytest.approx(share * true_s + (1 - share) * planned_s)
+    left.advance(0, 100, 0.0)
+    told_too_little = []
+    for done in (1, 10, 50, 90):
+        now_s = 1.2 * done
+        left.advance(done, 100, now_s)
+        true_s = 120 - now_s
+        assert true_s / 2 < left.seconds(now_s) < true_s
+        told_too_little.append(1 - left.seconds(now_s) / true_s)
+    assert told_too_little == sorted(told_too_little, reverse=True)
+    assert told_too_little[0] > 0.4 and told_too_little[-1] < 0.02
+
+
+def test_what_is_ahead_does_not_leap_when_a_slow_step_ends() -> None:
+    left = begun("frames")
+    left.advance(0, 100, 0.0)
+    left.advance(99, 100, 40.0)
+    before_s = left.seconds(40.0)
+    left.end(40.4)
+    left.begin("train", 40.4)
+    assert left.seconds(40.4) == pytest.approx(before_s, rel=0.02)
 
 
 def test_at_its_end_a_step_has_no_time_left_and_nothing_is_negative() -> None:
@@ -60,7 +75,7 @@ def test_a_step_that_goes_on_is_judged_by_the_rest() -> None:
     assert left.seconds(22.0) == pytest.approx(20.0)
     left.end(42.0)
     left.begin("more", 42.0)
-    assert math.isnan(left.seconds(42.0))  # its pace was not measured from the beginning, and `more` is not expected
+    assert math.isnan(left.seconds(42.0))  # nothing is expected of it
 
 
 def test_without_expectations_only_the_step_at_work_counts() -> None:

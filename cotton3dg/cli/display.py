@@ -126,8 +126,10 @@ def print_ending(ending: Ending, *, everything: bool = False, as_json: bool = Fa
     if everything:
         for name, value in ending.row.items():
             print(f"{name:<26} {value}")
-    else:
+    elif ending.cards:
         Console().print(_trait_table(ending))
+    if ending.problem:
+        print(ending.problem)
     if ending.table:
         print(ending.table)
     for title in ending.flags.values():

@@ -28,6 +28,8 @@ class Ending:
     """What a run has measured, in the words of the plant's report."""
 
     plant_id: str
+    problem: str
+    """Why there are no traits to show, as after a part of a run on results that are out of date; empty if there are."""
     cards: list[dict[str, str]]
     """The four traits, as the report shows them: name, value, unit, range, sure, note."""
     row: dict[str, str]
@@ -43,6 +45,7 @@ class Ending:
         """The same for programs; `sureness` has green, yellow or red for each of the traits, null where it is blank."""
         return {
             "plant_id": self.plant_id,
+            "problem": self.problem,
             "traits": {column.name: value_of(self.row.get(column.name, ""), column) for column in TRAITS},
             "sureness": {column: sureness_of(self.row, column) for column in USUAL_PCT},
             "table": self.table,
@@ -53,12 +56,13 @@ class Ending:
 
 
 def read_ending(workspace: Workspace) -> Ending:
-    """The results of a plant whose stages are all done."""
+    """The results of a plant after a run that reached its traits."""
     facts = read_facts(workspace)
     scale = facts.scale
     words = scale.table_words if scale else ""
     return Ending(
         plant_id=facts.plant_id,
+        problem=facts.failure,
         cards=trait_cards(facts),
         row=facts.traits,
         table=f"{words}; {MEASURE}" if scale and words and scale.table_assumed else words,

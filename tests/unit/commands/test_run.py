@@ -1,6 +1,7 @@
 """What a run ends with: the four traits in the report's words, and the same for programs."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -65,6 +66,14 @@ def test_programs_get_numbers_and_null(ending, capsys) -> None:
     assert found["traits"].keys() == {column.name for column in TRAITS}
     assert found["sureness"]["plant_height_cm"] == ending.cards[2]["sure"]
     assert found["flags"] == ending.flags and found["report"] is None
+
+
+def test_a_row_on_results_that_are_out_of_date_is_not_shown(finished, tmp_path, capsys) -> None:
+    plant = Workspace(shutil.copytree(finished.root, tmp_path / "plant_017"))
+    plant.record_file("train").unlink()
+    problem, *rest = told(read_ending(plant), capsys)
+    assert problem.startswith("the stage train has not run yet; run `cotton3dg run`")
+    assert not any(line.startswith("●") for line in rest)
 
 
 def test_a_blank_trait_says_why(ending, capsys) -> None:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from ..staleness import StageState
     from ..workspace import Workspace
 
+WORDS_FROM: Final = 60
+"""Width of a terminal from which words stand beside the marks."""
 STYLES: Final = {State.FAILED: "red", State.STALE: "yellow"}
 """Colours of states that need somebody; the others have none."""
 
@@ -127,7 +129,8 @@ def print_ending(ending: Ending, *, everything: bool = False, as_json: bool = Fa
         for name, value in ending.row.items():
             print(f"{name:<26} {value}")
     elif ending.cards:
-        Console().print(_trait_table(ending))
+        console = Console()
+        console.print(_trait_table(ending, in_words=console.width >= WORDS_FROM))
     if ending.problem:
         print(ending.problem)
     if ending.table:
@@ -139,13 +142,13 @@ def print_ending(ending: Ending, *, everything: bool = False, as_json: bool = Fa
     print(f"saved as {ending.traits_csv}" + ("" if everything else "; --all prints every column"))
 
 
-def _trait_table(ending: Ending) -> Table:
-    """One trait a line; a mark and words say how sure it is, by the report's rule."""
+def _trait_table(ending: Ending, *, in_words: bool) -> Table:
+    """One trait a line; a mark, and words if there is room, say how sure it is, by the report's rule."""
     from ..report.verdicts import SURENESS
 
-    table = Table(box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False, padding=(0, 2 if in_words else 1, 0, 0))
     table.add_column(Text(ending.plant_id), no_wrap=True)
-    table.add_column("", justify="right")
+    table.add_column("", justify="right", no_wrap=True)
     table.add_column("95 % interval")
     table.add_column("")
     for card in ending.cards:
@@ -153,7 +156,8 @@ def _trait_table(ending: Ending) -> Table:
         interval = card["range"] or (f"{card['value']} to {card['value']}" if sure else "")
         mark = Text("● ", style=sure) if sure else Text("  ")
         value = Text(f"{card['value']} {card['unit']}".strip(), style="bold")
-        table.add_row(mark.append(card["name"], style="default"), value, interval, SURENESS.get(sure, card["note"]))
+        remark = "" if sure and not in_words else SURENESS.get(sure, card["note"])
+        table.add_row(mark.append(card["name"], style="default"), value, interval, remark)
     return table
 
 

@@ -48,6 +48,12 @@ def test_four_lines_have_value_interval_and_sureness(ending, capsys, monkeypatch
         assert " to " in line and line.rstrip().endswith(SURENESS[card["sure"]])
 
 
+def test_four_lines_stay_four_in_forty_columns(ending, capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    for line, card in zip(told(ending, capsys)[1:5], ending.cards, strict=True):
+        assert line.startswith(f"● {card['name']}") and card["range"] in line and len(line) <= 40
+
+
 def test_the_rest_is_flags_in_plain_words_and_where_all_is(ending, capsys) -> None:
     rest = told(replace(ending, report=ending.traits_csv.with_name("report.html")), capsys)[5:]
     assert rest[:2] == [f"! {title}" for title in ending.flags.values()]

@@ -59,8 +59,8 @@ WORTH_RETRYING: Final = (StageFailed.exit_code, OutOfResources.exit_code)
 INTERRUPTING: Final = frozenset({INTERRUPTED, TERMINATED, HUNG_UP, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
 """Exit codes of a run that ended from outside and not by a fault; negative: before it could clean up."""
 
-STATES: Final = (State.FAILED, State.WAITING, State.DONE)
-"""States in the order of the table: plants that need attention come first."""
+STATES: Final = (State.FAILED, State.STALE, State.MISSING, State.WAITING, State.DONE)
+"""States in the order of the tables: plants that need attention come first."""
 
 
 @dataclass(frozen=True)

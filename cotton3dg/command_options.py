@@ -19,10 +19,19 @@ MARKER_DICTIONARIES: Final = (
     "apriltag_36h11",
 )
 
+ENGINES: Final = ("local", "slurm")
+"""Where a batch runs its plants: in processes here, or as jobs of a cluster."""
+HOW: Final = ("copy", "move", "link")
+"""How an import puts videos into the folders of their plants."""
+FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
+"""Formats of an export."""
+CM_PER_UNIT: Final = {"m": 100.0, "cm": 1.0, "mm": 0.1}
+"""Units of a point cloud."""
+
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """A rendered plant with exact truth; effects are off (0) unless asked for."""
+    """Film a simulated plant and save its exact truth; effects are off (0) unless asked for."""
 
     seed: int = option(0, "another seed is another plant in another room", at_least=0)
     bolls: int = option(0, "open bolls; 0 = 8 to 20, drawn", at_least=0, at_most=60)
@@ -126,7 +135,7 @@ class MasksTrainOptions:
 
 @dataclass(frozen=True)
 class MarkersOptions:
-    """A sheet of markers to print; measure its ruler of 10 cm before use."""
+    """Make a sheet of markers to print; measure its ruler of 10 cm before use."""
 
     paper: str = option("a4", "size of the sheet", choices=("a4", "a3", "letter"))
     marker_cm: float = option(10.0, "black square of a marker, or a square of the board", unit="cm", at_least=0.5)
@@ -137,7 +146,7 @@ class MarkersOptions:
 
 @dataclass(frozen=True)
 class CardsOptions:
-    """A card for each plant of a field book: its code, markers for the scale, grey patches; or blank ones."""
+    """Make a card to print for each plant of a field book, or blank ones: code, markers, grey patches."""
 
     paper: str = option("a4", "size of the sheets", choices=("a4", "letter"))
     columns: str = option("", "columns of the field book to print, by comma; default: the first six")
@@ -148,7 +157,7 @@ class CardsOptions:
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """A film of the trained model, saved below render/ in the plant's folder."""
+    """Film the trained model; save the film below render/ in the plant's folder."""
 
     view: str = option("turntable", "around the plant, or as the camera walked", choices=("turntable", "orbit"))
     show: str = option("colour", "what the pixels tell", choices=("colour", "bolls", "depth"))

@@ -283,12 +283,19 @@ def _united_help(found: list[Place]) -> str:
     return "; ".join(f"{', '.join(methods)}: {text}" if methods else text for text, methods in methods_of.items())
 
 
+def _default_text(default: Any) -> str:
+    if isinstance(default, bool):
+        return "on" if default else ""
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
 def help_text(item: Field[Any]) -> str:
-    """Purpose, unit and the paper's value of an option."""
+    """Purpose, unit, choices, the paper's value and the default of an option; an empty or false default goes unsaid."""
     unit, paper = item.metadata["unit"], item.metadata["paper"]
     choices = item.metadata["choices"]
     notes = [unit] if unit else []
     notes += [" | ".join(choices)] if choices else []
     notes += [f"paper: {paper}"] if paper else []
+    notes += [f"default: {default}"] if (default := _default_text(item.default)) else []
     text: str = item.metadata["help"]
     return text + (f" ({'; '.join(notes)})" if notes else "")

@@ -32,7 +32,7 @@ STANDARD: Final = "standard"
 
 @dataclass(frozen=True)
 class FramesOptions:
-    """Which images are taken from the video."""
+    """Choose images from the video, sharp ones at even steps of the camera's way."""
 
     count: int = option(
         100,
@@ -46,7 +46,7 @@ class FramesOptions:
 
 @dataclass(frozen=True)
 class SfmOptions:
-    """Structure from motion."""
+    """Find where each image was taken from, by structure from motion."""
 
     max_features: int = option(
         2048, "SIFT features an image; photos get 4 times as many, few photos 8 times", at_least=256, at_most=65536
@@ -58,7 +58,7 @@ class SfmOptions:
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Training of the Gaussian model."""
+    """Train the Gaussian model on the images."""
 
     max_side: int = option(960, "longer side of the training images", unit="px", paper="960", at_least=64)
     steps: int = option(2500, "optimisation steps, one image each", paper="30000", at_least=1)
@@ -146,7 +146,7 @@ class GroundedSamOptions(AnySamOptions):
 
 @dataclass(frozen=True)
 class MasksOptions:
-    """2D boll masks."""
+    """Find the bolls in the images, as masks."""
 
     backend: str = option(
         "bolls",
@@ -190,7 +190,7 @@ class AffinityOptions:
 
 @dataclass(frozen=True)
 class SegmentOptions:
-    """Lifting the masks onto the Gaussians."""
+    """Lift the masks onto the Gaussians."""
 
     method: str = option(
         "lint",
@@ -215,7 +215,7 @@ class DbscanOptions:
 
 @dataclass(frozen=True)
 class ClusterOptions:
-    """From the selections of single views to bolls."""
+    """Join the selections of single views to bolls."""
 
     method: str = option(
         "votes",
@@ -256,7 +256,7 @@ class DistanceOptions:
 
 @dataclass(frozen=True)
 class ScaleOptions:
-    """Metric scale and up axis. The table is found by its shape, whatever gives the scale."""
+    """Find the metric scale and the table, this by its shape whatever gives the scale."""
 
     method: str = option(
         "table",
@@ -299,7 +299,7 @@ class ScaleOptions:
 
 @dataclass(frozen=True)
 class TraitsOptions:
-    """Traits of the plant and of its bolls."""
+    """Measure the plant and its bolls, and save the tables."""
 
     plant_id: str = option("", "name in the tables; default: the folder's name")
     tube_height_cm: float = option(4.0, "height of the clamp on the table", unit="cm", paper="4", at_least=0.0)

@@ -17,15 +17,7 @@ from typing import Any, Final
 
 from .choices import Asked, choices_of, choose
 from .core.runs import Progress, silent
-from .errors import (
-    BadInput,
-    BadUsage,
-    Cotton3dgError,
-    EnvironmentUnusable,
-    OutOfResources,
-    StageFailed,
-    unknown,
-)
+from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable, OutOfResources, StageFailed, unknown
 from .recorded_options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
 from .schemas.record import Choices, Record
@@ -55,6 +47,9 @@ class Watcher:
     def watched(self, name: str, reason: str = "") -> Progress:
         """The progress of work that is not a stage."""
         return silent
+
+    def begins(self, workspace: Workspace, options: dict[str, Any], stages: tuple[str, ...], force: bool) -> None:
+        """A run of `stages` begins; `plan` says which of them have to run."""
 
     def started(self, step: Step) -> Progress:
         """A stage starts; returns the progress to hand to it."""
@@ -202,6 +197,7 @@ def _run(
             workspace.drop_unfinished(STAGES)
             # Save the choices before a stage starts, so that an interrupted run continues with them.
             _keep(workspace, choices)
+            watcher.begins(workspace, options, stages, force)
             for stage in stages:
                 reason = _reason_to_run(workspace, stage, options[stage], stages, force)
                 step = Step(stage, options[stage], reason)

@@ -20,6 +20,7 @@ from .batch import RUN, Batch, Result, result_of, saved_results
 from .choices import Asked, choose
 from .core.runs import State
 from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable
+from .field.tables import TABLE
 from .io.saving import explain_disk_errors
 from .pipeline import status as plant_status
 from .schemas.batch import Jobs, PlantOutcome
@@ -165,7 +166,8 @@ def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> 
         batch.check_plants()
         batch.save()
     else:
-        batch.results = {name: Result(name) for name in names} | saved_results(batch.folder)
+        saved = saved_results(batch.folder) if (batch.folder / TABLE).is_file() else {}
+        batch.results = {name: Result(name) for name in names} | saved
     for name in names:
         if jobs.get(name) not in waiting:
             batch.results[name] = _as_it_stands(batch.folder, batch.results[name], asked)
@@ -182,9 +184,9 @@ def _as_it_stands(folder: Path, result: Result, asked: Asked | None) -> Result:
     due = [item for item in states if not item.done]
     if not due:
         return Result(result.folder, State.DONE, 0)
-    if result.state == State.DONE:
-        return Result(result.folder, State.WAITING, None, f"{due[0].stage}: {due[0].reason}")
-    return result
+    if result.state == State.FAILED or result.reason:
+        return result
+    return Result(result.folder, due[0].state, None, f"{due[0].stage}: {due[0].reason}")
 
 
 def _result(folder: Path, name: str, job: str | None, waiting: dict[str, str]) -> Result:

@@ -29,7 +29,8 @@ def man_page() -> str:
         lines += [f'.SS "{_roff(name)} {_roff(words)}"', _roff(command.help or "")]
         for option in command.params:
             if option.param_type_name == "option" and not option.hidden:
-                lines += [".TP", f".B {_roff(', '.join(option.opts))}", _roff(option.help or "")]
+                names = ", ".join([*option.opts, *option.secondary_opts])
+                lines += [".TP", f".B {_roff(names)}", _roff(option.help or "")]
     lines += [".SH EXIT STATUS"]
     for code, meaning in EXIT_CODES.items():
         lines += [".TP", f".B {code}", _roff(meaning)]

@@ -117,16 +117,15 @@ def command_reference() -> str:
         lines += [f"## {name}", "", f"    cotton3dg {name} {words}".rstrip(), "", (command.help or "").strip(), ""]
         options = [item for item in command.params if item.param_type_name == "option" and not item.hidden]
         if options:
-            lines += ["| option | default | meaning |", "|---|---|---|"]
+            lines += ["| option | meaning |", "|---|---|"]
             lines += [_option_row(item) for item in options] + [""]
     return "\n".join(lines)
 
 
 def _option_row(item: Any) -> str:
-    flags = ", ".join(f"`{flag}`" for flag in item.opts)
-    default = item.show_default if isinstance(item.show_default, str) else item.default
-    shown = "" if default in (None, False, "none") else f"`{default}`"
-    return f"| {flags} | {shown} | {(item.help or '').replace('|', chr(92) + '|')} |"
+    flags = ", ".join(f"`{flag}`" for flag in (*item.opts, *item.secondary_opts))
+    default = f" (default: {item.default})" if item.show_default and item.default not in (None, False, "") else ""
+    return f"| {flags} | {(item.help or '').replace('|', chr(92) + '|')}{default} |"
 
 
 def python_reference() -> str:

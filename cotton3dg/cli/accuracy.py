@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ..command_options import CM_PER_UNIT
 from ..errors import BadUsage, MissingInput, unknown
-from .arguments import OwnPreset, PlantDir, Set, TimeBudget, given, parse_overrides, report_errors
+from .arguments import AsJson, Loud, OwnPreset, PlantDir, Set, TimeBudget, choice, given, parse_overrides, report_errors
 
 
 def evaluate(
@@ -17,15 +18,16 @@ def evaluate(
     truth: Annotated[Path | None, typer.Option(help="truth.json, default: the plant's; of a table, a table")] = None,
     masks: Annotated[Path | None, typer.Option(help="folder of true masks; only the masks are judged")] = None,
     cloud: Annotated[Path | None, typer.Option(help="point cloud as truth, z up (.ply, .pcd, .xyz)")] = None,
-    cloud_unit: Annotated[str, typer.Option(help="of the cloud: m | cm | mm")] = "m",
+    cloud_unit: Annotated[str, choice("--cloud-unit", known=CM_PER_UNIT, help="of the cloud", default="m")] = "m",
     out: Annotated[Path, typer.Option(help="folder for scores and plots of tables, and for masks.csv")] = Path(
         "evaluation"
     ),
+    as_json: AsJson = False,
 ) -> None:
-    """Measured beside true: errors of a plant's traits and its bolls, or scores and plots over many plants."""
+    """Print measured values beside the true ones: of a plant's traits and bolls, or of many plants with plots."""
     from ..evaluation.mask_table import add_to_table
     from ..evaluation.masks import MaskCounts, evaluate_masks
-    from ..evaluation.plant import CM_PER_UNIT, evaluate_cloud
+    from ..evaluation.plant import evaluate_cloud
     from ..evaluation.tables import (
         evaluate_boll_tables,
         evaluate_tables,
@@ -45,20 +47,23 @@ def evaluate(
             evaluation = evaluate_boll_tables(measured, truth) if of_bolls else evaluate_tables(measured, truth)
             with saving(out, made_of("evaluate", measured, truth)) as folder:
                 write_evaluation(folder, evaluation)
-            typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
+            if as_json:
+                display.print_json(asdict(evaluation))
+            else:
+                typer.echo(f"{evaluation_text(evaluation)}\nsaved in {out}")
             return
         workspace = plant_at(measured)
         if masks:
             counts, record = evaluate_masks(workspace, masks), workspace.read_record("masks")
             add_to_table(out / "masks.csv", workspace.plant_id, record.options["backend"] if record else "", counts)
-            display.print_mask_scores(sum(counts.values(), MaskCounts()), len(counts))
-            typer.echo(f"saved in {out / 'masks.csv'}")
+            display.print_mask_scores(sum(counts.values(), MaskCounts()), len(counts), as_json=as_json)
+            typer.echo(f"saved in {out / 'masks.csv'}", err=as_json)
         elif cloud:
             if cloud_unit not in CM_PER_UNIT:
                 raise unknown(f"--cloud-unit {cloud_unit}", cloud_unit, CM_PER_UNIT)
-            display.print_trait_errors(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]))
+            display.print_evaluation(evaluate_cloud(workspace, cloud, CM_PER_UNIT[cloud_unit]), as_json=as_json)
         else:
-            display.print_comparison(workspace, truth or workspace.truth_json)
+            display.print_comparison(workspace, truth or workspace.truth_json, as_json=as_json)
 
 
 def evaluate_weights(
@@ -66,7 +71,7 @@ def evaluate_weights(
     truth: Annotated[Path | None, typer.Option(help="table with boll_weight_g; default: the same table")] = None,
     out: Annotated[Path, typer.Option(help="folder for weights.json and the plots")] = Path("evaluation"),
 ) -> None:
-    """Seed-cotton weight by boll volume and count, fitted to weighed plants, for traits --weight-model."""
+    """Fit seed-cotton weight by boll volume and count to weighed plants, for traits --weight-model."""
     from ..evaluation.weights import fit_weights, weights_text, write_weights
     from ..outputs import made_of, saving
 
@@ -89,8 +94,9 @@ def study(
     lpips: Annotated[Path | None, typer.Option(help="network of LPIPS, TorchScript; none = no LPIPS")] = None,
     local: Annotated[Path | None, typer.Option(help="the same plant filmed close by, for the sweep style")] = None,
     set_: Set = None,
+    loud: Loud = None,
 ) -> None:
-    """What accuracy costs in time on this plant: settings side by side, as tables and a picture; it resumes."""
+    """Try settings side by side on a plant: what accuracy costs in time, as tables and a picture; it resumes."""
     from ..commands.simulate import STANDARD_PLANT, film_once
     from ..options import resolve
     from ..planning.tradeoff import parse_duration
@@ -99,13 +105,13 @@ def study(
     from ..study.tables import summary
     from ..study.work import Study
     from ..workspace import Workspace
-    from . import display
+    from . import progress
 
-    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
+    with report_errors(plant_dir), progress.ProgressDisplay(loud) as watcher:
         sweeps, budget_s = sweeps_of(sweep), parse_duration(time_budget or "1000h")
         if standard:
             film_once(plant_dir, resolve("simulate", STANDARD_PLANT), watcher.watched("simulate"))
-        plant, tell = plant_at(plant_dir), partial(typer.echo, err=True)
+        plant = plant_at(plant_dir)
         if lpips and not lpips.is_file():
             raise MissingInput(f"{lpips} is not there; docs/papers.md says how to make the network of LPIPS")
         work = Study(
@@ -117,6 +123,7 @@ def study(
             lpips=lpips,
             local=Workspace(local) if local else None,
             watcher=watcher,
-            tell=tell,
+            tell=watcher.say,
         )
-        typer.echo(f"{summary(work.run(sweeps))}\nsaved in {plant.study_csv.parent}")
+        found = work.run(sweeps)
+    typer.echo(f"{summary(found)}\nsaved in {plant.study_csv.parent}")

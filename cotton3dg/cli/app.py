@@ -1,8 +1,9 @@
-"""The command line: its commands under their names, in the order of the help."""
+"""The command line: its commands under their names, grouped by what people do, in the order of the help."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -16,10 +17,11 @@ from ..command_options import (
 from ..options import STAGE_OPTIONS
 from ..process import exit_cleanly
 from . import accuracy, field, install, stages
-from .arguments import CardFiles, ModelDir, NewFile, NewFolder, PlantDir, add_flags
+from .arguments import CardFiles, Command, Group, Loud, ModelDir, NewFile, NewFolder, PlantDir, add_flags
 
 app = typer.Typer(
-    help="Cotton plant traits from a smartphone video: boll count, boll volume, plant height, canopy size.",
+    cls=Group,
+    help="Measure cotton plants from a smartphone video: boll count, boll volume, plant height, canopy size.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -33,7 +35,7 @@ def main() -> None:
 
 
 @app.callback(invoke_without_command=True)
-def _root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+def _root(version: Annotated[bool, typer.Option("--version", "-V", help="print the version")] = False) -> None:
     if version:
         from ..core.version import version_text
 
@@ -41,31 +43,56 @@ def _root(version: Annotated[bool, typer.Option("--version", help="print the ver
         raise typer.Exit
 
 
-app.command("run", rich_help_panel="Everything")(stages.run)
-app.command("batch", rich_help_panel="Everything")(stages.batch)
-app.command("status", rich_help_panel="Everything")(stages.status)
-app.command("check", rich_help_panel="Everything")(stages.check)
-app.command("clean", rich_help_panel="Everything")(stages.clean)
-app.command("report", rich_help_panel="Everything")(stages.report)
-# `masks PLANT_DIR` takes a folder, so typer would take a sub-command of it for a folder of that name.
-app.command("masks-export", rich_help_panel="Own masks")(stages.masks_export)
-app.command("evaluate", rich_help_panel="Trying it out")(accuracy.evaluate)
-app.command("evaluate-weights", rich_help_panel="Trying it out")(accuracy.evaluate_weights)
-app.command("study", rich_help_panel="Trying it out")(accuracy.study)
-for _stage in STAGE_OPTIONS:
-    app.command(_stage, rich_help_panel="Single stages")(stages.stage_command(_stage))
-app.command("render", rich_help_panel="Everything")(add_flags(stages.render, RenderOptions, plant_dir=PlantDir))
-app.command("masks-train", rich_help_panel="Own masks")(
-    add_flags(stages.masks_train, MasksTrainOptions, folder=ModelDir)
-)
-app.command("markers", rich_help_panel="Trying it out")(add_flags(field.markers, MarkersOptions, file=NewFile))
-app.command("cards", rich_help_panel="Everything")(add_flags(field.cards, CardsOptions, files=CardFiles))
-app.command("import", rich_help_panel="Everything")(field.import_)
-app.command("correct", rich_help_panel="Everything")(field.correct)
-app.command("export", rich_help_panel="Everything")(field.export)
-app.command("compare", rich_help_panel="Everything")(field.compare)
-app.command("repeat", rich_help_panel="Trying it out")(field.repeat)
-app.command("demo", rich_help_panel="Trying it out")(install.demo)
-app.command("doctor", rich_help_panel="Trying it out")(install.doctor)
-app.command("bug-report", rich_help_panel="Trying it out")(install.bug_report)
-app.command("simulate", rich_help_panel="Trying it out")(add_flags(install.simulate, SimulateOptions, folder=NewFolder))
+EXAMPLES: Final = {
+    "run": """\
+Examples:
+  cotton3dg run plant_017
+  cotton3dg run plant_017 --preset draft
+  cotton3dg run plant_017 --set scale.table_length_cm=100
+  cotton3dg run plant_017 --from masks --force
+  cotton3dg run plant_017 --time-budget 10m
+
+Minutes for a film of half a minute on two cores:
+  draft 1, standard 2, paper 72, paper1 6, paper2 74""",
+}
+"""Command -> what its help ends with."""
+
+COMMANDS: Final[dict[str, dict[str, Callable[..., Any]]]] = {
+    "Measure": {
+        "run": stages.run,
+        "batch": stages.batch,
+        "status": stages.status,
+        "check": stages.check,
+        "clean": stages.clean,
+    },
+    "Field": {
+        "cards": add_flags(field.cards, CardsOptions, files=CardFiles),
+        "markers": add_flags(field.markers, MarkersOptions, file=NewFile),
+        "import": field.import_,
+        "export": field.export,
+        "compare": field.compare,
+    },
+    "Look and correct": {
+        "report": stages.report,
+        "correct": field.correct,
+        "render": add_flags(stages.render, RenderOptions, plant_dir=PlantDir, loud=(Loud, None)),
+    },
+    "Your own masks": {
+        "masks-export": stages.masks_export,
+        "masks-train": add_flags(stages.masks_train, MasksTrainOptions, folder=ModelDir, loud=(Loud, None)),
+    },
+    "Accuracy": {
+        "evaluate": accuracy.evaluate,
+        "evaluate-weights": accuracy.evaluate_weights,
+        "repeat": field.repeat,
+        "study": accuracy.study,
+        "simulate": add_flags(install.simulate, SimulateOptions, folder=NewFolder, loud=(Loud, None)),
+    },
+    "Installation": {"doctor": install.doctor, "demo": install.demo, "bug-report": install.bug_report},
+    "Stages": {stage: stages.stage_command(stage) for stage in STAGE_OPTIONS},
+}
+"""Group of the help -> its commands."""
+
+for _panel, _commands in COMMANDS.items():
+    for _name, _command in _commands.items():
+        app.command(_name, cls=Command, rich_help_panel=_panel, epilog=EXAMPLES.get(_name))(_command)

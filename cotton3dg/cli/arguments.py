@@ -1,19 +1,20 @@
-"""What the commands share: their arguments and flags, and how they report errors."""
+"""What the commands share: their arguments and flags, what Tab completes, and how they report errors."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from ..errors import INTERRUPTED, BadUsage, Cotton3dgError, unknown
 from ..io.saving import explained
-from ..option_rules import flags, retired_flags
+from ..option_rules import flags, places, retired_flags
 from ..options import PRESETS, STAGE_OPTIONS, STANDARD
 
 given = partial(typer.Argument, readable=False)
@@ -26,17 +27,78 @@ CardFiles = Annotated[
 ]
 NewFile = Annotated[Path, typer.Argument(help="the sheet: a name that ends in .pdf or .png")]
 NewFolder = Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")]
-_PRESETS: Final = " | ".join(PRESETS) + ": what accuracy may cost in time"
-OwnPreset = Annotated[str, typer.Option("--preset", help=_PRESETS)]
+
+
+def choice(*names: str, known: Iterable[str], help: str, default: str = "") -> Any:
+    """An option whose help lists what is known, and Tab completes it; the command itself refuses other words, in a line
+    that names the likeliest one.
+
+    Args:
+        default: the default in words.
+    """
+    known = tuple(known)
+    notes = " | ".join(known) + (f"; default: {default}" if default else "")
+    return typer.Option(*names, help=f"{help} ({notes})", show_default=False, **_completed(known))
+
+
+def _completed(known: tuple[str, ...]) -> dict[str, Any]:
+    """Settings of an option that Tab completes."""
+    return {"metavar": "<choice>", "autocompletion": lambda: known} if known else {}
+
+
+def _assignments() -> list[str]:
+    """The words that may follow `--set`: an option, with each of its choices if it has some."""
+    words = []
+    for stage, kind in STAGE_OPTIONS.items():
+        for place in places(kind):
+            values = place.item.metadata["choices"] or (("true", "false") if place.kind is bool else ("",))
+            words += [f"{stage}.{place.name}={value}" for value in values]
+    return list(dict.fromkeys(words))
+
+
+_COST: Final = "what accuracy may cost in time"
+OwnPreset = Annotated[str, choice("--preset", known=PRESETS, help=_COST, default="draft")]
 """Of a command that works by a preset of its own, whatever a plant was run with."""
-Preset = Annotated[str | None, typer.Option(help=_PRESETS, show_default=f"as the last run, else {STANDARD}")]
+Preset = Annotated[
+    str | None, choice("--preset", known=PRESETS, help=_COST, default=f"as the last run, else {STANDARD}")
+]
 Reset = Annotated[bool, typer.Option("--reset", help="leave the last run's options for the defaults")]
 Force = Annotated[bool, typer.Option("--force", help="run even what is up to date")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="make no page to look at")]
 Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable")
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="STAGE.OPTION=VALUE", help="any stage's option; repeatable", autocompletion=_assignments
+    ),
 ]
 TimeBudget = Annotated[str | None, typer.Option(metavar="TIME", help="time that it may take, e.g. 90s, 5m, 1h30m")]
+AsJson = Annotated[bool, typer.Option("--json", help="print for programs")]
+Loud = Annotated[
+    bool | None,
+    typer.Option("--verbose/--quiet", "-v/-q", show_default=False, help="say more while it works, or only the results"),
+]
+"""True with --verbose, False with --quiet, None with neither."""
+
+
+class Command(TyperCommand):
+    """A command whose help shows no type beside a flag, which takes no value."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_flags(super().get_params(ctx))
+
+
+class Group(TyperGroup):
+    """The same for the program itself."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_flags(super().get_params(ctx))
+
+
+def _without_types_of_flags(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
 
 
 @contextmanager
@@ -92,7 +154,7 @@ def add_flags(command: Callable[..., None], options: type, **arguments: Any) -> 
         kind, default = annotation if isinstance(annotation, tuple) else (annotation, inspect.Parameter.empty)
         parameters.append(inspect.Parameter(name, position, annotation=kind, default=default))
     for name, (place, help_text) in flags(options).items():
-        flag = typer.Option(help=help_text, show_default=str(place.item.default) or "none")
+        flag = typer.Option(help=help_text, show_default=False, **_completed(place.item.metadata["choices"]))
         annotation = Annotated[place.kind | None, flag]
         parameters.append(inspect.Parameter(name, position, annotation=annotation, default=None))
     for name in retired_flags(options):

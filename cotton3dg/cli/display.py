@@ -1,37 +1,32 @@
-"""What the terminal shows: progress with an ETA, plans, states and the final row."""
+"""What the terminal shows of results: plans, states, the four traits, comparisons."""
 
 from __future__ import annotations
 
-import sys
-import time
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from ..core.runs import Progress as StageProgress
 from ..core.runs import State
-from ..io.tables import read_rows
+from ..io.saving import json_text
 from ..options import STANDARD
-from ..pipeline import Step, Watcher
+from ..pipeline import Step
 from ..schemas.corrections import RULER
-from ..schemas.record import Record
-from ..schemas.scale import ScaleInfo
 from ..stage import STAGES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from ..batch import Result
     from ..choices import Chosen
     from ..commands.correct import Length, Outcome
     from ..commands.doctor import Finding
     from ..commands.import_ import Row as ImportRow
+    from ..commands.run import Ending
     from ..evaluation.masks import MaskCounts
     from ..evaluation.plant import BollMatches, TraitError
     from ..evaluation.plant_map import MapScores
@@ -39,102 +34,31 @@ if TYPE_CHECKING:
     from ..staleness import StageState
     from ..workspace import Workspace
 
-PLAIN_INTERVAL_S: Final = 30.0
-"""How often a line is printed where there is no terminal."""
+WORDS_FROM: Final = 60
+"""Width of a terminal from which words stand beside the marks."""
+STYLES: Final = {State.FAILED: "red", State.STALE: "yellow"}
+"""Colours of states that need somebody; the others have none."""
 
 
-class ProgressDisplay(Watcher):
-    """Bars on a terminal; elsewhere one plain line every 30 s."""
-
-    def __init__(self) -> None:
-        self.console = Console(stderr=True)
-        self.bars = Progress(
-            TextColumn("{task.description:<8}"),
-            BarColumn(bar_width=30),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[remark]}"),
-            console=self.console,
-        )
-
-    def __enter__(self) -> ProgressDisplay:
-        if self.console.is_terminal:
-            self.bars.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.console.is_terminal:
-            self.bars.stop()
-
-    def started(self, step: Step) -> StageProgress:
-        return self.watched(step.stage, step.reason)
-
-    def watched(self, name: str, reason: str = "") -> StageProgress:
-        """The progress of anything that takes a while."""
-        return self._bar(name, reason) if self.console.is_terminal else self._lines(name, reason)
-
-    def _bar(self, name: str, reason: str) -> StageProgress:
-        task = self.bars.add_task(name, total=None, remark=reason)
-
-        def show(done: int, total: int, remark: str = "") -> None:
-            self.bars.update(task, completed=done, total=total, remark=remark)
-
-        return show
-
-    def _lines(self, name: str, reason: str) -> StageProgress:
-        self._say(f"{name}: starts" + (f" ({reason})" if reason else ""))
-        last = time.monotonic()
-        begun: tuple[int, float] | None = None  # where an interrupted run goes on, some is done at the beginning
-
-        def show(done: int, total: int, remark: str = "") -> None:
-            nonlocal begun, last
-            now = time.monotonic()
-            begun = begun or (done, now)
-            if now - last < PLAIN_INTERVAL_S or done == begun[0]:
-                return
-            last = now
-            left_s = (now - begun[1]) * (total - done) / (done - begun[0])
-            self._say(f"{name}: {done}/{total} {remark}, about {left_s:.0f} s left")
-
-        return show
-
-    def finished(self, step: Step, record: Record) -> None:
-        facts = ", ".join(f"{key} {_short(value)}" for key, value in list(record.summary.items())[:4])
-        self._say(f"{step.stage}: done in {record.seconds:.1f} s" + (f" ({facts})" if facts else ""))
-        for warning in record.warnings:
-            self._say(f"{step.stage}: warning: {warning}")
-
-    def skipped(self, step: Step) -> None:
-        self._say(f"{step.stage}: up to date")
-
-    def reported(self, remark: str) -> None:
-        self._say(f"report: {remark}")
-
-    def _say(self, line: str) -> None:
-        if self.console.is_terminal:
-            self.console.print(line, markup=False, highlight=False)
-        else:
-            print(line, file=sys.stderr, flush=True)
+def print_json(content: Any) -> None:
+    """Results for programs; what is not known is null."""
+    print(json_text(content), end="")
 
 
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def print_plan(steps: list[Step]) -> None:
+def print_plan(steps: list[Step], *, as_json: bool) -> None:
     """One line a stage: whether it would run, and why."""
+    if as_json:
+        print_json([{"stage": step.stage, "runs": bool(step.reason), "reason": step.reason} for step in steps])
+        return
     for step in steps:
         print(f"{step.stage:<8} {'runs: ' + step.reason if step.reason else 'up to date'}")
 
 
-def print_options(chosen: Chosen, stages: Iterable[str] = STAGES) -> None:
-    """What is not usual about a plant's options, and how they differ from what its results were made with."""
+def tell_options(chosen: Chosen, tell: Callable[[str], None], stages: Iterable[str] = STAGES) -> None:
+    """Tell what is not usual about a plant's options, and how they differ from what its results were made with."""
     for word, text in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
         if text:
-            print(f"{word}: {text}", file=sys.stderr)
+            tell(f"{word}: {text}")
 
 
 def status_entries(states: list[StageState], chosen: Chosen) -> list[dict[str, Any]]:
@@ -157,8 +81,11 @@ def status_entries(states: list[StageState], chosen: Chosen) -> list[dict[str, A
     ]
 
 
-def print_status(states: list[StageState], chosen: Chosen) -> None:
+def print_status(states: list[StageState], chosen: Chosen, *, as_json: bool) -> None:
     """A table of all stages."""
+    if as_json:
+        print_json(status_entries(states, chosen))
+        return
     table = Table(box=None, pad_edge=False)
     for heading in ("stage", "state", "seconds", "MiB", "remarks"):
         table.add_column(heading, justify="right" if heading in ("seconds", "MiB") else "left")
@@ -166,40 +93,105 @@ def print_status(states: list[StageState], chosen: Chosen) -> None:
     for entry in status_entries(states, chosen):
         remarks = "; ".join([entry["reason"], *entry["flags"]]).strip("; ")
         figures = ["" if entry[key] is None else f"{entry[key]:.1f}" for key in ("seconds", "peak_memory_mib")]
-        state = f"{entry['state']}{with_preset if entry['state'] == State.DONE else ''}"
-        table.add_row(entry["stage"], state, *figures, remarks)
-    Console().print(table, markup=False)
+        state = _coloured(entry["state"]).append(with_preset if entry["state"] == State.DONE else "", style="default")
+        table.add_row(entry["stage"], state, *figures, Text(remarks))
+    Console().print(table)
 
 
-def print_traits(workspace: Workspace) -> None:
-    """The plant's row, one trait a line, the table that its lengths rest on, and where it is saved."""
-    for row in read_rows(workspace.traits_csv):
-        for name, value in row.items():
+def print_batch_status(results: list[Result], *, as_json: bool) -> None:
+    """A table of all plants, as `print_status` has one of stages, and how many are done."""
+    if as_json:
+        print_json([vars(result) for result in results])
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("plant", "state", "remarks"):
+        table.add_column(heading)
+    for result in results:
+        table.add_row(Text(result.folder), _coloured(result.state), Text(result.reason))
+    Console().print(table)
+    print(_done(results))
+
+
+def _coloured(state: State) -> Text:
+    return Text(state, style=STYLES.get(state, "default"))
+
+
+def print_ending(ending: Ending, *, everything: bool = False, as_json: bool = False) -> None:
+    """The four traits with their intervals and how sure they are, the table, the flags, and where all the rest is.
+
+    Args:
+        everything: print each column of the plant's row instead of the four traits.
+    """
+    if as_json:
+        print_json(ending.as_json())
+        return
+    if everything:
+        for name, value in ending.row.items():
             print(f"{name:<26} {value}")
-    scale = ScaleInfo.load_if_there(workspace.scale_json)
-    if scale and scale.table_words:
-        remedy = "; measure it, and give --set scale.table_length_cm=... --set scale.table_width_cm=..."
-        print(scale.table_words + (remedy if scale.table_assumed else ""))
-    print(f"saved as {workspace.traits_csv}")
+    elif ending.cards:
+        console = Console()
+        console.print(_trait_table(ending, in_words=console.width >= WORDS_FROM))
+    if ending.problem:
+        print(ending.problem)
+    if ending.table:
+        print(ending.table)
+    for title in ending.flags.values():
+        _print_styled("! ", "yellow", title)
+    if ending.report:
+        print(f"report: {ending.report}")
+    print(f"saved as {ending.traits_csv}" + ("" if everything else "; --all prints every column"))
+
+
+def _trait_table(ending: Ending, *, in_words: bool) -> Table:
+    """One trait a line; a mark, and words if there is room, say how sure it is, by the report's rule."""
+    from ..report.verdicts import SURENESS
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2 if in_words else 1, 0, 0))
+    table.add_column(Text(ending.plant_id), no_wrap=True)
+    table.add_column("", justify="right", no_wrap=True)
+    table.add_column("95 % interval")
+    table.add_column("")
+    for card in ending.cards:
+        sure = card["sure"]
+        interval = card["range"] or (f"{card['value']} to {card['value']}" if sure else "")
+        mark = Text("● ", style=sure) if sure else Text("  ")
+        value = Text(f"{card['value']} {card['unit']}".strip(), style="bold")
+        remark = "" if sure and not in_words else SURENESS.get(sure, card["note"])
+        table.add_row(mark.append(card["name"], style="default"), value, interval, remark)
+    return table
+
+
+def _print_styled(word: str, style: str, rest: str) -> None:
+    """A line whose first word is coloured where there is a terminal; it is never broken."""
+    Console(soft_wrap=True, highlight=False).print(Text(word, style=style).append(rest, style="not bold default"))
 
 
 def print_check(info: CheckInfo, plant_id: str, page: Path) -> None:
     """The verdict in its colour and why, on one line, and where to look."""
-    word = Text(info.verdict.upper(), style=f"bold {info.verdict}")
-    Console(soft_wrap=True).print(word.append(f" {plant_id}: {info.line}", style="not bold default"))
+    _print_styled(info.verdict.upper(), f"bold {info.verdict}", f" {plant_id}: {info.line}")
     print(f"see {page}")
 
 
-def print_batch(results: list[Result], table: Path) -> None:
+def print_batch(results: list[Result], table: Path, *, as_json: bool) -> None:
     """How many plants are done, the reasons of those that are not, and where the table is."""
+    if as_json:
+        print_json([vars(result) for result in results])
+        return
     for result in results:
         if result.state != State.DONE:
             print(f"{result.folder}: {result.state}" + (f": {result.reason}" if result.reason else ""))
-    print(f"{sum(result.state == State.DONE for result in results)} of {len(results)} plants done\nsaved as {table}")
+    print(f"{_done(results)}\nsaved as {table}")
 
 
-def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
+def _done(results: list[Result]) -> str:
+    return f"{sum(result.state == State.DONE for result in results)} of {len(results)} plants done"
+
+
+def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool, as_json: bool) -> None:
     """What became of each video, doubts last, and how many there are of each kind."""
+    if as_json:
+        print_json([vars(row) for row in rows])
+        return
     for row in sorted(rows, key=lambda row: row.state == "doubt"):
         target = f" -> {row.folder}" if row.folder and row.state != "doubt" else ""
         print(f"{row.state:<9} {row.file}{target}" + (f": {row.reason}" if row.reason else ""))
@@ -209,8 +201,19 @@ def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
         print(f"saved as {into / 'import.csv'}; next: cotton3dg batch {into}")
 
 
-def print_corrections(outcome: Outcome) -> None:
+def print_corrections(outcome: Outcome, *, as_json: bool) -> None:
     """What is kept of a plant, what does not apply, and what it changed."""
+    if as_json:
+        print_json(
+            {
+                "corrections": [asdict(correction) for correction in outcome.kept.corrections],
+                "refused": outcome.refused,
+                "ruler_lengths": [length and asdict(length) for length in outcome.lengths],
+                "bolls_before": outcome.before,
+                "bolls_after": outcome.after,
+            }
+        )
+        return
     lengths = iter(outcome.lengths)
     for correction in outcome.kept.corrections:
         print(correction.summary, *([_length_text(next(lengths))] if correction.kind == RULER else []))
@@ -240,19 +243,35 @@ def print_render(record: dict[str, Any], root: Path) -> None:
     )
 
 
-def print_comparison(workspace: Workspace, truth_json: Path) -> None:
+def print_comparison(workspace: Workspace, truth_json: Path, *, as_json: bool = False) -> None:
     """A plant's results beside its truth: traits, bolls and, where the truth has a skeleton, the plant map."""
     from ..evaluation.plant import evaluate
     from ..evaluation.plant_map import evaluate_map
 
-    print_evaluation(*evaluate(workspace, truth_json))
-    if map_scores := evaluate_map(workspace, truth_json):
+    print_evaluation(*evaluate(workspace, truth_json), evaluate_map(workspace, truth_json), as_json=as_json)
+
+
+def print_evaluation(
+    errors: list[TraitError],
+    bolls: BollMatches | None = None,
+    map_scores: MapScores | None = None,
+    *,
+    as_json: bool,
+) -> None:
+    """Measured beside true, one trait a line, how many bolls were found, and how the plant's map agrees."""
+    if as_json:
+        traits = [asdict(item) | {"error_pct": item.error_pct} for item in errors]
+        print_json({"traits": traits, "bolls": bolls and asdict(bolls), "map": map_scores and asdict(map_scores)})
+        return
+    print_trait_errors(errors)
+    if bolls:
+        print_boll_matches(bolls)
+    if map_scores:
         print_map_scores(map_scores)
 
 
-def print_evaluation(errors: list[TraitError], bolls: BollMatches) -> None:
-    """Measured beside true, one trait a line, and how many bolls were found."""
-    print_trait_errors(errors)
+def print_boll_matches(bolls: BollMatches) -> None:
+    """How many bolls were found, and how right they are."""
     print(
         f"bolls: {bolls.n_matched} of {bolls.n_true} found, {bolls.n_measured - bolls.n_matched} false; "
         f"median distance {bolls.median_distance_cm:.2f} cm, volume error {bolls.mean_volume_error_pct:.1f} % (mean)"
@@ -282,8 +301,13 @@ def print_trait_errors(errors: list[TraitError]) -> None:
         print(f"{item.trait:<27}{item.measured:>10.2f}{item.truth:>10.2f}{item.error_pct:>8.1f}%")
 
 
-def print_mask_scores(counts: MaskCounts, n_images: int) -> None:
+def print_mask_scores(counts: MaskCounts, n_images: int, *, as_json: bool) -> None:
     """Precision, recall and F1, one IoU a line, and mIoU."""
+    if as_json:
+        scores = [asdict(score) for score in counts.scores]
+        miou = {"miou_hits": counts.miou_hits, "miou_all": counts.miou_all}
+        print_json({"scores": scores, **miou, "n_true": counts.n_true, "n_images": n_images})
+        return
     print(f"{'IoU':<6}{'precision':>10}{'recall':>8}{'F1':>8}")
     for score in counts.scores:
         print(f"{score.iou:<6.2f}{score.precision:>10.3f}{score.recall:>8.3f}{score.f1:>8.3f}")

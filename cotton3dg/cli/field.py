@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from ..command_options import FORMATS, HOW
 from ..errors import SOME_FAILED, BadUsage
-from .arguments import PlantDir, given, keep_given, report_errors
+from .arguments import AsJson, Loud, PlantDir, choice, given, keep_given, report_errors
 
 
 def cards(files: list[Path], **flags: Any) -> None:
@@ -36,17 +37,20 @@ def import_(
     fieldbook: Annotated[Path | None, typer.Option(help="table with a row for each plant (.csv, .xlsx)")] = None,
     id_column: Annotated[str, typer.Option(help="its column with the ids; default: plant_id and the like")] = "",
     names: Annotated[Path | None, typer.Option(help="table with the columns file and plant_id, by hand")] = None,
-    how: Annotated[str, typer.Option(help="copy | move | link")] = "copy",
+    how: Annotated[str, choice("--how", known=HOW, help="how the videos get there", default=HOW[0])] = HOW[0],
     dry_run: Annotated[bool, typer.Option("--dry-run", help="change nothing: only say what would happen")] = False,
+    as_json: AsJson = False,
+    loud: Loud = None,
 ) -> None:
-    """A folder for each plant from videos that show its card; it reports what is in doubt and guesses nothing."""
+    """Sort videos that show a plant's card into a folder for each plant; report what is in doubt."""
     from ..commands.import_ import DOUBT, Import, import_videos
-    from . import display
+    from . import display, progress
 
-    with report_errors(into), display.ProgressDisplay() as watcher:
+    with report_errors(into):
         asked = Import(into, fieldbook, id_column, names, how, dry_run)
-        rows = import_videos(videos, asked, watcher.watched("import"))
-        display.print_import(rows, into, dry_run=dry_run)
+        with progress.ProgressDisplay(loud) as watcher:
+            rows = import_videos(videos, asked, watcher.watched("import"))
+        display.print_import(rows, into, dry_run=dry_run, as_json=as_json)
     if any(row.state == DOUBT for row in rows):
         raise typer.Exit(SOME_FAILED)
 
@@ -69,30 +73,31 @@ def correct(
         list[str] | None, typer.Option(metavar="PICKS / PICKS", help="measure between two points; changes nothing")
     ] = None,
     undo: Annotated[bool, typer.Option("--undo", help="take the last correction back")] = False,
+    as_json: AsJson = False,
+    loud: Loud = None,
 ) -> None:
-    """Mend bolls and the scale, for good: corrections.json keeps each correction, and every run applies them."""
+    """Correct bolls and the scale, for good: corrections.json keeps each correction, and every run applies them."""
     from ..commands.correct import Asked
     from ..commands.correct import correct as mend
     from ..plants import plant_at
-    from . import display
+    from . import display, progress
 
-    with report_errors(plant_dir), display.ProgressDisplay() as watcher:
+    with report_errors(plant_dir):
         picked = (add or (), corner or (), ruler or ())
         asked = Asked(file, merge or (), split or (), delete or (), branch or (), *picked, undo)
-        outcome = mend(plant_at(plant_dir), asked, watcher)
-        display.print_corrections(outcome)
+        with progress.ProgressDisplay(loud) as watcher:
+            outcome = mend(plant_at(plant_dir), asked, watcher)
+        display.print_corrections(outcome, as_json=as_json)
     if outcome.refused:
         raise typer.Exit(SOME_FAILED)
 
 
 def export(
     folder: Annotated[Path, given(help="field that `batch` has run")],
-    format_: Annotated[
-        str, typer.Option("--format", help="brapi | miappe | frictionless | cottongen | fieldbook | xlsx")
-    ] = "xlsx",
+    format_: Annotated[str, choice("--format", known=FORMATS, help="of the files", default="xlsx")] = "xlsx",
     out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
 ) -> None:
-    """A field's tables for breeding databases and spreadsheets."""
+    """Save a field's tables for breeding databases and spreadsheets."""
     from ..commands.export import export as write
 
     with report_errors(folder):
@@ -113,7 +118,7 @@ def compare(
     reach_cm: Reach = 3.0,
     turn_deg: TurnDeg = None,
 ) -> None:
-    """What changed between films of one plant: each boll and each trait of the others against the first."""
+    """Compare films of one plant: each boll and each trait of the others against the first."""
     from ..evaluation.change_detection import compare as lay_beside
     from ..evaluation.change_detection import comparison_text
     from ..evaluation.change_detection_page import write_comparisons
@@ -137,7 +142,7 @@ def repeat(
     reach_cm: Reach = 3.0,
     turn_deg: TurnDeg = None,
 ) -> None:
-    """How far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
+    """Measure how far films of unchanged plants agree: scatter of each trait and of single bolls, and bias."""
     from ..evaluation.measured_plant import find_same_films
     from ..evaluation.repeatability import repeat as lay_beside
     from ..evaluation.repeatability import repeats_text

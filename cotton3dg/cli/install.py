@@ -2,57 +2,58 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .arguments import OwnPreset, PlantDir, keep_given, report_errors
+from .arguments import AsJson, Loud, OwnPreset, PlantDir, keep_given, report_errors
 
 
-def simulate(folder: Path, **flags: Any) -> None:
+def simulate(folder: Path, loud: bool | None, **flags: Any) -> None:
     from .. import options
     from ..commands.simulate import simulate as film
-    from . import display
+    from . import progress
 
-    with report_errors(folder), display.ProgressDisplay() as watcher:
+    with report_errors(folder), progress.ProgressDisplay(loud) as watcher:
         film(folder, options.resolve("simulate", keep_given(flags)), watcher.watched("simulate"))
 
 
 def demo(
     folder: Annotated[Path, typer.Argument(help="folder for the simulated plant; made if needed")] = Path("demo"),
     preset: OwnPreset = "draft",
+    loud: Loud = None,
 ) -> None:
-    """A simulated plant from its film to its row, and that beside the truth: simulate, run, evaluate."""
+    """Simulate a plant, run it, and print its row beside the truth."""
     from .. import pipeline
     from ..choices import Asked, choose
     from ..command_options import SimulateOptions
+    from ..commands.run import read_ending
     from ..commands.simulate import film_once
     from ..stage import STAGES
     from ..workspace import Workspace
-    from . import display
+    from . import display, progress
 
     with report_errors(folder):
-        with display.ProgressDisplay() as watcher:
+        with progress.ProgressDisplay(loud) as watcher:
             film_once(folder, SimulateOptions(), watcher.watched("simulate"))
             workspace = Workspace(folder)
             chosen = choose(workspace, Asked(preset))
-            display.print_options(chosen)
+            display.tell_options(chosen, watcher.say)
             choices = chosen.to_keep(STAGES)
             pipeline.run(workspace, chosen.options, watcher=watcher, report=True, choices=choices)
-        display.print_traits(workspace)
+        display.print_ending(read_ending(workspace))
         display.print_comparison(workspace, workspace.truth_json)
 
 
 def doctor(
     folder: Annotated[Path, typer.Argument(help="where plants are to be run")] = Path(),
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    as_json: AsJson = False,
     calibrate: Annotated[bool, typer.Option("--calibrate", help="measure its speed, for --time-budget")] = False,
     fix: Annotated[bool, typer.Option("--fix", help="install what may be installed, and name the rest")] = False,
 ) -> None:
-    """What this machine offers and lacks, with the commands that mend it; exit code 3 if it cannot be used."""
+    """Say what this machine offers and lacks, and what mends it; exit code 3 if it cannot be used."""
     from dataclasses import asdict
 
     from ..commands.doctor import conclude, examine, is_ready, mend
@@ -70,7 +71,7 @@ def doctor(
             mend(findings, partial(typer.echo, err=True))
             findings = examine(folder)
         if as_json:
-            typer.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
+            display.print_json([asdict(finding) for finding in findings])
         else:
             display.print_findings(findings)
             typer.echo(conclude(findings))
@@ -83,7 +84,7 @@ def bug_report(
     out: Annotated[Path | None, typer.Option(help="file to write; default: bug_report_PLANT.zip here")] = None,
     images: Annotated[bool, typer.Option("--images", help="with the frames and the pictures of every stage")] = False,
 ) -> None:
-    """What a developer needs to see of a failed plant, as one file: log, records, options, versions; no images."""
+    """Pack what a developer needs to see of a failed plant: log, records, options, versions; no images."""
     from ..commands.bug_report import pack
     from ..commands.doctor import examine
     from ..plants import plant_at

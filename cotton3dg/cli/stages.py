@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from ..command_options import ENGINES
 from ..core.runs import State
 from ..errors import SOME_FAILED, BadUsage, MissingInput, unknown
 from ..options import STAGE_OPTIONS
 from .arguments import (
+    AsJson,
     Force,
+    Loud,
     NoReport,
     PlantDir,
     Preset,
@@ -22,6 +24,7 @@ from .arguments import (
     Set,
     TimeBudget,
     add_flags,
+    choice,
     given,
     keep_given,
     parse_overrides,
@@ -33,11 +36,14 @@ if TYPE_CHECKING:
     from ..planning.time_budget import Budget
     from ..workspace import Workspace
 
+STAGES: Final = tuple(STAGE_OPTIONS)
+"""As in `stage.py`, which imports too much for a quick help."""
+
 
 def run(
     plant_dir: PlantDir,
-    from_: Annotated[str, typer.Option("--from", metavar="STAGE", help="first stage")] = next(iter(STAGE_OPTIONS)),
-    until: Annotated[str, typer.Option(metavar="STAGE", help="last stage")] = list(STAGE_OPTIONS)[-1],
+    from_: Annotated[str, choice("--from", known=STAGES, help="first stage", default=STAGES[0])] = STAGES[0],
+    until: Annotated[str, choice("--until", known=STAGES, help="last stage", default=STAGES[-1])] = STAGES[-1],
     preset: Preset = None,
     reset: Reset = False,
     force: Force = False,
@@ -47,12 +53,14 @@ def run(
     no_report: NoReport = False,
     repeat: Annotated[int, typer.Option(min=0, help="more runs, of other frames, to see how far they agree")] = 0,
     set_: Set = None,
+    everything: Annotated[bool, typer.Option("--all", help="print every column of the row")] = False,
+    as_json: AsJson = False,
+    loud: Loud = None,
 ) -> None:
-    """From the video to traits.csv; only what is stale is made again."""
+    """Measure a plant, from its video to traits.csv; run again only what is stale."""
     from .. import pipeline
     from ..choices import Asked
-    from ..stage import STAGES
-    from . import display
+    from . import display, progress
 
     with report_errors(plant_dir):
         asked, stages = Asked(preset, reset, parse_overrides(set_)), pipeline.selected(from_, until)
@@ -61,28 +69,31 @@ def run(
         if time_budget and (preset or stages != STAGES):
             raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
         workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == STAGES[0] and not dry_run)
-        budget = _budget(workspace, time_budget, asked) if time_budget else None
+        tell = progress.teller(loud)
+        budget = _budget(workspace, time_budget, asked, tell) if time_budget else None
         chosen = budget.chosen if budget else chosen
-        display.print_options(chosen, stages)
+        display.tell_options(chosen, tell, stages)
         if dry_run:
             pipeline.require_inputs(workspace, chosen.options, stages)
-            display.print_plan(pipeline.plan(workspace, chosen.options, stages, force=force))
+            display.print_plan(pipeline.plan(workspace, chosen.options, stages, force=force), as_json=as_json)
             return
-        with display.ProgressDisplay() as watcher:
+        with progress.ProgressDisplay(loud, STAGES if budget else ()) as watcher:
             how: dict[str, Any] = {"force": force, "wait": wait, "watcher": watcher, "report": not no_report}
             if budget:
                 budget.run(**how)
             else:
                 pipeline.run(workspace, chosen.options, stages, choices=chosen.to_keep(stages), **how)
         if "traits" in stages:
-            display.print_traits(workspace)
+            from ..commands.run import read_ending
+
+            display.print_ending(read_ending(workspace), everything=everything, as_json=as_json)
         if repeat:
             from ..commands.run import repeat_runs
             from ..evaluation.repeatability import repeats_text
 
-            with display.ProgressDisplay() as watcher:
-                repeats = repeat_runs(workspace, chosen.options, repeat, partial(typer.echo, err=True), watcher)
-            typer.echo(f"{repeats_text(repeats)}\nsaved in {workspace.repeats}")
+            with progress.ProgressDisplay(loud) as watcher:
+                repeats = repeat_runs(workspace, chosen.options, repeat, tell, watcher)
+            typer.echo(f"{repeats_text(repeats)}\nsaved in {workspace.repeats}", err=as_json)
 
 
 def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tuple[Workspace, Chosen]:
@@ -100,12 +111,11 @@ def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tupl
     return workspace, choose(workspace, asked)
 
 
-def _budget(workspace: Workspace, time: str, asked: Asked) -> Budget:
+def _budget(workspace: Workspace, time: str, asked: Asked, tell: Callable[[str], None]) -> Budget:
     from ..planning.calibrate import read_or_calibrate
     from ..planning.time_budget import Budget
     from ..planning.tradeoff import parse_duration
 
-    tell = partial(typer.echo, err=True)
     return Budget(workspace, parse_duration(time), read_or_calibrate(tell), asked, tell)
 
 
@@ -116,36 +126,41 @@ def batch(
     reset: Reset = False,
     retry: Annotated[int, typer.Option(help="more tries for plants that a fault of the machine stopped")] = 0,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="those that batch.csv calls failed")] = False,
-    engine: Annotated[str, typer.Option(help="local: processes here | slurm: jobs of a cluster")] = "local",
+    engine: Annotated[
+        str, choice("--engine", known=ENGINES, help="plants run here, or as jobs of a cluster", default=ENGINES[0])
+    ] = ENGINES[0],
     slurm_: Annotated[
         list[str] | None, typer.Option("--slurm", metavar="KEY=VALUE", help="of the jobs, e.g. partition=short")
     ] = None,
-    status: Annotated[bool, typer.Option("--status", help="run nothing: save and print how the plants do")] = False,
+    status: Annotated[bool, typer.Option("--status", help="run nothing: print how the plants do")] = False,
     no_report: NoReport = False,
     set_: Set = None,
+    as_json: AsJson = False,
+    loud: Loud = None,
 ) -> None:
-    """Every plant below a folder: batch.csv has a row for each, failures first with their reasons."""
+    """Measure every plant below a folder; batch.csv gets a row for each, failures first with their reasons."""
     from .. import slurm
     from ..batch import Batch, default_jobs, find_plants, require_named, saved_results
     from ..choices import Asked, choose
     from ..field.tables import TABLE
-    from . import display
+    from . import display, progress
 
     with report_errors(folder):
         plants, asked = find_plants(folder), Asked(preset, reset, parse_overrides(set_))
         require_named(plants, choose(None, asked, folder).options)  # refused once, not once a plant
         arguments = [word for assignment in set_ or [] for word in ("--set", assignment)]
         arguments += [*(["--preset", preset] if preset else []), *["--reset"] * reset, *["--no-report"] * no_report]
-        tell = partial(typer.echo, err=True)
+        tell = progress.teller(loud)
         work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
-        if engine not in ("local", "slurm"):
-            raise unknown(f"--engine {engine}", engine, ("local", "slurm"))
+        if engine not in ENGINES:
+            raise unknown(f"--engine {engine}", engine, ENGINES)
         if only_failed:
             work.results = saved_results(folder)
             failed = {result.folder for result in work.results.values() if result.state == State.FAILED}
             plants = [plant for plant in plants if plant.relative_to(folder).as_posix() in failed]
         if status:
             results = slurm.status(work, plants, asked)
+            display.print_batch_status(results, as_json=as_json)
         elif engine == "slurm":
             executor = slurm.slurm_executor(folder, slurm_ or [])
             submitted = slurm.submit(work, plants, executor, slurm.max_array_size())
@@ -153,7 +168,7 @@ def batch(
             return
         else:
             results = work.run(plants)
-        display.print_batch(results, folder / TABLE)
+            display.print_batch(results, folder / TABLE, as_json=as_json)
     if any(result.state != State.DONE for result in results):
         raise typer.Exit(SOME_FAILED)
 
@@ -162,47 +177,43 @@ def status(
     plant_dir: PlantDir,
     preset: Preset = None,
     reset: Reset = False,
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    as_json: AsJson = False,
     set_: Set = None,
 ) -> None:
-    """What is done, what is stale and why, with seconds and memory of each stage."""
+    """Say what is done, what is stale and why, with seconds and memory of each stage."""
     from .. import pipeline
     from ..choices import Asked
-    from . import display
+    from . import display, progress
 
     with report_errors(plant_dir):
         workspace, chosen = _plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
         states = pipeline.status(workspace, chosen.options)
-        display.print_options(chosen)
-        if as_json:
-            typer.echo(json.dumps(display.status_entries(states, chosen), indent=1))
-        else:
-            display.print_status(states, chosen)
+        display.tell_options(chosen, progress.teller(None))
+        display.print_status(states, chosen, as_json=as_json)
 
 
 def check(
     film: Annotated[Path, given(help="video, or folder of one plant")],
     preset: Preset = None,
     reset: Reset = False,
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    as_json: AsJson = False,
     set_: Set = None,
+    loud: Loud = None,
 ) -> None:
-    """Will this film do? Green, yellow (exit code 9) or red (4), in half a minute; run goes on from it."""
-    from dataclasses import asdict
-
+    """Judge a film in half a minute: green, yellow (exit code 9) or red (4); run goes on from it."""
     from ..choices import Asked
     from ..commands.check import check as look
     from ..errors import DOUBTFUL, CaptureFailed
     from ..schemas.check import GREEN, RED
-    from . import display
+    from . import display, progress
 
     with report_errors(film):
         workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
-        display.print_options(chosen, ("frames", "sfm"))
-        with display.ProgressDisplay() as watcher:
+        display.tell_options(chosen, progress.teller(loud), ("frames", "sfm"))
+        with progress.ProgressDisplay(loud) as watcher:
             info = look(workspace, chosen.options, watcher, chosen.to_keep(("frames",)))
         if as_json:
-            typer.echo(json.dumps(asdict(info), indent=1))
+            display.print_json(asdict(info))
         else:
             display.print_check(info, workspace.plant_id, workspace.check_html)
     if info.verdict != GREEN:
@@ -210,7 +221,7 @@ def check(
 
 
 def clean(plant_dir: PlantDir) -> None:
-    """Free the images of a finished plant and what killed runs left; results and records stay, run makes it again."""
+    """Remove the images of a finished plant and what killed runs left; keep results and records."""
     from ..commands.clean import clean as drop
     from ..plants import plant_at
 
@@ -221,7 +232,7 @@ def clean(plant_dir: PlantDir) -> None:
 
 
 def report(plant_dir: PlantDir) -> None:
-    """report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
+    """Make report.html: traits, photos, 3D view, walk and advice in one file; run makes it, too."""
     from ..plants import plant_at
     from ..report.page import is_stale, make_report
 
@@ -235,17 +246,16 @@ def report(plant_dir: PlantDir) -> None:
 def stage_command(stage: str) -> Callable[..., None]:
     """A command that runs one stage."""
 
-    def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, **flags: Any) -> None:
+    def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, loud: bool | None, **flags: Any) -> None:
         from .. import pipeline
         from ..choices import Asked
-        from ..stage import STAGES
-        from . import display
+        from . import display, progress
 
         with report_errors(plant_dir):
             asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
             workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == STAGES[0])
-            display.print_options(chosen, stages)
-            with display.ProgressDisplay() as watcher:
+            display.tell_options(chosen, progress.teller(loud), stages)
+            with progress.ProgressDisplay(loud) as watcher:
                 pipeline.run(
                     workspace, chosen.options, stages, force=force, watcher=watcher, choices=chosen.to_keep(stages)
                 )
@@ -257,36 +267,38 @@ def stage_command(stage: str) -> Callable[..., None]:
         preset=(Preset, None),
         reset=(Reset, False),
         force=(Force, False),
+        loud=(Loud, None),
     )
 
 
-def render(plant_dir: Path, **flags: Any) -> None:
+def render(plant_dir: Path, loud: bool | None, **flags: Any) -> None:
     from .. import options
     from ..commands.render import render as make_film
     from ..plants import plant_at
-    from . import display
+    from . import display, progress
 
     with report_errors(plant_dir):
         workspace, chosen = plant_at(plant_dir), options.resolve("render", keep_given(flags))
-        with display.ProgressDisplay() as watcher:
+        with progress.ProgressDisplay(loud) as watcher:
             record = make_film(workspace, chosen, watcher.watched("render"))
         display.print_render(record, workspace.root)
 
 
-def masks_train(folder: Path, **flags: Any) -> None:
+def masks_train(folder: Path, loud: bool | None, **flags: Any) -> None:
     from .. import options
     from ..commands.masks_train import train
-    from . import display
+    from . import progress
 
     with report_errors(folder):
         chosen = options.resolve("masks-train", keep_given(flags))
-        with display.ProgressDisplay() as watcher:
-            typer.echo(f"saved as {train(folder, chosen, watcher.watched('masks-train'))}")
+        with progress.ProgressDisplay(loud) as watcher:
+            saved = train(folder, chosen, watcher.watched("masks-train"))
+        typer.echo(f"saved as {saved}")
 
 
 # `masks PLANT_DIR` takes a folder, so a sub-command of it could not be distinguished from a folder of that name.
 def masks_export(plant_dir: PlantDir) -> None:
-    """The plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
+    """Save the plant's masks with their images as a COCO folder, for annotation tools and masks-train."""
     from ..commands.masks_export import export
     from ..plants import plant_at
 

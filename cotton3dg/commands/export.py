@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
+from ..command_options import FORMATS
 from ..errors import unknown
 from ..field.brapi import brapi_files
 from ..field.miappe import DATA_FILE, data_file, miappe_sheets, missing
@@ -16,8 +16,6 @@ from ..io.workbook import write_workbook
 from ..outputs import made_of, saving
 from ..text import read_text
 from ..workspace import OWNER_MARK
-
-FORMATS: Final = ("brapi", "miappe", "frictionless", "cottongen", "fieldbook", "xlsx")
 
 
 def export(folder: Path, kind: str, out: Path | None = None) -> str:

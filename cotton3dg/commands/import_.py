@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from ..command_options import HOW
 from ..core.columns import Column
 from ..core.machine import usable_cores
 from ..core.runs import Progress, silent
@@ -42,7 +43,6 @@ from ..workspace import VIDEO_SUFFIXES, Workspace
 
 TABLE: Final = "import.csv"
 MEMORY: Final = ".import.json"
-HOW: Final = ("copy", "move", "link")
 EVERY_S: Final = 0.25
 MOST_FRAMES: Final = 160
 SMALL_SIDE: Final = 1920

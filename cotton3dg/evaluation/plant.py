@@ -23,7 +23,6 @@ from ..workspace import Workspace
 from .cloud import measure_cloud
 from .match import MATCH_DISTANCE_CM, match_bolls
 
-CM_PER_UNIT: Final = {"m": 100.0, "cm": 1.0, "mm": 0.1}
 TRUTH_OF_TRAIT: Final = {
     "boll_count": "boll_count",
     "boll_volume_cm3": "total_boll_convex_volume_cm3",

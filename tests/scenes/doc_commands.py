@@ -117,7 +117,8 @@ def check(words: list[str], *, whole: bool = True) -> None:
 
 def option_names() -> set[str]:
     """Flags of all commands."""
-    return {flag for command in (GROUP, *COMMANDS.values()) for item in command.params for flag in item.opts}
+    items = [item for command in (GROUP, *COMMANDS.values()) for item in command.params]
+    return {flag for item in items for flag in (*item.opts, *item.secondary_opts)}
 
 
 def stage_option_names() -> set[str]:

@@ -171,7 +171,7 @@ def test_every_command_reads_the_folders_above(plant, cotton3dg, tmp_path, comma
         work = Batch(plant.root.parent)
         (plant.root.parent / "batch.csv").write_text("folder,state,exit_code,reason\nplant_007,done,0,\n")
         (result,) = slurm.status(work, [plant.root])
-        assert (result.state, result.reason) == ("waiting", "scale: option table_length_cm 99.0 -> 100.0")
+        assert (result.state, result.reason) == ("stale", "scale: option table_length_cm 99.0 -> 100.0")
         return
     _, _, err = cotton3dg(command, plant.root)
     assert options_line(err) == "scale.table_length_cm 100 (cotton3dg.toml of field_2026)"
@@ -365,9 +365,22 @@ def test_the_status_of_a_batch_is_that_of_its_plants(plant, cotton3dg):
     cotton3dg("run", plant.root, "--preset", "draft")
     (field / "batch.csv").write_text("folder,state,exit_code,reason\nplant_007,done,0,\n")
     code, out, _ = cotton3dg("batch", field, "--status")
-    assert (code, out[0]) == (0, "1 of 1 plants done")
+    assert (code, out[1].split(), out[2]) == (0, ["plant_007", "done"], "1 of 1 plants done")
+    reason = "option count 60 -> 100"
     code, out, _ = cotton3dg("batch", field, "--status", "--reset")
-    assert (code, out[0]) == (8, "plant_007: waiting: frames: option count 60 -> 100")
+    assert (code, out[1].split(maxsplit=2)) == (8, ["plant_007", "stale", f"frames: {reason}"])
+    _, own, _ = cotton3dg("status", plant.root, "--reset")
+    assert own[1].split()[:2] == ["frames", "stale"] and reason in own[1]
+
+
+def test_the_status_of_a_batch_that_has_not_run_is_that_of_its_plants(plant, cotton3dg):
+    code, out, _ = cotton3dg("batch", plant.root.parent, "--status")
+    assert (code, out[1].split(maxsplit=2)) == (8, ["plant_007", "missing", "frames: no finished result"])
+    assert out[2] == "0 of 1 plants done"
+    _, out, _ = cotton3dg("batch", plant.root.parent, "--status", "--json")
+    (entry,) = json.loads("\n".join(out))
+    assert (entry["folder"], entry["state"]) == ("plant_007", "missing")
+    assert [path.name for path in plant.root.parent.iterdir()] == ["plant_007"]
 
 
 def contents(plant):

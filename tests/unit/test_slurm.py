@@ -17,7 +17,7 @@ from scenes.stand_in_runs import make_plant, stand_in_command, table, until
 from cotton3dg import slurm
 from cotton3dg.batch import TABLE, Batch, Result, find_plants
 from cotton3dg.core.runs import State
-from cotton3dg.errors import BadUsage, EnvironmentUnusable, MissingInput
+from cotton3dg.errors import BadUsage, EnvironmentUnusable
 from cotton3dg.staleness import StageState
 
 
@@ -121,13 +121,14 @@ def test_waiting_running_and_lost_jobs_are_told(tmp_path, queue):
 def test_status_without_jobs_is_that_of_the_saved_table(tmp_path, stand_in):
     field = tmp_path / "field"
     make_plant(field, "a")
-    with pytest.raises(MissingInput, match="run the whole batch first"):
-        slurm.status(batch_of(field), find_plants(field))
+    never_run = Result("a", State.STALE, None, "traits: no result")
+    assert slurm.status(batch_of(field), find_plants(field)) == [never_run]
+    assert not (field / TABLE).exists()
     done = batch_of(field, stand_in).run(find_plants(field))
     before = (field / TABLE).read_bytes()
     assert slurm.status(batch_of(field), find_plants(field)) == done
     (field / "a" / "traits" / "traits.csv").unlink()
-    assert slurm.status(batch_of(field), find_plants(field)) == [Result("a", State.WAITING, None, "traits: no result")]
+    assert slurm.status(batch_of(field), find_plants(field)) == [never_run]
     assert (field / TABLE).read_bytes() == before
 
 

@@ -1,10 +1,27 @@
 """The command line in processes of their own: help, exit codes, one-line errors."""
 
 import os
+import re
 import subprocess
 import sys
 
 import pytest
+from scenes.doc_commands import COMMANDS
+from typer.testing import CliRunner
+
+from cotton3dg.cli.app import COMMANDS as PANELS
+from cotton3dg.cli.app import app
+from cotton3dg.option_rules import places
+from cotton3dg.options import PRESETS, ScaleOptions
+from cotton3dg.pipeline import stage_options
+from cotton3dg.planning.cost import Machine, estimate_costs, sum_seconds
+from cotton3dg.stage import Footage
+
+METHODS = places(ScaleOptions)[0].item.metadata["choices"]
+VERBS = (
+    "Measure Say Judge Remove Make Sort Save Compare Correct Film Train Print Fit Try Simulate Pack Choose Find"
+    " Lift Join"
+)
 
 
 def cotton3dg(*arguments, **keywords):
@@ -38,6 +55,61 @@ def test_help_names_units_and_the_papers_values():
     assert result.returncode == 0
     assert "--max-side" in result.stdout
     assert "px; paper: 960" in result.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_a_verb_and_no_type_or_empty_default_for_flags(name):
+    told = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "200"})
+    assert told.exit_code == 0
+    assert COMMANDS[name].help.split()[0] in VERBS.split()
+    for words in ("<bool>", "none)]", "[default: (", "False"):
+        assert words not in told.stdout
+
+
+def test_help_groups_commands_by_what_people_do():
+    told = CliRunner().invoke(app, ["--help"]).stdout
+    places = [told.index(f"─ {group} ─") for group in PANELS]
+    assert next(iter(PANELS)) == "Measure" and places == sorted(places)
+    assert set(COMMANDS) == {name for commands in PANELS.values() for name in commands}
+
+
+def test_the_help_of_run_gives_the_minutes_of_each_preset():
+    told = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "120"}).stdout
+    stated = dict(re.findall(r"(\w+) (\d+)[,\s]", told[told.index("Minutes") :].split(":", 1)[1]))
+    film = Footage(900, 1920, 1080)
+    costs = {name: sum_seconds(estimate_costs(stage_options(None, name), film, Machine(2.0)), 2.0) for name in PRESETS}
+    assert stated == {name: f"{seconds / 60:.0f}" for name, seconds in costs.items()}
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("run x --preset pa", ["paper", "paper1", "paper2"]),
+        ("run x --from s", ["sfm", "scale", "segment"]),
+        ("run x --until tr", ["train", "traits"]),
+        ("run x --set scale.me", [f"scale.method={name}" for name in METHODS]),
+        ("run x --set train.max_s", ["train.max_side="]),
+        ("run x --set segment.thr", ["segment.threshold="]),
+        ("masks x --backend s", ["sam"]),
+        ("scale x --method all", ["all", "all-sections"]),
+        ("export x --format f", ["frictionless", "fieldbook"]),
+        ("render x --format ", ["mp4", "png", "jpg"]),
+        ("batch x --engine ", ["local", "slurm"]),
+    ],
+)
+def test_tab_completes_choices(line, found):
+    settings = {"_COTTON3DG_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": f"cotton3dg {line}"}
+    told = CliRunner().invoke(app, [], prog_name="cotton3dg", env=settings, complete_var="_COTTON3DG_COMPLETE")
+    assert set(re.findall(r'"([^"]+)"', told.stdout)) == set(found)
+
+
+def test_a_word_that_is_no_choice_is_still_answered_in_a_line(plant):
+    (plant / "video.mp4").touch()
+    assert_one_line(cotton3dg("run", plant, "--preset", "drfat"), 2, "did you mean draft?")
+
+
+def test_the_version_has_a_short_option():
+    assert cotton3dg("-V").stdout == cotton3dg("--version").stdout != ""
 
 
 def test_help_imports_nothing_heavy():

@@ -181,9 +181,11 @@ def choose_views(
     return chosen
 
 
-def render_photo(gaussians: Gaussians, camera: Camera) -> Picture:
+def render_photo(
+    gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] = rasterizer.BLACK
+) -> Picture:
     """The model as a camera would see it."""
-    return to_uint8(rasterizer.render(gaussians, camera).image)
+    return to_uint8(rasterizer.render(gaussians, camera, background=background).image)
 
 
 def encode(array: NDArray[Any]) -> str:

@@ -35,7 +35,7 @@ from .verdicts import SURENESS, interval_of, of_row, sureness_of
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 6
+VERSION: Final = 7
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
@@ -138,15 +138,16 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "strip": part("strip", pictures.strip) or [],
         "advice": part("advice", lambda: advise_on_capture(facts, pictures.widths_px())) or [],
         "stages": stage_rows(facts),
+        "scene_picture": scene.pop("picture", ""),
         "scene": scene,
         "photos": part("photos", lambda: describe_photos(pictures)) or {},
         "trouble": trouble,
         "version": __version__,
     }
-    scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "mend.js", "photos.js", "report.js")]
+    names = ["table.js", "mend.js", "photos.js", "report.js"]
     if scene:
-        scripts.insert(0, _read_plotly())
-    return fill_template("report.html", scripts, content)
+        names += ["splats.js", "orbit.js", "plant3d.js"]
+    return fill_template("report.html", [(TEMPLATES / name).read_text("utf-8") for name in names], content)
 
 
 def fill_template(template: str, scripts: list[str], content: dict[str, Any]) -> str:
@@ -296,17 +297,6 @@ def _format_summary(summary: dict[str, Any]) -> str:
         f"{key.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{key.replace('_', ' ')} {value}"
         for key, value in list(single.items())[:6]
     )
-
-
-def _read_plotly() -> str:
-    """plotly.js as the package plotly ships it, in a form that may stand inside a script element."""
-    import importlib.util
-
-    package = importlib.util.find_spec("plotly")
-    if package is None or package.origin is None:
-        return "/* the package plotly is not installed: no 3D view */"
-    path = Path(package.origin).with_name("package_data") / "plotly.min.js"
-    return path.read_text("utf-8").replace("</script", "<\\/script")
 
 
 def _fingerprint(workspace: Workspace, failure: str) -> Fingerprint:

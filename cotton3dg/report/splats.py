@@ -50,7 +50,7 @@ def pack_splats(shown: Gaussians, owners: NDArray[Any], frame: Frame) -> dict[st
 
     Positions have 16 bits an axis within their box, logarithms of the standard deviations 8 bits between their
     extremes, quaternions 8 bits a component, colours and opacity 8 bits. Neighbours in space are neighbours in the
-    file and equal parts of all splats stand together, which gzip turns into a third fewer bytes.
+    file and equal parts of all splats stand together, which saves gzip a fifth of the bytes.
 
     Args:
         owners: (S,) boll of each Gaussian, 0 = none.

@@ -18,6 +18,9 @@ const picking = (() => {
   large.addEventListener("click", event => event.target === event.currentTarget && large.close());
   large.querySelector("form").addEventListener("submit", event => { event.preventDefault(); large.close(); });
 
+  // ------------------------------------------------------------ paper has no folds
+  window.addEventListener("beforeprint", () => { for (const fold of document.querySelectorAll("details")) fold.open = true; });
+
   // ------------------------------------------------------------ choosing a boll
   const rows = new Map([...document.querySelectorAll("tr[data-boll]")].map(row => [row.dataset.boll, row]));
   const panel = document.getElementById("chosen");

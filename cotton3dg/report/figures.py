@@ -27,7 +27,7 @@ CUT_MARGIN: Final = 0.35
 """Margin around a cut-out, in sizes of its mask."""
 
 
-def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
+def jpeg_uri(rgb: Picture, max_side: int, quality: int = 72) -> str:
     """An image as the `src` of an <img>, its longer side at most `max_side` px."""
     import cv2
 

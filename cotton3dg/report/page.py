@@ -41,6 +41,8 @@ TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
 OF_THE_PROGRAM: Final = ("report_version", "cotton3dg_version", "templates")
 """The parts of a fingerprint that another version of the program changes."""
+PHONE_PX: Final = 360.0
+"""Width of the plant map on a phone, where its letters have the size that they are drawn at."""
 MARKED_BYTES: Final = 4096
 """The first bytes of a page, which show whether this tool made it."""
 log = logging.getLogger("cotton3dg")
@@ -129,7 +131,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "sureness": SURENESS,
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
-        "plant_map": part("plant_map", lambda: drawn_map(pictures)) or "",
+        "plant_maps": part("plant_map", lambda: drawn_maps(pictures)) or [],
         "bolls": part("bolls", lambda: boll_rows(facts, cut_outs)) or [],
         "compared": part("compared", pictures.compared) or [],
         "overlaid": part("overlaid", pictures.overlaid) or [],
@@ -253,11 +255,12 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
     ]
 
 
-def drawn_map(pictures: Pictures) -> Markup | None:
-    """The plant map as an SVG inside the page; it contains only numbers and the program's own words."""
+def drawn_maps(pictures: Pictures) -> list[Markup]:
+    """The plant map for screens and for phones, SVGs inside the page, of numbers and the program's own words."""
     from markupsafe import Markup
 
-    return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None
+    found = pictures.plant_map
+    return [Markup(draw_map(found, most_px=most_px)) for most_px in (math.inf, PHONE_PX)] if found else []
 
 
 def _centre(row: dict[str, str]) -> str:

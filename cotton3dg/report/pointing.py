@@ -18,7 +18,7 @@ PHOTOS: Final = 12
 SIDE_PX: Final = 1280
 """Photos, 30 degrees apart; their longer side."""
 QUALITIES: Final = (72, 60, 50, 40)
-MOST_CHARACTERS: Final = 1_600_000
+MOST_CHARACTERS: Final = 1_200_000
 """The best quality of JPEG with which all photos together take no more of the page; a page has 4 MB in all."""
 
 

@@ -11,8 +11,8 @@ from .. import __version__
 from ..geometry.camera_orbit import azimuths, evenly_spaced
 from ..io.images import read_image
 from ..report.figures import jpeg_uri, outline_masks
+from ..report.frame import plant_frame
 from ..report.page import fill_template
-from ..report.scene import plant_frame
 from ..report.walk import draw_walk
 from ..schemas.check import CheckInfo
 from ..schemas.frames import FramesInfo

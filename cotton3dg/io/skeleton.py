@@ -10,15 +10,18 @@ import numpy as np
 from ..core.plant_map import Axis, BollOnMap, PlantMap
 from ..core.scene import Float64
 from ..geometry.polylines import length_of
-from .labels import Labels, Spot, around, beside, text_box
+from .labels import CHARACTER, Labels, Spot, around, beside, text_box
 
 INK: Final = "#222"
 FRUITING: Final = "#7a4a1e"
 VEGETATIVE: Final = "#4a7a2e"
 BOLL: Final = "#1f5fa8"
 PX_PER_CM: Final = 9.0
-MARGIN_PX: Final = 110.0
+MARGIN_PX: Final = 30.0
+"""Around the branches' ends; on either side the widest label of a branch comes on top."""
 BOLL_PX: Final = 9.0
+LETTER_PX: Final = 12
+"""Size of the names of branches."""
 Px = tuple[float, float]
 """A place on the drawing."""
 LEADER_PX: Final = 6.0
@@ -50,27 +53,34 @@ def skeleton_ply(plant_map: PlantMap) -> str:
     return "\n".join([*text, ""])
 
 
-def draw_map(plant_map: PlantMap, title: str = "") -> str:
+def draw_map(plant_map: PlantMap, title: str = "", most_px: float = np.inf) -> str:
     """The plant map as breeders draw it, an SVG that prints on one page.
 
     The stem is upright. Branches leave it at their heights, alternately right and left in order of rank, with their
     true lengths. Circles are bolls with their ids; a circle is open if the boll may belong to another branch. The
     figure inside is the inferred fruiting position.
+
+    Args:
+        most_px: width that the drawing may have. All branches are narrowed alike to fit; letters and heights stay.
     """
     if not plant_map.axes:
         return ""
     places = _branch_places(plant_map)
     top = float(plant_map.stem.curve[-1, 2])
     ends = np.array([[0.0, 0.0], [0.0, top], *(end for _, end in places.values())])
-    left, right = ends[:, 0].min() * PX_PER_CM - MARGIN_PX, ends[:, 0].max() * PX_PER_CM + MARGIN_PX
-    high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX
+    beyond = MARGIN_PX + max([0.0, *(CHARACTER * LETTER_PX * len(_name(axis)) for axis in plant_map.branches)])
+    extent = np.ptp(ends[:, 0])
+    across = min(PX_PER_CM, (most_px - 2 * beyond) / extent) if extent else PX_PER_CM
+    left, right = ends[:, 0].min() * across - beyond, ends[:, 0].max() * across + beyond
+    high = ends[:, 1].max() * PX_PER_CM + MARGIN_PX + (LETTER_PX if title else 0)
 
     def at(point: Float64) -> Px:
-        return float(point[0] * PX_PER_CM - left), float(high - point[1] * PX_PER_CM)
+        return float(point[0] * across - left), float(high - point[1] * PX_PER_CM)
 
-    width, height = right - left, high + 40
+    width, height = right - left, high + MARGIN_PX
     svg = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" '
+        f'style="--shape:{width / height:.4f}" role="img" '
         f'aria-label="Plant map: stem, {len(plant_map.branches)} branches, {len(plant_map.bolls)} bolls" '
         'font-family="sans-serif" font-size="13">'
     ]
@@ -79,8 +89,8 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
         svg.append(_text((width / 2, 24), title, "middle", INK, 16))
     labels = Labels()
     for mark in range(0, int(top) + 1, 10):
-        x, y = at(np.array([left / PX_PER_CM, mark]))
-        svg.append(f'<line x1="{x:.1f}" x2="{width:.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd" stroke-width="1"/>')
+        y = high - mark * PX_PER_CM
+        svg.append(f'<line x1="0" x2="{width:.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd" stroke-width="1"/>')
         svg.append(_text((4, y - 3), f"{mark} cm", "start", "#888", 11))
         labels.taken.append(text_box(4, y - 3, f"{mark} cm", "start", 11))
     lines = [(at(np.zeros(2)), at(np.array([0.0, top])), INK, 5.0)]
@@ -97,11 +107,15 @@ def draw_map(plant_map: PlantMap, title: str = "") -> str:
         labels.taken.append((x - BOLL_PX, y - BOLL_PX, x + BOLL_PX, y + BOLL_PX))
     for axis in plant_map.branches:
         start, end = places[axis.rank]
-        text = f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
-        svg += _label(labels, at(end), text, 12, beside(1 if end[0] >= start[0] else -1, 12), _colour(axis))
+        spots = beside(1 if end[0] >= start[0] else -1, LETTER_PX)
+        svg += _label(labels, at(end), _name(axis), LETTER_PX, spots, _colour(axis))
     for boll_id, middle in middles.items():
         svg += _label(labels, middle, f"b{boll_id}", 11, around(BOLL_PX, 11), BOLL, BOLL_PX)
     return "\n".join([*svg, "</svg>"])
+
+
+def _name(axis: Axis) -> str:
+    return f"{axis.rank}{'' if axis.kind == 'fruiting' else ' veg.'} · {length_of(axis.curve):.0f} cm"
 
 
 def _colour(axis: Axis) -> str:

@@ -27,7 +27,7 @@ CUT_MARGIN: Final = 0.35
 """Margin around a cut-out, in sizes of its mask."""
 
 
-def jpeg_uri(rgb: Picture, max_side: int, quality: int = 80) -> str:
+def jpeg_uri(rgb: Picture, max_side: int, quality: int = 72) -> str:
     """An image as the `src` of an <img>, its longer side at most `max_side` px."""
     import cv2
 
@@ -181,9 +181,11 @@ def choose_views(
     return chosen
 
 
-def render_photo(gaussians: Gaussians, camera: Camera) -> Picture:
+def render_photo(
+    gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] = rasterizer.BLACK
+) -> Picture:
     """The model as a camera would see it."""
-    return to_uint8(rasterizer.render(gaussians, camera).image)
+    return to_uint8(rasterizer.render(gaussians, camera, background=background).image)
 
 
 def encode(array: NDArray[Any]) -> str:

@@ -35,12 +35,14 @@ from .verdicts import SURENESS, interval_of, of_row, sureness_of
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 6
+VERSION: Final = 7
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
 OF_THE_PROGRAM: Final = ("report_version", "cotton3dg_version", "templates")
 """The parts of a fingerprint that another version of the program changes."""
+PHONE_PX: Final = 360.0
+"""Width of the plant map on a phone, where its letters have the size that they are drawn at."""
 MARKED_BYTES: Final = 4096
 """The first bytes of a page, which show whether this tool made it."""
 log = logging.getLogger("cotton3dg")
@@ -129,7 +131,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "sureness": SURENESS,
         "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
-        "plant_map": part("plant_map", lambda: drawn_map(pictures)) or "",
+        "plant_maps": part("plant_map", lambda: drawn_maps(pictures)) or [],
         "bolls": part("bolls", lambda: boll_rows(facts, cut_outs)) or [],
         "compared": part("compared", pictures.compared) or [],
         "overlaid": part("overlaid", pictures.overlaid) or [],
@@ -138,15 +140,16 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "strip": part("strip", pictures.strip) or [],
         "advice": part("advice", lambda: advise_on_capture(facts, pictures.widths_px())) or [],
         "stages": stage_rows(facts),
+        "scene_picture": scene.pop("picture", ""),
         "scene": scene,
         "photos": part("photos", lambda: describe_photos(pictures)) or {},
         "trouble": trouble,
         "version": __version__,
     }
-    scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "mend.js", "photos.js", "report.js")]
+    names = ["table.js", "mend.js", "photos.js", "report.js"]
     if scene:
-        scripts.insert(0, _read_plotly())
-    return fill_template("report.html", scripts, content)
+        names += ["splats.js", "orbit.js", "plant3d.js"]
+    return fill_template("report.html", [(TEMPLATES / name).read_text("utf-8") for name in names], content)
 
 
 def fill_template(template: str, scripts: list[str], content: dict[str, Any]) -> str:
@@ -252,11 +255,12 @@ def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[d
     ]
 
 
-def drawn_map(pictures: Pictures) -> Markup | None:
-    """The plant map as an SVG inside the page; it contains only numbers and the program's own words."""
+def drawn_maps(pictures: Pictures) -> list[Markup]:
+    """The plant map for screens and for phones, SVGs inside the page, of numbers and the program's own words."""
     from markupsafe import Markup
 
-    return Markup(draw_map(pictures.plant_map)) if pictures.plant_map else None
+    found = pictures.plant_map
+    return [Markup(draw_map(found, most_px=most_px)) for most_px in (math.inf, PHONE_PX)] if found else []
 
 
 def _centre(row: dict[str, str]) -> str:
@@ -296,17 +300,6 @@ def _format_summary(summary: dict[str, Any]) -> str:
         f"{key.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{key.replace('_', ' ')} {value}"
         for key, value in list(single.items())[:6]
     )
-
-
-def _read_plotly() -> str:
-    """plotly.js as the package plotly ships it, in a form that may stand inside a script element."""
-    import importlib.util
-
-    package = importlib.util.find_spec("plotly")
-    if package is None or package.origin is None:
-        return "/* the package plotly is not installed: no 3D view */"
-    path = Path(package.origin).with_name("package_data") / "plotly.min.js"
-    return path.read_text("utf-8").replace("</script", "<\\/script")
 
 
 def _fingerprint(workspace: Workspace, failure: str) -> Fingerprint:

@@ -38,7 +38,9 @@ from .figures import (
     outline_masks,
     render_photo,
 )
-from .scene import Frame, boll_bodies, describe_scene, plant_frame, skeleton_lines
+from .frame import Frame, plant_frame
+from .scene import boll_bodies, box_of, shown_rows, side_picture, skeleton_lines
+from .splats import JUDGING_VIEWS, choose_splats, pack_splats
 from .walk import draw_walk
 
 WIDE_PX: Final = 1100
@@ -259,17 +261,19 @@ class Pictures:
         known = {boll: volume for boll, volume in volumes.items() if volume > 0}
         pixel_su = self.facts.metrics.pixel_su if self.facts.metrics else 0.0
         drawn = dilate_gaussians(self.gaussians, pixel_su)
+        plant, wanted = shown_rows(self.gaussians, self.plant_rows, self.scale, self.orbit, frame)
+        judging = evenly_spaced(azimuths(self.cameras, self.orbit), JUDGING_VIEWS)
+        rows = choose_splats(self.gaussians, wanted, [self.cameras[i] for i in judging])
+        if not plant[rows].any():
+            return {}
+        box = box_of(frame.places(self.gaussians.means[rows[plant[rows]]]))
         return {
+            "unit": frame.unit,
             "pixel": pixel_su * self.scale.cm_per_su if self.scale else 0.0,
             "relative_error": self.scale.relative_error if self.scale else 0.0,
-            **describe_scene(
-                self.gaussians,
-                self.plant_rows,
-                boll_labels(self.bolls, len(self.gaussians)) > 0,
-                self.scale,
-                self.orbit,
-                frame,
-            ),
+            "box": box.round(3).tolist(),
+            "picture": jpeg_uri(side_picture(self.gaussians[rows], box, frame), WIDE_PX),
+            "splats": pack_splats(drawn[rows], boll_labels(self.bolls, len(self.gaussians))[rows], frame),
             "bolls": boll_bodies(drawn, self.bolls[:MOST_BOLLS], known, frame),
             "skeleton": skeleton_lines(self.plant_map) if self.plant_map else [],
         }

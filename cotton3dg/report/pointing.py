@@ -10,14 +10,16 @@ from ..core.scene import Camera
 from ..geometry.camera_orbit import azimuths, evenly_spaced
 from ..geometry.triangulation import FULL_WIDTH_PX, LEAST_ANGLE, SLIP_PX
 from ..scale.corners import OFF_TABLE
-from .figures import jpeg_uri
+from .figures import Picture, jpeg_uri
+from .frame import Frame
 from .pictures import Pictures
-from .scene import Frame
 
 PHOTOS: Final = 12
 SIDE_PX: Final = 1280
-QUALITY: Final = 72
 """Photos, 30 degrees apart; their longer side."""
+QUALITIES: Final = (72, 60, 50, 40)
+MOST_CHARACTERS: Final = 1_200_000
+"""The best quality of JPEG with which all photos together take no more of the page; a page has 4 MB in all."""
 
 
 def describe_photos(pictures: Pictures) -> dict[str, Any]:
@@ -31,9 +33,11 @@ def describe_photos(pictures: Pictures) -> dict[str, Any]:
     chosen = sorted(evenly_spaced(azimuths(pictures.cameras, pictures.orbit), PHOTOS))
     bolls = zip(pictures.bolls, frame.places(np.array([b.centre for b in pictures.bolls]).reshape(-1, 3)), strict=True)
     corners = frame.places(scale.corners) if scale is not None else np.zeros((0, 3))
+    sources = _encode([pictures.photo(pictures.cameras[i].name) for i in chosen])
+    cameras = [_describe(pictures, pictures.cameras[i], frame) for i in chosen]
     return {
         "unit": frame.unit,
-        "photos": [_describe(pictures, pictures.cameras[i], frame) for i in chosen],
+        "photos": [camera | {"src": source} for camera, source in zip(cameras, sources, strict=True)],
         "bolls": [[boll.boll_id, *np.round(place, 3).tolist()] for boll, place in bolls],
         "corners": np.round(corners, 4).tolist(),
         "relative_error": scale.relative_error if scale is not None else 0.0,
@@ -42,6 +46,15 @@ def describe_photos(pictures: Pictures) -> dict[str, Any]:
         "least_angle": LEAST_ANGLE,
         "off_table": OFF_TABLE,
     }
+
+
+def _encode(photos: list[Picture]) -> list[str]:
+    """Photos as data URIs, as good as the page has room for."""
+    for quality in QUALITIES:
+        sources = [jpeg_uri(photo, SIDE_PX, quality) for photo in photos]
+        if sum(map(len, sources)) <= MOST_CHARACTERS:
+            break
+    return sources
 
 
 def _describe(pictures: Pictures, camera: Camera, frame: Frame) -> dict[str, Any]:
@@ -57,7 +70,6 @@ def _describe(pictures: Pictures, camera: Camera, frame: Frame) -> dict[str, Any
     return {
         "name": camera.name,
         "sha256": next(iter(pictures.workspace.hashes(path).values())),
-        "src": jpeg_uri(pictures.photo(camera.name), SIDE_PX, QUALITY),
         "size": [camera.width, camera.height],
         "focal": [camera.fx, camera.fy],
         "middle": [camera.cx, camera.cy],

@@ -1,8 +1,7 @@
-"""The plant in 3D for the page: points of the model, a body for each boll, the table."""
+"""The plant in 3D for the page: its splats, a body for each boll, the skeleton, a picture for browsers without 3D."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -12,93 +11,61 @@ from scipy.spatial import ConvexHull, QhullError
 from ..core.bolls import BollInstance
 from ..core.measurements import Scale
 from ..core.plant_map import PlantMap
-from ..core.scene import Float64, Gaussians
+from ..core.scene import Camera, Float64, Gaussians
 from ..geometry.camera_orbit import Orbit
 from ..geometry.polylines import length_of
 from ..traits.surface import sample_visible_surface, surface_rows
-from .figures import colour_of, encode
+from .figures import Picture, colour_of, encode, render_photo
+from .frame import Frame
 
-MAX_PLANT_POINTS: Final = 20_000
-MAX_GROUND_POINTS: Final = 6_000
+FAINT: Final = 0.05
+"""Gaussians below this opacity are haze."""
 GROUND_CM: Final = 6.0
 """Whatever lies on the table, from a little below its top up to this height, is shown as its surroundings."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The coordinates of the page: those of bolls.csv in cm where there is a scale, else around the orbit's axis."""
-
-    page_from_scene: Float64
-    """(3, 3) rotation times the scale."""
-    offset: Float64
-    """(3,) in the page's unit."""
-    unit: str
-
-    def places(self, points: NDArray[Any]) -> Float64:
-        """(N, 3) of (N, 3) scene points."""
-        return np.asarray(points, np.float64) @ self.page_from_scene.T + self.offset
-
-    @property
-    def origin(self) -> Float64:
-        """(3,) su of its origin: where the stem meets the table, if the bolls or the plant show it."""
-        return np.linalg.inv(self.page_from_scene) @ -self.offset
-
-
-def plant_frame(scale: Scale | None, orbit: Orbit, centres: Float64, centres_cm: Float64, plant: NDArray[Any]) -> Frame:
-    """Coordinates for the page.
-
-    Args:
-        centres: (B, 3) su of the bolls, and centres_cm: (B, 3) of the same from the table; rows of NaN are unknown.
-        plant: (P, 3) su, points of the plant; their lowest tenth gives its foot if no boll does.
-    """
-    if scale is None:
-        helper = np.eye(3)[np.abs(orbit.axis).argmin()]
-        x = np.cross(helper, orbit.axis)
-        x /= np.linalg.norm(x)
-        axes = np.stack([x, np.cross(orbit.axis, x), orbit.axis])
-        return Frame(axes, -axes @ orbit.centre, "scene units")
-    axes = scale.cm_from_scene
-    foot = scale.corners.mean(axis=0)
-    if len(plant):
-        foot = np.median(plant[np.argsort(plant @ scale.up)[: max(1, len(plant) // 10)]], axis=0)
-    offset = -axes @ foot
-    known = np.isfinite(centres_cm).all(axis=1) if len(centres_cm) else np.zeros(0, bool)
-    if known.any():
-        offset = np.median(centres_cm[known] - centres[known] @ axes.T, axis=0)
-    offset[2] = scale.plane[3] * scale.cm_per_su
-    return Frame(axes, offset, "cm")
+OUTLYING_PCT: Final = 1.0
+"""Share of the plant's Gaussians at either end of an axis that the first view may cut off."""
+PICTURE_PX: Final = (900, 600)
+PICTURE_FIELD_RAD: Final = 0.6
+"""Angle from the picture's top to its bottom; that of templates/orbit.js."""
+PAPER: Final = (0.914, 0.906, 0.878)
+"""Colour behind the plant, --scene in templates/style.css."""
 
 
 def boll_bodies(drawn: Gaussians, bolls: list[BollInstance], volumes: dict[int, float], frame: Frame) -> list[Any]:
-    """A convex body for each boll, as large as its measured volume where that is known.
+    """A convex body for each boll, as large as its measured volume where that is known; a ball if it has no body.
 
     Args:
         drawn: all Gaussians, as wide as they are drawn. volumes: boll -> volume in the cube of the page's unit.
     """
+    size = float(np.cbrt(np.linalg.det(frame.page_from_scene)))
     bodies = []
     for boll in bolls:
         own = drawn[boll.indices]
-        own = own[surface_rows(own)]
-        points = frame.places(sample_visible_surface(own, 0.5))
-        try:
-            hull = ConvexHull(points)
-        except (QhullError, ValueError):
-            continue
-        middle = points[hull.vertices].mean(axis=0)
-        growth = (volumes[boll.boll_id] / hull.volume) ** (1 / 3) if boll.boll_id in volumes else 1.0
-        rows = np.full(len(points), -1)
-        rows[hull.vertices] = np.arange(len(hull.vertices))
-        corners = middle + (points[hull.vertices] - middle) * growth
+        corners = _convex_body(frame.places(sample_visible_surface(own[surface_rows(own)], 0.5)), volumes, boll.boll_id)
+        middle = corners.mean(axis=0) if len(corners) else frame.places(boll.centre[None])[0]
         bodies.append(
             {
                 "id": boll.boll_id,
                 "colour": "rgb({},{},{})".format(*colour_of(boll.boll_id)),
                 "centre": np.round(middle, 3).tolist(),
+                "radius": round(boll.diameter_su * size / 2, 3),
                 "corners": [encode(axis.astype(np.float32)) for axis in corners.T],
-                "triangles": [encode(axis.astype(np.int32)) for axis in rows[hull.simplices].T],
             }
         )
     return bodies
+
+
+def _convex_body(points: Float64, volumes: dict[int, float], boll: int) -> Float64:
+    """(C, 3) corners of the hull of (P, 3) points, grown to the boll's volume; none if they have no volume."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        return np.zeros((0, 3))
+    corners = points[hull.vertices]
+    middle = corners.mean(axis=0)
+    growth = (volumes[boll] / hull.volume) ** (1 / 3) if boll in volumes else 1.0
+    grown: Float64 = middle + (corners - middle) * growth
+    return grown
 
 
 def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
@@ -124,49 +91,46 @@ def skeleton_lines(plant_map: PlantMap) -> list[dict[str, Any]]:
     return lines
 
 
-def thin_points(gaussians: Gaussians, rows: NDArray[np.bool_], most: int, frame: Frame) -> dict[str, Any]:
-    """At most `most` of the Gaussians as points with their own colours; chosen at random, with a fixed seed."""
-    chosen = np.flatnonzero(rows & gaussians.finite_rows)
-    if len(chosen) > most:
-        chosen = np.sort(np.random.default_rng(0).choice(chosen, most, replace=False))
-    shown = gaussians[chosen]
-    return {
-        "n": len(chosen),
-        "places": [encode(axis.astype(np.float32)) for axis in frame.places(shown.means).T],
-        "colours": encode((shown.colours * 255).astype(np.uint8)),
-    }
-
-
-def describe_scene(
-    gaussians: Gaussians,
-    plant: NDArray[np.bool_],
-    lint: NDArray[np.bool_],
-    scale: Scale | None,
-    orbit: Orbit,
-    frame: Frame,
-) -> dict[str, Any]:
-    """Points of the plant, of its bolls and of what lies on the table.
+def shown_rows(
+    gaussians: Gaussians, plant: NDArray[np.bool_], scale: Scale | None, orbit: Orbit, frame: Frame
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(N,) Gaussians of the plant, and those of the plant, of the table's top and of what lies on it.
 
     Without a known plant, all that is near the orbit's centre.
-
-    Args:
-        plant, lint: (N,) which Gaussians are the plant, and which are bolls.
     """
-    opaque = gaussians.opacities > 0.3
-    known = plant.any()
-    if not known:
-        plant = np.linalg.norm(gaussians.means - orbit.centre, axis=1) < 0.5 * orbit.radius
-    data: dict[str, Any] = {
-        "unit": frame.unit,
-        "plant": thin_points(gaussians, plant & opaque & ~lint, MAX_PLANT_POINTS, frame),
-        "lint": thin_points(gaussians, lint & opaque, MAX_PLANT_POINTS, frame),
-    }
-    if scale is not None and known:
-        corners = frame.places(scale.corners)
-        places = frame.places(gaussians.means)
-        x, y = (corners[1] - corners[0])[:2], (corners[3] - corners[0])[:2]
-        shares = (places[:, :2] - corners[0, :2]) @ np.linalg.inv(np.stack([x, y]))
-        low = (places[:, 2] > -1) & (places[:, 2] < GROUND_CM) & (shares > 0).all(axis=1) & (shares < 1).all(axis=1)
-        data["ground"] = thin_points(gaussians, low & opaque & ~plant, MAX_GROUND_POINTS, frame)
-        data["table"] = np.round(corners, 2).tolist()
-    return data
+    opaque = gaussians.opacities > FAINT
+    if not plant.any():
+        near = opaque & (np.linalg.norm(gaussians.means - orbit.centre, axis=1) < 0.5 * orbit.radius)
+        return near, near
+    if scale is None:
+        return plant & opaque, plant & opaque
+    corners = frame.places(scale.corners)
+    places = frame.places(gaussians.means)
+    x, y = (corners[1] - corners[0])[:2], (corners[3] - corners[0])[:2]
+    shares = (places[:, :2] - corners[0, :2]) @ np.linalg.inv(np.stack([x, y]))
+    low = (places[:, 2] > -1) & (places[:, 2] < GROUND_CM) & (shares > 0).all(axis=1) & (shares < 1).all(axis=1)
+    return plant & opaque, (plant | low) & opaque
+
+
+def box_of(places: Float64) -> Float64:
+    """(2, 3) least and greatest coordinates of (N, 3) places, without the outermost."""
+    box: Float64 = np.percentile(places, [OUTLYING_PCT, 100 - OUTLYING_PCT], axis=0)
+    return box
+
+
+def side_picture(shown: Gaussians, box: Float64, frame: Frame) -> Picture:
+    """What the 3D view shows first, for browsers that have none and for paper."""
+    width, height = PICTURE_PX
+    focal = height / 2 / np.tan(PICTURE_FIELD_RAD / 2)
+    extent = box[1] - box[0]
+    deep = np.hypot(extent[0], extent[1])
+    forward, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    distance = deep / 3 + 1.05 * max(focal * extent[2] / height, focal * deep / width)
+    eye = box.mean(axis=0) - distance * forward
+    axes = np.stack([np.cross(forward, up), -up, forward])
+    turn = axes @ frame.page_from_scene
+    size = float(np.cbrt(np.linalg.det(frame.page_from_scene)))
+    # The camera's unit may be any; in su its rotation has no scale.
+    pose = np.column_stack([turn / size, axes @ (frame.offset - eye) / size])
+    camera = Camera("side", width, height, focal, focal, width / 2, height / 2, pose)
+    return render_photo(shown, camera, PAPER)

@@ -11,7 +11,7 @@ from ..core.measurements import Scale
 from ..core.scene import Camera
 from ..geometry.camera_orbit import fit_orbit
 from ..schemas.frames import FrameInfo
-from .scene import Frame
+from .frame import Frame
 
 FARTHEST: Final = 138.0
 """Where the map draws cameras that stand farther away than it reaches."""

@@ -184,32 +184,28 @@ def test_a_corner_is_moved_and_a_length_measured_in_photos(reported_copy, tmp_pa
     assert outcome.lengths[0].error_cm == pytest.approx(error_cm, rel=0.5)
 
 
-ON_SCREEN = """(place => {{
-    const scene = document.getElementById('scene')._fullLayout.scene._scene;
-    const {{ model, view, projection }} = scene.glplot.cameraParams;
-    const times = (m, v) => [0, 1, 2, 3].map(row => v.reduce((sum, x, k) => sum + m[row + 4 * k] * x, 0));
-    const at = place.map((x, n) => x * scene.dataScale[n]);
-    const [x, y, z, w] = times(projection, times(view, times(model, [...at, 1])));
-    const box = document.querySelector('#scene .gl-container canvas, #scene canvas').getBoundingClientRect();
-    return [box.x + (1 + x / w) / 2 * box.width, box.y + (1 - y / w) / 2 * box.height];
-}})([{}, {}, {}])"""
-"""Where a place of the 3D view is on the screen, by Plotly's own matrices."""
+def click_in_view(browser, place):
+    """Click where the 3D view shows a place of the page's frame, cm."""
+    browser.middle("#scene")
+    x, y, _ = browser.value(f"document.getElementById('scene').where({list(place)})")
+    left, top = browser.value("(b => [b.x, b.y])(document.getElementById('scene').getBoundingClientRect())")
+    browser.click(left + x, top + y)
+
+
+def places_of(workspace, *bolls):
+    rows = {row["boll_id"]: row for row in read_facts(workspace).bolls}
+    return [[float(rows[boll][f"{axis}_cm"]) for axis in "xyz"] for boll in bolls]
 
 
 def test_a_length_is_measured_in_3d(reported_copy, tmp_path):
     """Between the topmost boll and another, which the side view shows apart."""
-    rows = {row["boll_id"]: row for row in read_facts(reported_copy).bolls}
-    places = [[float(rows[boll][f"{axis}_cm"]) for axis in "xyz"] for boll in ("1", "4")]
+    places = places_of(reported_copy, "1", "4")
     with Browser(tmp_path / "profile") as browser:
         browser.open(reported_copy.report_html)
         browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
         browser.click(*browser.middle("#ruler"))
-        browser.middle("#scene")
-        for boll, place in zip(("1", "4"), places, strict=True):
-            x, y = browser.value(ON_SCREEN.format(*place))
-            browser.move(x + 2, y + 2)
-            browser.wait(f"document.querySelector('tr.touched')?.dataset.boll === '{boll}'")
-            browser.click(x, y)
+        for place in places:
+            click_in_view(browser, place)
         (words,) = said(browser)
         told_cm, error_cm = (float(words.split()[n]) for n in (1, 3))
         assert told_cm == pytest.approx(np.linalg.norm(np.subtract(*places)), abs=2 * BOLL_RADIUS_CM)
@@ -218,3 +214,24 @@ def test_a_length_is_measured_in_3d(reported_copy, tmp_path):
             float(browser.value("document.getElementById('measured').textContent").split()[0])
         )
         assert browser.complaints == []
+
+
+def test_bolls_are_mended_where_the_3d_view_shows_them(reported_copy, tmp_path):
+    """A boll is picked in the view; its panel has the buttons of its row, and merge takes the next boll."""
+    (tmp_path / "downloads").mkdir()
+    first, third, fourth = places_of(reported_copy, "1", "3", "4")
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(reported_copy.report_html)
+        browser.downloads_to(tmp_path / "downloads")
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+        click_in_view(browser, third)
+        browser.click(*browser.middle("#chosen [data-mend=merge]"))
+        assert "one with boll 3" in browser.value("document.getElementById('chosen').textContent")
+        click_in_view(browser, fourth)
+        click_in_view(browser, first)
+        browser.click(*browser.middle("#chosen [data-mend=delete]"))
+        assert said(browser) == ["merge 3 + 4", "delete 1"]
+        saved = saved_by_clicks(browser, tmp_path / "downloads")
+        assert browser.complaints == []
+    _, outcome = replayed_twice(reported_copy, saved, tmp_path)
+    assert (outcome.before, outcome.after, outcome.refused) == (4, 2, ())

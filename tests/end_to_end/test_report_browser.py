@@ -14,6 +14,21 @@ pytestmark = pytest.mark.skipif(
     executable() is None, reason="no Chromium; apt-get install chromium, or name one in COTTON3DG_CHROMIUM"
 )
 
+VIEW = "document.getElementById('scene').view()"
+
+
+def on_screen(browser, place):
+    """Where the 3D view shows a place of the page's frame, px; its middle must be on the screen."""
+    browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+    x, y, _ = browser.value(f"document.getElementById('scene').where({list(place)})")
+    left, top = browser.value("(b => [b.x, b.y])(document.getElementById('scene').getBoundingClientRect())")
+    return left + x, top + y
+
+
+def saturated(drawn):
+    """Number of pixels of strong colour."""
+    return int((np.ptp(drawn.astype(int), axis=2) > 100).sum())
+
 
 def test_the_page_works_in_a_browser(reported, tmp_path):
     with Browser(tmp_path / "profile") as browser:
@@ -24,40 +39,35 @@ def test_the_page_works_in_a_browser(reported, tmp_path):
         assert len(np.unique(drawn.reshape(-1, 3) // 32, axis=0)) > 20
 
         # Pointing at a boll tells its volume, a click chooses its row and shows its cut-outs.
-        x0, y0 = browser.middle("#scene")
-        found = None
-        for dy in range(-220, 221, 11):
-            for dx in range(-170, 171, 11):
-                browser.move(x0 + dx, y0 + dy)
-                if browser.value("document.querySelector('tr.touched')?.dataset.boll"):
-                    found = x0 + dx, y0 + dy
-                    break
-            if found:
-                break
-        assert found, "no boll answers the pointer"
-        browser.wait("document.querySelector('#scene .hovertext')")
-        boll = browser.value("document.querySelector('tr.touched').dataset.boll")
-        told = browser.value("document.querySelector('#scene .hovertext').textContent")
-        assert f"Boll {boll}" in told
-        row = read_facts(reported).bolls[int(boll) - 1]
+        browser.middle("#scene")
+        row = read_facts(reported).bolls[1]
+        found = on_screen(browser, [float(row[f"{axis}_cm"]) for axis in "xyz"])
+        browser.move(*found)
+        browser.wait("document.querySelector('tr.touched')?.dataset.boll === '2'")
+        told = browser.value("document.querySelector('#scene .tip').textContent")
+        assert told.startswith("Boll 2: ")
         assert f"{row['volume_cm3']} ± {row['volume_error_cm3']} cm³" in told
         browser.click(*found)
-        browser.wait(f"document.querySelector('tr.chosen')?.dataset.boll === '{boll}'")
+        browser.wait("document.querySelector('tr.chosen')?.dataset.boll === '2'")
         assert browser.value("document.querySelectorAll('#chosen img').length") == 3
-        assert f"Boll {boll}" in browser.value("document.getElementById('chosen').textContent")
+        assert "Boll 2" in browser.value("document.getElementById('chosen').textContent")
+        assert browser.value("document.querySelector('#scene .boll.chosen').dataset.boll") == "2"
 
         # The keyboard chooses another one.
-        other = "1" if boll != "1" else "2"
-        browser.value(f"document.querySelector('tr[data-boll=\"{other}\"] button').focus()")
+        browser.value("document.querySelector('tr[data-boll=\"1\"] button').focus()")
         browser.key("Enter")
-        assert browser.value("document.querySelector('tr.chosen').dataset.boll") == other
+        assert browser.value("document.querySelector('tr.chosen').dataset.boll") == "1"
         assert browser.value("document.querySelectorAll('tr.chosen').length") == 1
 
-        # The bolls' bodies give way to the lint, and the view turns.
+        # Bolls take the colours of their rows, outlines go, and the view turns.
+        filmed = picture(browser.screenshot("#scene"))
+        browser.click(*browser.middle("#outlines"))
         browser.click(*browser.middle("#bodies"))
-        assert browser.value("document.getElementById('bodies').getAttribute('aria-pressed')") == "false"
+        assert browser.value("document.getElementById('bodies').getAttribute('aria-pressed')") == "true"
+        coloured = picture(browser.screenshot("#scene"))
+        assert saturated(coloured) > saturated(filmed) + 100
         browser.click(*browser.middle("[data-eye=top]"))
-        browser.wait("document.getElementById('scene')._fullLayout.scene._scene.getCamera().eye.z > 1.5")
+        assert browser.value(f"{VIEW}.pitch") > 1.4
 
         # A heading sorts, and again the other way round.
         order = "[...document.querySelectorAll('tr[data-boll]')].map(row => Number(row.cells[3].dataset.value))"
@@ -97,6 +107,97 @@ def test_the_page_works_in_a_browser(reported, tmp_path):
         ]
 
 
+def test_the_view_never_keeps_the_wheel(reported, tmp_path):
+    """Before a click the page scrolls; after it the view comes closer, within limits, and then the page scrolls on."""
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(reported.report_html)
+        x, y = on_screen(browser, [0, 0, 0])
+        x, y = browser.middle("#scene")
+        far, top = browser.value(f"{VIEW}.far"), browser.value("scrollY")
+        browser.wheel(x, y, 120)
+        browser.wait(f"scrollY > {top} + 50")
+        assert browser.value(f"{VIEW}.far") == far
+
+        x, y = browser.middle("#scene")
+        top = browser.value("scrollY")
+        browser.click(x - 250, y - 200)
+        browser.wheel(x, y, -120)
+        browser.wait(f"{VIEW}.far < {far} * 0.9")
+        assert browser.value("scrollY") == top
+        for _ in range(30):
+            browser.wheel(x, y, 120)
+        browser.wait(f"scrollY > {top} + 50")
+        assert browser.value(f"{VIEW}.far") < 2 * far
+
+        # Once the pointer has left, the wheel is the page's again.
+        x, y = browser.middle("#scene")
+        browser.click(x - 250, y - 200)
+        browser.move(*browser.middle("h1"))
+        x, y = browser.middle("#scene")
+        browser.move(x, y)
+        far, top = browser.value(f"{VIEW}.far"), browser.value("scrollY")
+        browser.wheel(x, y, 120)
+        browser.wait(f"scrollY > {top} + 50")
+        assert browser.value(f"{VIEW}.far") == far
+
+
+def test_two_fingers_turn_and_one_scrolls(reported, tmp_path):
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(reported.report_html, 390, 800)
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+        x, y = browser.middle("#scene")
+        before, top = browser.value(VIEW), browser.value("scrollY")
+        browser.touches("touchStart", (x - 40, y), (x + 40, y))
+        for step in range(1, 6):
+            browser.touches("touchMove", (x - 40 - 8 * step, y + 4 * step), (x + 40 + 16 * step, y + 4 * step))
+        browser.touches("touchEnd")
+        after = browser.value(VIEW)
+        assert after["far"] < 0.8 * before["far"] and after["pitch"] > before["pitch"] + 0.05
+        assert browser.value("[scrollY, visualViewport.scale]") == [top, 1]
+
+        browser.swipe(x, y, -150)
+        browser.wait(f"scrollY > {top} + 80")
+        assert browser.value(VIEW) == after
+        assert browser.complaints == []
+
+
+def test_keys_turn_the_view_within_limits(reported, tmp_path):
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(reported.report_html)
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+        browser.middle("#scene")
+        browser.value("document.getElementById('scene').focus({ preventScroll: true })")
+        before, top = browser.value(VIEW), browser.value("scrollY")
+        browser.key("ArrowLeft")
+        assert np.linalg.norm(np.subtract(browser.value(VIEW)["eye"], before["eye"])) > 0.05 * before["far"]
+        for _ in range(30):
+            browser.key("ArrowUp")
+        assert 1.3 < browser.value(VIEW)["pitch"] < np.pi / 2
+        for _ in range(30):
+            browser.key("ArrowDown")
+        assert -0.3 < browser.value(VIEW)["pitch"] < 0
+        assert browser.value("scrollY") == top
+
+
+def test_numbers_of_bolls_in_the_view_stand_apart(reported, tmp_path):
+    boxes = (
+        "[...document.querySelectorAll('#scene text:not([hidden])')].map(text => text.getBoundingClientRect())"
+        ".map(box => [box.left, box.top, box.right, box.bottom])"
+    )
+    with Browser(tmp_path / "profile") as browser:
+        for width in (1280, 390):
+            browser.open(reported.report_html, width, 800)
+            browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+            for face in ("side", "front", "top"):
+                browser.click(*browser.middle(f"[data-eye={face}]"))
+                browser.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+                shown = browser.value(boxes)
+                assert len(shown) == 4
+                for n, a in enumerate(shown):
+                    for b in shown[n + 1 :]:
+                        assert a[2] <= b[0] + 3 or b[2] <= a[0] + 3 or a[3] <= b[1] + 3 or b[3] <= a[1] + 3, (a, b)
+
+
 def test_small_screens_and_no_webgl(reported, tmp_path):
     folder = reported.root.parent
     (folder / "index.html").write_text(index_page("field", folder, batch_rows()), encoding="utf-8")
@@ -106,6 +207,8 @@ def test_small_screens_and_no_webgl(reported, tmp_path):
                 browser.open(page, 390, 800, dark=dark)
                 assert browser.value("document.documentElement.scrollWidth") <= 390
         assert "WebGL" in browser.value("document.querySelector('.fallback').textContent")
+        assert browser.value("document.querySelector('#scene img').naturalWidth") > 400
+        assert not browser.value("document.querySelector('#ruler').checkVisibility()")
         browser.click(*browser.middle("tr[data-boll='2'] button"))
         assert browser.value("document.querySelector('tr.chosen').dataset.boll") == "2"
         assert browser.complaints == []

@@ -40,7 +40,7 @@ def test_a_hostile_name_and_hostile_metadata_are_only_text(reported, tmp_path):
     assert seen.count("img", src="x") == 0
     assert seen.count("b") == 4  # the cards' figures
     assert "49" not in re.findall(r"\{\{.*?\}\}|>49<", text)
-    assert seen.count("script") == 7  # plotly, the page's four, the data of scene and photos
+    assert seen.count("script") == 9  # the page's seven, the data of scene and photos
 
 
 def test_failures_are_explained_with_what_there_is(reported_copy):

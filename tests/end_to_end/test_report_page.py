@@ -62,7 +62,7 @@ def test_bodies_in_3d_have_the_measured_volumes(reported):
 
 
 def test_the_page_is_small_closed_and_accessible(reported):
-    assert reported.report_html.stat().st_size < 15e6
+    assert reported.report_html.stat().st_size < 4e6
     text = reported.report_html.read_text(encoding="utf-8")
     seen = Page(text)
     (policy,) = [found["content"] for name, found in seen.tags if "http-equiv" in found]

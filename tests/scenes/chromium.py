@@ -72,6 +72,7 @@ class Browser:
         self._ask(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
         )
+        self._ask("Emulation.setTouchEmulationEnabled", enabled=width < 500)
         self.colours(dark=dark)
         self.requests.clear()
         self._ask("Page.navigate", url=file.resolve().as_uri())
@@ -125,13 +126,29 @@ class Browser:
     def release(self, x: float, y: float) -> None:
         self._mouse("mouseReleased", x, y, buttons=0)
 
+    def wheel(self, x: float, y: float, down_px: float) -> None:
+        """A notch of the wheel."""
+        self._ask("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=down_px)
+
+    def touches(self, kind: str, *fingers: tuple[float, float]) -> None:
+        """touchStart, touchMove or touchEnd of all fingers."""
+        points = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(fingers)]
+        self._ask("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+    def swipe(self, x: float, y: float, down_px: float) -> None:
+        """A finger that goes down, along the screen and up."""
+        self.touches("touchStart", (x, y))
+        for step in range(1, 11):
+            self.touches("touchMove", (x, y + down_px * step / 10))
+        self.touches("touchEnd")
+
     def click(self, x: float, y: float) -> None:
         self.move(x, y)
         self.press(x, y)
         self.release(x, y)
 
     def key(self, name: str) -> None:
-        codes = {"Enter": 13, "Escape": 27, "ArrowRight": 39, "ArrowLeft": 37, "Tab": 9}
+        codes = {"Enter": 13, "Escape": 27, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9}
         text = {"text": "\r"} if name == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             extra = text if kind == "keyDown" else {}

@@ -52,6 +52,14 @@ def test_bolls_whose_branch_is_doubtful_are_open_circles():
         assert sum("doubtful" in (circle[0].text or "") for circle in circles) == words
 
 
+def test_a_narrow_drawing_keeps_letters_and_heights():
+    narrow, wide = (
+        ET.fromstring(draw_map(mapped(), most_px=most_px)).attrib["viewBox"].split()[2:] for most_px in (320.0, np.inf)
+    )
+    assert float(narrow[0]) == pytest.approx(320, abs=1) and float(wide[0]) > 340
+    assert narrow[1] == wide[1]
+
+
 @pytest.mark.parametrize("seed", [3, 8])
 def test_no_label_of_a_crowded_plant_hides_another(seed):
     options = SimulateOptions(seed=seed, architecture="natural", bolls=40, vegetative=1)

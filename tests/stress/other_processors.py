@@ -3,9 +3,11 @@
     python tests/stress/other_processors.py FOLDER [--only NAME ...] [--jobs 2] [--list] [--pytest ARGUMENTS ...]
 
 Libraries choose their instructions when they are loaded and can be made to do without the newer ones; so a processor is
-a set of environment variables. One thing at a time differs from the base, which is this machine as it is. Prints a
-table of what failed and ends with 1 if anything did; says what this machine cannot try. What pytest said of each is in
-FOLDER. ARGUMENTS for pytest take the place of "-m 'not slow'": a few files are enough while something is mended.
+a set of environment variables. The tests run on four machines: this one as it is, and three of other years, in which
+several things differ at once. What fails on one of these runs again with one change at a time, so that the table names
+the change. It ends with 1 if anything failed, and says what this machine cannot try. What pytest said of each is in
+FOLDER. NAMES are of machines or of single changes. ARGUMENTS for pytest take the place of "-m 'not slow'": a few files
+are enough while something is mended.
 """
 
 from __future__ import annotations
@@ -48,20 +50,27 @@ class Variant:
 
 
 AVX2, AVX512 = frozenset({"avx2", "fma"}), frozenset({"avx512f", "avx512dq", "avx512bw", "avx512vl"})
-VARIANTS = (
+PLAIN_OPENCV = {"PYTHONPATH": str(Path(__file__).with_name("plain_opencv"))}
+WHOLE = (
     Variant("base"),
+    Variant("of-2008", OLD | {"OMP_NUM_THREADS": "4"}),
+    Variant("of-2013", {"COTTON3DG_ISA": "avx2", "OPENBLAS_CORETYPE": "Haswell"} | PLAIN_OPENCV, AVX2),
+    Variant("of-2017", {"COTTON3DG_ISA": "avx512", "OPENBLAS_CORETYPE": "SkylakeX"}, AVX2 | AVX512),
+    Variant("seed-6", {"COTTON3DG_TINY_SEED": "6"}, tests=TINY_PLANT),
+    Variant("seed-7", {"COTTON3DG_TINY_SEED": "7"}, tests=TINY_PLANT),
+)
+"""Machines. Each instruction set of the core, kernel of OpenBLAS and number of threads is in one of them."""
+SINGLE = (
     *(Variant(f"{name.lower()}-of-2008", variables) for name, variables in LIBRARIES.items()),
-    Variant("all-of-2008", OLD),
     Variant("core-avx2", {"COTTON3DG_ISA": "avx2"}, AVX2),
     Variant("core-avx512", {"COTTON3DG_ISA": "avx512"}, AVX2 | AVX512),
     Variant("openblas-haswell", {"OPENBLAS_CORETYPE": "Haswell"}, AVX2),
     Variant("openblas-skylakex", {"OPENBLAS_CORETYPE": "SkylakeX"}, AVX2 | AVX512),
-    Variant("opencv-plain", {"PYTHONPATH": str(Path(__file__).with_name("plain_opencv"))}),
-    Variant("one-core", cores=1),
+    Variant("opencv-plain", PLAIN_OPENCV),
     Variant("four-threads", {"OMP_NUM_THREADS": "4"}),
-    Variant("seed-6", {"COTTON3DG_TINY_SEED": "6"}, tests=TINY_PLANT),
-    Variant("seed-7", {"COTTON3DG_TINY_SEED": "7"}, tests=TINY_PLANT),
+    Variant("one-core", cores=1),
 )
+"""One change at a time: which of them makes a test fail that failed on a machine."""
 
 
 def flags_of(cpuinfo: str) -> set[str]:
@@ -105,10 +114,20 @@ def tested(variant: Variant, folder: Path, jobs: int, wanted: tuple[str, ...]) -
     return (said.strip().splitlines() or ["nothing"])[-1].strip("= "), failed
 
 
+def causes(failed: list[str], machine: Variant, folder: Path, jobs: int) -> list[str]:
+    """The single changes of a machine with which some of its failed tests fail, too."""
+    tests = tuple(name for name in failed if "::" in name)
+    changes = [
+        single for single in SINGLE if single.environment and single.environment.items() <= machine.environment.items()
+    ]
+    return [single.name for single in changes if tests and tested(single, folder, jobs, tests)[1]]
+
+
 def main() -> None:
+    every = (*WHOLE, *SINGLE)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", nargs="+", choices=[variant.name for variant in VARIANTS], metavar="NAME")
+    parser.add_argument("--only", nargs="+", choices=[variant.name for variant in every], metavar="NAME")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--list", action="store_true", help="say what would be tried")
     parser.add_argument("--pytest", nargs=argparse.REMAINDER, default=QUICK, help="comes last")
@@ -119,16 +138,18 @@ def main() -> None:
     print(f"{platform.machine()}, {len(usable_cores())} cores\n\n| processor | tests | failed |")
     print("|---|---|---|")
     bad = 0
-    for variant in VARIANTS:
-        if wanted.only and variant.name not in wanted.only:
-            continue
+    for variant in [one for one in every if one.name in wanted.only] if wanted.only else WHOLE:
+        failed: list[str] = []
         if lacking := sorted(variant.needs - flags):
-            said, failed = f"cannot be tried here: this processor has no {', '.join(lacking)}", []
+            said = f"cannot be tried here: this processor has no {', '.join(lacking)}"
         elif wanted.list:
             changes = [f"{key}={value}" for key, value in variant.environment.items()]
-            said, failed = " ".join(changes + ["1 core"] * variant.cores) or "this machine as it is", []
+            said = " ".join(changes + ["1 core"] * variant.cores) or "this machine as it is"
         else:
             said, failed = tested(variant, wanted.folder, wanted.jobs, tuple(wanted.pytest))
+            if failed and variant in WHOLE and variant.environment:
+                alone = causes(failed, variant, wanted.folder, wanted.jobs)
+                said += f"; with one change alone: {', '.join(alone) or 'none fails'}"
         bad += bool(failed)
         print(f"| {variant.name} | {said} | {'<br>'.join(failed)} |", flush=True)
     sys.exit(bad > 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ..core.columns import Column, columns_of
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
@@ -14,10 +14,14 @@ from ..errors import BadInput
 from .decimals import with_dot
 from .spreadsheet import defuse, read_table
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 BYTE_ORDER_MARK: Final = "\ufeff"
 TELLING: Final = 3
 """Number of first columns that identify a table."""
-
+COUNTING: Final = frozenset({"boll_id", "branch", "parent"})
+"""Columns of whole numbers that name something, and so have no unit."""
 
 TRAITS: Final = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
@@ -82,6 +86,24 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     if table.separator == ",":
         return table.rows
     return [{name: with_dot(cell) for name, cell in row.items()} for row in table.rows]
+
+
+def frame_of(rows: Sequence[Mapping[str, str]], columns: Sequence[Column]) -> DataFrame:
+    """Rows of a table, as `read_rows` gives them, as a pandas DataFrame.
+
+    Ids and other text stay text, "" where blank; of numbers a blank is NaN. Columns that are not among `columns`, as
+    those of a field book, become numbers if they hold nothing else.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(rows, columns=list(rows[0]) if rows else [column.name for column in columns])
+    text = {column.name for column in columns if not column.unit} - COUNTING
+    for name in frame.columns.difference(text):
+        is_blank = frame[name] == ""
+        numbers = pd.to_numeric(frame[name].mask(is_blank), errors="coerce")
+        if (numbers.notna() | is_blank).all():
+            frame[name] = numbers
+    return frame
 
 
 def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:

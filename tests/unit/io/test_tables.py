@@ -8,7 +8,17 @@ import pytest
 
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadInput
-from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS, columns_text, csv_text, parse_number, read_rows, value_of
+from cotton3dg.io.tables import (
+    BOLLS,
+    BRANCHES,
+    TRAITS,
+    columns_text,
+    csv_text,
+    frame_of,
+    parse_number,
+    read_rows,
+    value_of,
+)
 
 CONTRACT = {
     "traits.csv": "plant_id, boll_count, boll_volume_cm3, boll_volume_mean_cm3, plant_height_cm, "
@@ -137,3 +147,22 @@ def test_a_table_that_a_spreadsheet_saved_again_is_read(tmp_path):
 def test_a_cell_that_somebody_changed_is_named():
     with pytest.raises(BadInput, match="column size: 'large' is not a number"):
         value_of("large", COLUMNS[1])
+
+
+def test_frames_keep_text_and_have_nan_for_blank_numbers():
+    rows = [
+        {"name": "007", "size": "1.5", "flags": "", "block": "3"},
+        {"name": "", "size": "", "flags": "few", "block": ""},
+    ]
+    frame = frame_of(rows, COLUMNS)
+    assert list(frame.columns) == ["name", "size", "flags", "block"]
+    assert list(frame.name) == ["007", ""]
+    assert list(frame["flags"]) == ["", "few"]
+    assert frame["size"][0] == 1.5
+    assert math.isnan(frame["size"][1])
+    assert frame.block[0] == 3  # of a field book: a number if all are
+    assert list(frame_of([row | {"block": "3b"} for row in rows], COLUMNS).block) == ["3b", "3b"]
+    blank = frame_of([], BOLLS)
+    assert list(blank.columns) == [column.name for column in BOLLS]
+    assert len(blank) == 0
+    assert frame_of([{"plant_id": "1", "boll_id": "2"}], BOLLS).to_dict("records") == [{"plant_id": "1", "boll_id": 2}]

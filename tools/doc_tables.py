@@ -11,6 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from cotton3dg.core.columns import Column, columns_of
+from cotton3dg.core.map_measurements import MapTraits
+from cotton3dg.core.measurements import LintColour, PlantEvidence, PlantTraits
 from cotton3dg.evaluation.change_detection import BollChange, TraitChange
 from cotton3dg.evaluation.repeatability import Bias, BollRepeat, TraitRepeat
 from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
@@ -18,7 +20,7 @@ from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = (DOCS / "csv.md", DOCS / "compare.md")
-MARKED = re.compile(r"<!-- table: (?P<name>.+) -->\n\n?(\|.*\n)*")
+MARKED = re.compile(r"<!-- table: (?P<name>.+) -->\n(?:\n(?:\|.*\n)+)?")
 
 
 def markdown(*rows: Sequence[str]) -> str:
@@ -34,8 +36,20 @@ def column_table(columns: Iterable[Column]) -> str:
     return markdown(("column", "unit", "what it is", "blank when"), *rows)
 
 
+LEADING = TRAITS[: [column.name for column in TRAITS].index("qc_flags") + 1]
+
+
+def further_table(kind: type) -> str:
+    """The columns of traits.csv behind the leading ones that a class has."""
+    return column_table(column for column in columns_of(kind) if column not in LEADING)
+
+
 TABLES = {
-    "traits.csv": column_table(TRAITS),
+    "traits.csv, first columns": column_table(LEADING),
+    "traits.csv, plant and bolls": further_table(PlantTraits),
+    "traits.csv, branches": further_table(MapTraits),
+    "traits.csv, colour": further_table(LintColour),
+    "traits.csv, evidence": further_table(PlantEvidence),
     "bolls.csv": column_table(BOLLS),
     "branches.csv": column_table(BRANCHES),
     "flags": markdown(

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 BYTE_ORDER_MARK: Final = "\ufeff"
+LISTED: Final = "|"
+"""Between the items of a list in a cell. No country's spreadsheet splits a table there, as many do at semicolons and
+commas, or takes such a list for a number or a date."""
 TELLING: Final = 3
 """Number of first columns that identify a table."""
 COUNTING: Final = frozenset({"boll_id", "branch", "parent"})
@@ -25,9 +28,9 @@ COUNTING: Final = frozenset({"boll_id", "branch", "parent"})
 
 TRAITS: Final = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
-    *columns_of(PlantTraits, PlantEvidence, MapTraits, LintColour),
+    *columns_of(PlantTraits, MapTraits, LintColour, PlantEvidence),
 )
-"""Columns of traits.csv."""
+"""Columns of traits.csv: the four traits with their intervals and the flags, then the others by subject."""
 
 BOLLS: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
 """Columns of bolls.csv."""
@@ -47,7 +50,7 @@ COLUMNS: Final = (
 def csv_text(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]], *, excel: bool = False) -> str:
     """A table as text; write it in binary or with `newline=""`, its lines end in CR LF.
 
-    NaN and None become blank cells; lists of flags are joined by semicolons. Text that a spreadsheet would take for a
+    NaN and None become blank cells; lists are joined (`joined`). Text that a spreadsheet would take for a
     formula is prefixed with an apostrophe (CWE-1236); numbers never are.
 
     Args:
@@ -122,9 +125,14 @@ def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
         raise BadInput(f"{path} stands where cotton3dg writes its table but was not made by it; move it elsewhere")
 
 
+def joined(items: Iterable[Any]) -> str:
+    """A list as the text of a cell."""
+    return LISTED.join(map(str, items))
+
+
 def flags_of(row: Mapping[str, Any]) -> list[str]:
-    """Quality flags of a plant's or a boll's row."""
-    return [flag for flag in str(row.get("qc_flags") or "").split(";") if flag]
+    """Quality flags of a plant's or a boll's row; tables of earlier versions have semicolons between them."""
+    return [flag for flag in str(row.get("qc_flags") or "").replace(";", LISTED).split(LISTED) if flag]
 
 
 def parse_number(cell: Any) -> float:
@@ -159,7 +167,7 @@ def _cell(value: Any, digits: int | None) -> str:
     if isinstance(value, str):
         return defuse(value)
     if isinstance(value, (list, tuple)):
-        return defuse(";".join(str(item) for item in value))
+        return defuse(joined(value))
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):

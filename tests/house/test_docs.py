@@ -207,7 +207,12 @@ def test_pages_have_the_tables_of_columns_and_flags():
         text = page.read_text(encoding="utf-8")
         found += doc_tables.MARKED.findall(text)
         assert text == doc_tables.with_tables(text), f"{page_id(page)} is out of date: make doc-tables"
-    assert sorted(name for name, _ in found) == sorted(doc_tables.TABLES)
+    assert sorted(found) == sorted(doc_tables.TABLES)
+
+
+def test_the_tables_of_traits_csv_have_each_column_once():
+    tables = [table for name, table in doc_tables.TABLES.items() if name.startswith("traits.csv")]
+    assert re.findall(r"^\| `(\w+)`", "".join(tables), re.M) == [column.name for column in TRAITS]
 
 
 def test_a_changed_column_changes_its_page():
@@ -217,6 +222,7 @@ def test_a_changed_column_changes_its_page():
     assert made.startswith("Before.\n\n<!-- table: branches.csv -->\n\n| column | unit |")
     assert made.endswith(" |\n\nBehind.\n")
     assert "old" not in made
+    assert doc_tables.with_tables("<!-- table: branches.csv -->\n\nBehind.\n") == made.removeprefix("Before.\n\n")
     assert "| `diameter_mm` | mm | median width of its first 5 cm | too thin" in made
     assert doc_tables.markdown(["a"], ["b|c"]) == "| a |\n|---|\n| b\\|c |\n"
     with pytest.raises(KeyError):

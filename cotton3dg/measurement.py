@@ -54,8 +54,12 @@ class Measurement:
         return f"{self._shown().to_string()}\nreport: {self.report}"
 
     def _repr_html_(self) -> str:
+        import pandas as pd
+
+        with pd.option_context("display.max_colwidth", None):  # else it cuts the reasons of failures
+            table = self._shown().to_html()
         link = f'<a href="{html.escape(quote(self.report.as_posix()))}">{html.escape(str(self.report))}</a>'
-        return f"{self._picture()}{self._shown().to_html()}<p>report: {link}</p>"
+        return f"{self._picture()}{table}<p>report: {link}</p>"
 
     def _shown(self) -> DataFrame:
         """A line per plant: the four traits with their 95 % intervals, and flags or the reason of a failure."""
@@ -67,7 +71,7 @@ class Measurement:
                 f"{name}, {unit}" if unit else name: _with_interval(row, trait, digits)
                 for trait, (name, unit, digits) in SHOWN.items()
             }
-            | {"Flags": row.get("reason") or ", ".join(flags_of(row))}
+            | {"Remarks": row.get("reason") or ", ".join(flags_of(row))}
             for row in rows
         ]
         return pd.DataFrame(lines, [row["plant_id"] or row["folder"] for row in rows])

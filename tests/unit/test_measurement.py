@@ -1,5 +1,6 @@
 """`measure` and `measure_many` do what the commands `run` and `batch` do, and give tables."""
 
+import html
 import math
 import subprocess
 import sys
@@ -74,7 +75,10 @@ def test_many_plants_are_one_table_with_the_reasons_of_failures(field):
     assert len(result.bolls) == N_BOLLS
     assert set(result.branches.plant_id) == {"007"}
     assert result.report == field / INDEX
-    assert "no video" in repr(result)
+    reason = result.traits.reason[0]
+    assert "no video" in reason
+    assert reason in repr(result)
+    assert html.escape(reason, quote=False) in result._repr_html_()
     assert "<img" not in result._repr_html_()
 
 

@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist
 SOURCES := $(wildcard native/CMakeLists.txt native/src/* native/vision/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs doc-tables gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -93,6 +93,9 @@ arm-test: setup ## the core of the ARM wheel in dist/, in an emulator (Debian, a
 docs: setup ## the documentation as a site in build/site; a warning is an error
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --site-dir build/site
+
+doc-tables: setup ## the tables of columns and flags in docs/, from their definitions
+	$(BIN)/python tools/doc_tables.py
 
 gallery: build/gallery/a_natural_plant/report.html build/gallery/bolls_that_touch/report.html ## two simulated plants whose reports the site shows; minutes
 

@@ -1,7 +1,7 @@
 """cotton3dg: cotton plant traits from a smartphone video.
 
 The names below are the public API (docs/python.md); each is imported when it is first used, so that `import cotton3dg`
-and the command line start at once. `Workspace` and `run` work on a plant's folder as the command line does; the others
+and the command line start at once. `measure` and `measure_many` do what the commands `run` and `batch` do; the others
 are the pure functions of each stage, on arrays and on the types of `core`, and readers and writers of the files.
 """
 
@@ -33,6 +33,7 @@ _HOMES: Final = {
     "io.images": ("read_ids", "read_image", "write_ids", "write_image"),
     "io.ply": ("recolour", "read_gaussians", "write_gaussians"),
     "masks.bolls": ("open_bolls",),
+    "measurement": ("Measurement", "measure", "measure_many"),
     "options": ("resolve",),
     "pipeline": ("plan", "run", "stage_options", "status"),
     "scale.table": ("TableFit", "find_table", "scale_from_table"),

@@ -37,6 +37,9 @@ from .io.ply import read_gaussians as read_gaussians
 from .io.ply import recolour as recolour
 from .io.ply import write_gaussians as write_gaussians
 from .masks.bolls import open_bolls as open_bolls
+from .measurement import Measurement as Measurement
+from .measurement import measure as measure
+from .measurement import measure_many as measure_many
 from .options import resolve as resolve
 from .pipeline import plan as plan
 from .pipeline import run as run

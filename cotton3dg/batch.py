@@ -39,7 +39,7 @@ from .field.tables import BATCH_COLUMNS, BOLL_TABLE, FITS_TABLE, KNOWN, MEANS_TA
 from .identity.names import folder_name
 from .io.fieldbook import FIELD_BOOK, FieldBook, read_fieldbook
 from .io.saving import printable, write_text_atomically
-from .io.tables import BOLLS, TRAITS, csv_text, flags_of, read_rows, refuse_other_table, value_of
+from .io.tables import BOLLS, TRAITS, csv_text, flags_of, joined, read_rows, refuse_other_table, value_of
 from .plants import is_empty, may_be_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
 from .stage import STAGES, stage_of
@@ -251,8 +251,8 @@ class Batch:
         if result.state != State.DONE:
             return f"{result.state}: {result.reason}"
         row = self._rows(result, "traits_csv")[0]
-        flags = f", {row['qc_flags']}" if row["qc_flags"] else ""
-        return f"{row['boll_count'] or 'no'} bolls in {_duration(float(row['seconds']))}{flags}"
+        bolls = f"{row['boll_count'] or 'no'} bolls in {_duration(float(row['seconds']))}"
+        return ", ".join([bolls, *flags_of(row)])
 
     @cached_property
     def book(self) -> FieldBook | None:
@@ -278,7 +278,7 @@ class Batch:
         for result in ordered:
             row = vars(result) | (self._rows(result, "traits_csv") or [blank])[0]
             if result.folder in self._same_film:
-                row["qc_flags"] = ";".join([*flags_of(row), SAME_FILM])
+                row["qc_flags"] = joined([*flags_of(row), SAME_FILM])
             plant_id = row["plant_id"] or self._id_of_folder.get(Path(result.folder).name, "")
             rows.append(row | book_cells(self.book, plant_id, added))
         bolls_added = table_columns(self.book, [column.name for column in BOLLS])

@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from .errors import BadInput, BadUsage, unknown
+from .errors import BadInput, BadUsage, MissingInput, unknown
 from .option_rules import Place, counting, differences
 from .options import (
     PRESET_VALUES,
@@ -26,6 +26,7 @@ from .options import (
     origins,
     resolve,
 )
+from .plants import plant_at
 from .recorded_options import is_former_default, recorded
 from .schemas.record import Choices
 from .stage import STAGES
@@ -44,18 +45,27 @@ BUDGET: Final = "--time-budget"
 
 @dataclass(frozen=True)
 class Asked:
-    """The options that a command line gives."""
+    """The options that a command line gives, or a call from Python."""
 
     preset: str | None = None
     reset: bool = False
     values: Values = field(default_factory=dict)
     budgeted: Values = field(default_factory=dict)
     """Values that a time budget chooses; files and `values` win."""
+    by: str = COMMAND_LINE
+    """Who asks."""
 
     @property
     def anew(self) -> str:
         """The option that makes a command ignore the last run; empty if it does not."""
         return f"--preset {self.preset}" if self.preset else BUDGET if self.budgeted else "--reset" * self.reset
+
+    @property
+    def arguments(self) -> list[str]:
+        """Arguments of `cotton3dg run` that ask for the same preset and values."""
+        given = [f"{name}={value}" for stage, own in self.values.items() for name, value in _named(stage, own)]
+        words = [word for each in given for word in ("--set", each)]
+        return [*words, *(["--preset", self.preset] if self.preset else []), *["--reset"] * self.reset]
 
 
 @dataclass(frozen=True)
@@ -175,15 +185,33 @@ def choose(plant: Workspace | None, asked: Asked | None = None, folder: Path | N
     folder = plant.root if plant else folder
     files = _read_files(folder) if folder else ()
     last = last_choices(plant, files) if plant and not asked.anew else Choices()
-    named = [(asked.preset, COMMAND_LINE), *_presets(files), (last.preset, LAST_RUN)]
+    named = [(asked.preset, asked.by), *_presets(files), (last.preset, LAST_RUN)]
     preset, preset_from = next(((preset, by) for preset, by in named if preset), (STANDARD, "default"))
     check_preset(preset)
     base = Base(plant, files, preset, preset_from)
     lower, typed = (
         (Layer(LAST_RUN, last.values), Layer(BUDGET, asked.budgeted), *files),
-        Layer(COMMAND_LINE, asked.values),
+        Layer(asked.by, asked.values),
     )
     return Chosen(base, (*lower, typed), _resolved((*base.usual, *lower), typed), asked.anew)
+
+
+def plant_and_options(given: Path, asked: Asked | None = None, *, make: bool = False) -> tuple[Workspace, Chosen]:
+    """The plant at a folder or film, and its options; these are refused before a film gets a folder.
+
+    Args:
+        make: make a folder for a film that has none yet.
+    Raises:
+        Cotton3dgError: there is no plant (`plant_at`), or an option is refused (`choose`).
+    """
+    try:
+        workspace = plant_at(given)
+    except MissingInput:
+        choose(None, asked, given.with_suffix("") if given.is_file() else given)
+        if not (make and given.is_file()):
+            raise
+        workspace = plant_at(given, make=True)
+    return workspace, choose(workspace, asked)
 
 
 def last_choices(plant: Workspace, files: tuple[Layer, ...]) -> Choices:
@@ -217,6 +245,15 @@ def option_files(folder: Path) -> list[Path]:
         if place == home:
             break
     return found
+
+
+def _named(prefix: str, values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Each value with its name as `--set` has it: those of a method stand in a table of their own."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _named(f"{prefix}.{name}", value)
+        else:
+            yield f"{prefix}.{name}", value
 
 
 def _absolute(folder: Path) -> Path:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
-import resource
 import sys
 import time
 import traceback
@@ -15,8 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from .choices import Asked, choices_of, choose
+from .choices import Asked, choices_of, choose, plant_and_options
 from .core.runs import Progress, silent
+from .core.usage import cpu_seconds, peak_memory_mib, reset_peak_memory
 from .errors import BadInput, BadUsage, Cotton3dgError, EnvironmentUnusable, OutOfResources, StageFailed, unknown
 from .recorded_options import recorded
 from .resource_checks import check_disk, check_memory, is_out_of_memory
@@ -154,8 +153,8 @@ def require_inputs(workspace: Workspace, options: dict[str, Any], stages: tuple[
 
 
 def run(
-    workspace: Workspace,
-    options: dict[str, Any],
+    workspace: Workspace | Path | str,
+    options: dict[str, Any] | None = None,
     stages: tuple[str, ...] = STAGES,
     *,
     force: bool = False,
@@ -167,6 +166,8 @@ def run(
     """Run the stale ones of `stages` in order while holding the plant's lock (after a wait for it, if `wait`).
 
     Args:
+        workspace: the plant, or the path of its folder or film.
+        options: of every stage; by default those that the command `run` takes.
         choices: those with which the next run begins; by default these options.
         report: make the plant's page at the end, also after a failure, unless nothing has changed.
     Raises:
@@ -174,6 +175,9 @@ def run(
         changed.
     """
     watcher = watcher or Watcher()
+    if not isinstance(workspace, Workspace):
+        workspace, _ = plant_and_options(Path(workspace), make=stages[:1] == STAGES[:1])
+    options = options or choose(workspace).options
     require_inputs(workspace, options, () if wait else stages)
     with workspace.locked(wait=wait):
         require_inputs(workspace, options, stages)
@@ -293,8 +297,8 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     """Run one stage and save its record, also if it fails; a mistake does not replace the record of a finished run."""
     stage = stage_of(step.stage)
     record = stage.record(step.options, step.reason)
-    _reset_peak_memory()
-    wall_s, cpu_s = time.perf_counter(), _cpu_seconds()
+    reset_peak_memory()
+    wall_s, cpu_s = time.perf_counter(), cpu_seconds()
     failure: Cotton3dgError | None = None
     has_begun = False
     try:
@@ -313,8 +317,8 @@ def _run_stage(workspace: Workspace, step: Step, progress: Progress) -> Record:
     record = replace(
         record,
         seconds=round(time.perf_counter() - wall_s, 3),
-        cpu_seconds=round(_cpu_seconds() - cpu_s, 3),
-        peak_memory_mib=_peak_memory_mib(),
+        cpu_seconds=round(cpu_seconds() - cpu_s, 3),
+        peak_memory_mib=peak_memory_mib(),
     )
     if failure:
         finished, of_plant = workspace.read_record(step.stage), has_begun and not isinstance(failure, NOT_OF_THE_PLANT)
@@ -359,30 +363,6 @@ def _logged(workspace: Workspace) -> Iterator[None]:
         log.setLevel(before[0])
         log.propagate = before[1]
         handler.close()
-
-
-def _cpu_seconds() -> float:
-    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
-
-
-def _reset_peak_memory() -> None:
-    """Return freed memory and reset the kernel's high-water mark, so that each stage has its own figure (Linux)."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)  # glibc's: a process that ran other stages or plants keeps hundreds of MiB
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        log.debug("the peak memory of single stages is not available here")
-
-
-def _peak_memory_mib() -> float:
-    """High-water mark of resident memory since the last reset, or since the start if there is no reset."""
-    try:
-        status = Path("/proc/self/status").read_text()
-        return round(int(status.split("VmHWM:")[1].split()[0]) / 1024, 1)
-    except (OSError, IndexError, ValueError):
-        return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
 
 
 def status(workspace: Workspace, options: dict[str, Any]) -> list[StageState]:

@@ -147,6 +147,9 @@ class Workspace:
         if not self.root.is_dir():
             raise MissingInput(f"{self.root} is not a folder; give the folder that holds the plant's video")
 
+    def __repr__(self) -> str:
+        return f"Workspace({str(self.root)!r})"
+
     @property
     def plant_id(self) -> str:
         return self.root.resolve().name

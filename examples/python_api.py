@@ -13,8 +13,7 @@ import numpy as np
 import cotton3dg as c3d
 
 # A plant's folder: run what is stale, as `cotton3dg run` does, and read what stands there.
-plant = c3d.Workspace(sys.argv[1])
-c3d.run(plant, c3d.stage_options(plant))
+plant = c3d.measure(sys.argv[1]).plant
 cameras = c3d.read_cameras(plant.undistorted / "sparse")
 points, colours, *_ = c3d.read_points(plant.undistorted / "sparse")
 photos = [c3d.read_image(plant.undistorted_image(camera.name)) for camera in cameras]

@@ -11,7 +11,7 @@ import typer
 
 from ..command_options import ENGINES
 from ..core.runs import State
-from ..errors import SOME_FAILED, BadUsage, MissingInput, unknown
+from ..errors import SOME_FAILED, BadUsage, unknown
 from ..options import STAGE_OPTIONS
 from .arguments import (
     AsJson,
@@ -32,7 +32,7 @@ from .arguments import (
 )
 
 if TYPE_CHECKING:
-    from ..choices import Asked, Chosen
+    from ..choices import Asked
     from ..planning.time_budget import Budget
     from ..workspace import Workspace
 
@@ -59,7 +59,7 @@ def run(
 ) -> None:
     """Measure a plant, from its video to traits.csv; run again only what is stale."""
     from .. import pipeline
-    from ..choices import Asked
+    from ..choices import Asked, plant_and_options
     from . import display, progress
 
     with report_errors(plant_dir):
@@ -68,7 +68,7 @@ def run(
             raise BadUsage("--repeat is for whole runs; leave out --from and --until")
         if time_budget and (preset or stages != STAGES):
             raise BadUsage("--time-budget chooses for the whole run; leave out --preset, --from and --until")
-        workspace, chosen = _plant_and_options(plant_dir, asked, make=stages[0] == STAGES[0] and not dry_run)
+        workspace, chosen = plant_and_options(plant_dir, asked, make=stages[0] == STAGES[0] and not dry_run)
         tell = progress.teller(loud)
         budget = _budget(workspace, time_budget, asked, tell) if time_budget else None
         chosen = budget.chosen if budget else chosen
@@ -94,21 +94,6 @@ def run(
             with progress.ProgressDisplay(loud) as watcher:
                 repeats = repeat_runs(workspace, chosen.options, repeat, tell, watcher)
             typer.echo(f"{repeats_text(repeats)}\nsaved in {workspace.repeats}", err=as_json)
-
-
-def _plant_and_options(given: Path, asked: Asked, *, make: bool = False) -> tuple[Workspace, Chosen]:
-    """The plant at a folder or film, and its options; these are refused before a film gets a folder."""
-    from ..choices import choose
-    from ..plants import plant_at
-
-    try:
-        workspace = plant_at(given)
-    except MissingInput:
-        choose(None, asked, given.with_suffix("") if given.is_file() else given)
-        if not (make and given.is_file()):
-            raise
-        workspace = plant_at(given, make=True)
-    return workspace, choose(workspace, asked)
 
 
 def _budget(workspace: Workspace, time: str, asked: Asked, tell: Callable[[str], None]) -> Budget:
@@ -148,8 +133,7 @@ def batch(
     with report_errors(folder):
         plants, asked = find_plants(folder), Asked(preset, reset, parse_overrides(set_))
         require_named(plants, choose(None, asked, folder).options)  # refused once, not once a plant
-        arguments = [word for assignment in set_ or [] for word in ("--set", assignment)]
-        arguments += [*(["--preset", preset] if preset else []), *["--reset"] * reset, *["--no-report"] * no_report]
+        arguments = [*asked.arguments, *["--no-report"] * no_report]
         tell = progress.teller(loud)
         work = Batch(folder, arguments, jobs or default_jobs(), retry, tell, index=not no_report)
         if engine not in ENGINES:
@@ -182,11 +166,11 @@ def status(
 ) -> None:
     """Say what is done, what is stale and why, with seconds and memory of each stage."""
     from .. import pipeline
-    from ..choices import Asked
+    from ..choices import Asked, plant_and_options
     from . import display, progress
 
     with report_errors(plant_dir):
-        workspace, chosen = _plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
+        workspace, chosen = plant_and_options(plant_dir, Asked(preset, reset, parse_overrides(set_)))
         states = pipeline.status(workspace, chosen.options)
         display.tell_options(chosen, progress.teller(None))
         display.print_status(states, chosen, as_json=as_json)
@@ -201,14 +185,14 @@ def check(
     loud: Loud = None,
 ) -> None:
     """Judge a film in half a minute: green, yellow (exit code 9) or red (4); run goes on from it."""
-    from ..choices import Asked
+    from ..choices import Asked, plant_and_options
     from ..commands.check import check as look
     from ..errors import DOUBTFUL, CaptureFailed
     from ..schemas.check import GREEN, RED
     from . import display, progress
 
     with report_errors(film):
-        workspace, chosen = _plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
+        workspace, chosen = plant_and_options(film, Asked(preset, reset, parse_overrides(set_)), make=True)
         display.tell_options(chosen, progress.teller(loud), ("frames", "sfm"))
         with progress.ProgressDisplay(loud) as watcher:
             info = look(workspace, chosen.options, watcher, chosen.to_keep(("frames",)))
@@ -248,12 +232,12 @@ def stage_command(stage: str) -> Callable[..., None]:
 
     def command(plant_dir: Path, preset: str | None, reset: bool, force: bool, loud: bool | None, **flags: Any) -> None:
         from .. import pipeline
-        from ..choices import Asked
+        from ..choices import Asked, plant_and_options
         from . import display, progress
 
         with report_errors(plant_dir):
             asked, stages = Asked(preset, reset, {stage: keep_given(flags)}), (stage,)
-            workspace, chosen = _plant_and_options(plant_dir, asked, make=stage == STAGES[0])
+            workspace, chosen = plant_and_options(plant_dir, asked, make=stage == STAGES[0])
             display.tell_options(chosen, progress.teller(loud), stages)
             with progress.ProgressDisplay(loud) as watcher:
                 pipeline.run(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, field, fields
-from math import nan
 from typing import Any
 
 
@@ -30,19 +29,17 @@ def column(
     name: str = "",
     ontology: str = "",
     blank_when: str = "",
-    later: bool = False,
+    leading: bool = False,
     default: Any = MISSING,
 ) -> Any:
     """A field of a dataclass that is a column.
 
     Args:
         name: name of the column; by default that of the field.
-        later: whether the column came after the first tables; it stands behind all their columns, so that these keep
-            their places.
-        default: NaN for a later column, else none.
+        leading: whether the column stands in front of all that do not lead, of whichever class.
+        default: value of a field that is not given; by default it must be.
     """
-    default = nan if later and default is MISSING else default
-    return columns({name: description}, unit, digits, ontology, blank_when, later, default)
+    return columns({name: description}, unit, digits, ontology, blank_when, leading, default)
 
 
 def columns(
@@ -51,22 +48,22 @@ def columns(
     digits: int | None = None,
     ontology: str = "",
     blank_when: str = "",
-    later: bool = False,
+    leading: bool = False,
     default: Any = MISSING,
 ) -> Any:
     """A field whose items are a column each, by their names; the field may be None."""
     own = [Column(name, unit, text, digits, ontology, blank_when) for name, text in descriptions.items()]
-    return field(default=default, metadata={"columns": own, "later": later})
+    return field(default=default, metadata={"columns": own, "leading": leading})
 
 
 def columns_of(*classes: type) -> tuple[Column, ...]:
-    """The columns of some dataclasses, field by field; those that came later behind all others."""
-    found: dict[bool, list[Column]] = {False: [], True: []}
+    """The columns of some dataclasses, field by field; the leading ones first."""
+    found: dict[bool, list[Column]] = {True: [], False: []}
     for item in (item for each in classes for item in fields(each)):
         for one in item.metadata.get("columns", ()):
             named = Column(**(vars(one) | {"name": one.name or item.name}))
-            found[item.metadata["later"]].append(named)
-    return (*found[False], *found[True])
+            found[item.metadata["leading"]].append(named)
+    return (*found[True], *found[False])
 
 
 def cells_of(*records: Any) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from math import nan
 from typing import Any, Final
 
 import numpy as np
@@ -117,179 +118,38 @@ class BollTraits:
     n_views: int = column("1", "views whose masks agree on the boll")
     confidence: float = column("1", "probability that it is one boll, by how far the views that see it agree", 3)
     flags: tuple[str, ...] = column(
-        "", "quality flags of the boll, separated by semicolons", name="qc_flags", blank_when="no flag", default=()
+        "", "quality flags of the boll, separated by vertical bars", name="qc_flags", blank_when="no flag", default=()
     )
     volume_error_cm3: float = column(
-        "cm3", "standard error of volume_cm3, of scale, edges, shape and neighbours", 2, blank_when=NO_BODY, later=True
+        "cm3", "standard error of volume_cm3, of scale, edges, shape and neighbours", 2, blank_when=NO_BODY, default=nan
     )
     projected_area_cm2: float = column(
-        "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, later=True
+        "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, default=nan
     )
     volume_published_cm3: float = column(
         "cm3",
         "volume of the convex hull of the boll's Gaussians' middles, as published",
         2,
         blank_when=NO_BODY,
-        later=True,
+        default=nan,
     )
     corrected: str = column(
         "",
         "what a person did to it: merged, split, added, or rescaled with all others by moving the table's corners",
         blank_when=NOT_CORRECTED,
-        later=True,
         default="",
     )
-    original_bolls: str = column(
-        "", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", later=True, default=""
-    )
+    original_bolls: str = column("", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", default="")
     original_volume_cm3: float = column(
-        "cm3", "sum of their volumes", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", later=True
+        "cm3", "sum of their volumes", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", default=nan
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlantTraits:
     """The traits in a row of traits.csv; NaN = not measurable, the reason is among the flags."""
 
-    boll_count: int = column("1", "open bolls found on the plant", ontology="CO_358:0001327")
-    boll_volume_cm3: float = column("cm3", "sum of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
-    boll_volume_mean_cm3: float = column("cm3", "mean of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
-    plant_height_cm: float = column(
-        "cm",
-        "height above the table top that the plant's second-highest Gaussian reaches with an opacity of 0.2",
-        2,
-        ontology="CO_358:0001138",
-        blank_when=NO_SIZE,
-    )
-    plant_height_obb_cm: float = column(
-        "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2, blank_when=NO_SIZE
-    )
-    canopy_size_cm: float = column("cm", "mean of canopy_length_cm and canopy_width_cm", 2, blank_when=NO_SIZE)
-    canopy_length_cm: float = column(
-        "cm", "long side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
-    )
-    canopy_width_cm: float = column(
-        "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
-    )
-    flags: tuple[str, ...] = ()
-    """Flags of the stage traits; the row has the flags of all stages."""
-    plant_hull_volume_cm3: float = column(
-        "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_SIZE, later=True
-    )
-    boll_height_mean_cm: float = column(
-        "cm", "mean height of the bolls' centres above the table top", 2, blank_when=f"{NO_PLANT}; no bolls", later=True
-    )
-    boll_height_sd_cm: float = column(
-        "cm",
-        "standard deviation of the heights of the bolls' centres",
-        2,
-        blank_when=f"{NO_PLANT}; fewer than two bolls",
-        later=True,
-    )
-    boll_height_min_cm: float = column(
-        "cm",
-        "height of the lowest boll's centre above the table top",
-        2,
-        blank_when=f"{NO_PLANT}; no bolls",
-        later=True,
-    )
-    boll_height_max_cm: float = column(
-        "cm",
-        "height of the highest boll's centre above the table top",
-        2,
-        blank_when=f"{NO_PLANT}; no bolls",
-        later=True,
-    )
-    bolls_by_third: tuple[int, int, int] | None = columns(
-        {
-            f"bolls_{third}": f"bolls with their centre in the {third} third of plant_height_cm"
-            for third in ("lower", "middle", "upper")
-        },
-        "1",
-        blank_when=NO_SIZE,
-        later=True,
-        default=None,
-    )
-    """None = not measurable."""
-    lint_area_cm2: float = column(
-        "cm2", "sum of projected_area_cm2 over the counted bolls", 2, blank_when=NO_VOLUME, later=True
-    )
-    boll_count_error: float = column(
-        "1",
-        "standard error of boll_count: bolls that may be none or two, and bolls that touch",
-        2,
-        blank_when=f"no bolls; {NEVER_WHOLE}",
-        later=True,
-    )
-    boll_volume_error_cm3: float = column(
-        "cm3",
-        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, unfilmed sides and miscounted bolls",
-        2,
-        blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
-        later=True,
-    )
-    plant_height_error_cm: float = column(
-        "cm", "standard error of plant_height_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, later=True
-    )
-    canopy_size_error_cm: float = column(
-        "cm",
-        "standard error of canopy_size_cm, of scale, pixels, blur, lost tips, or another box about as small",
-        2,
-        blank_when=NO_SIZE,
-        later=True,
-    )
-    boll_volume_published_cm3: float = column(
-        "cm3", "sum of volume_published_cm3 over the counted bolls", 2, blank_when=NO_VOLUME, later=True
-    )
-    plant_height_published_cm: float = column(
-        "cm",
-        "upright side of the oriented box around the middles of the plant's Gaussians and its foot, as published",
-        2,
-        blank_when=NO_SIZE,
-        later=True,
-    )
-    canopy_size_published_cm: float = column(
-        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_SIZE, later=True
-    )
-    seed_cotton_g: float = column(
-        "g",
-        "weight of the seed cotton, predicted by the fit of traits.weight_model",
-        1,
-        blank_when=NO_WEIGHT,
-        later=True,
-    )
-    seed_cotton_low_g: float = column(
-        "g", "lower end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, later=True
-    )
-    seed_cotton_high_g: float = column(
-        "g", "upper end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, later=True
-    )
-    lint_g: float = column(
-        "g",
-        "lint in seed_cotton_g, by the lint percentage of the weighed plants",
-        1,
-        blank_when=f"{NO_WEIGHT}; no lint percentage",
-        later=True,
-    )
-    corrections: int | None = column(
-        "1", "corrections by a person that were applied", blank_when=NOT_CORRECTED, later=True, default=None
-    )
-    original_boll_count: int | None = column(
-        "1", "boll_count before them", blank_when=NOT_CORRECTED, later=True, default=None
-    )
-    original_boll_volume_cm3: float = column(
-        "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", later=True
-    )
-    boll_count_halves: tuple[int, int] | None = columns(
-        {
-            "boll_count_odd": "bolls that every second image alone gives",
-            "boll_count_even": "bolls that the other images give",
-        },
-        "1",
-        blank_when="the masks do not come from the bolls' network on a trained model; corrected",
-        later=True,
-        default=None,
-    )
+    boll_count: int = column("1", "open bolls found on the plant", ontology="CO_358:0001327", leading=True)
     boll_count_interval: tuple[int, int] | None = columns(
         {
             "boll_count_low": "lower end of the 95 % interval of boll_count",
@@ -297,8 +157,11 @@ class PlantTraits:
         },
         "1",
         blank_when=f"no bolls; {NEVER_WHOLE}",
-        later=True,
         default=None,
+        leading=True,
+    )
+    boll_volume_cm3: float = column(
+        "cm3", "sum of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME, leading=True
     )
     boll_volume_interval_cm3: tuple[float, float] | None = columns(
         {
@@ -308,8 +171,16 @@ class PlantTraits:
         "cm3",
         2,
         blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
-        later=True,
         default=None,
+        leading=True,
+    )
+    plant_height_cm: float = column(
+        "cm",
+        "height above the table top that the plant's second-highest Gaussian reaches with an opacity of 0.2",
+        2,
+        ontology="CO_358:0001138",
+        blank_when=NO_SIZE,
+        leading=True,
     )
     plant_height_interval_cm: tuple[float, float] | None = columns(
         {
@@ -319,8 +190,11 @@ class PlantTraits:
         "cm",
         2,
         blank_when=NO_SIZE,
-        later=True,
         default=None,
+        leading=True,
+    )
+    canopy_size_cm: float = column(
+        "cm", "mean of canopy_length_cm and canopy_width_cm", 2, blank_when=NO_SIZE, leading=True
     )
     canopy_size_interval_cm: tuple[float, float] | None = columns(
         {
@@ -330,14 +204,143 @@ class PlantTraits:
         "cm",
         2,
         blank_when=NO_SIZE,
-        later=True,
+        default=None,
+        leading=True,
+    )
+    flags: tuple[str, ...] = ()
+    """Flags of the stage traits; the row has the flags of all stages."""
+    boll_count_error: float = column(
+        "1",
+        "standard error of boll_count: bolls that may be none or two, and bolls that touch",
+        2,
+        blank_when=f"no bolls; {NEVER_WHOLE}",
+        default=nan,
+    )
+    boll_volume_error_cm3: float = column(
+        "cm3",
+        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, unfilmed sides and miscounted bolls",
+        2,
+        blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
+        default=nan,
+    )
+    plant_height_error_cm: float = column(
+        "cm", "standard error of plant_height_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, default=nan
+    )
+    canopy_size_error_cm: float = column(
+        "cm",
+        "standard error of canopy_size_cm, of scale, pixels, blur, lost tips, or another box about as small",
+        2,
+        blank_when=NO_SIZE,
+        default=nan,
+    )
+    boll_volume_mean_cm3: float = column("cm3", "mean of volume_cm3 over the counted bolls", 2, blank_when=NO_VOLUME)
+    lint_area_cm2: float = column(
+        "cm2", "sum of projected_area_cm2 over the counted bolls", 2, blank_when=NO_VOLUME, default=nan
+    )
+    boll_count_halves: tuple[int, int] | None = columns(
+        {
+            "boll_count_odd": "bolls that every second image alone gives",
+            "boll_count_even": "bolls that the other images give",
+        },
+        "1",
+        blank_when="the masks do not come from the bolls' network on a trained model; corrected",
         default=None,
     )
+    boll_height_mean_cm: float = column(
+        "cm",
+        "mean height of the bolls' centres above the table top",
+        2,
+        blank_when=f"{NO_PLANT}; no bolls",
+        default=nan,
+    )
+    boll_height_sd_cm: float = column(
+        "cm",
+        "standard deviation of the heights of the bolls' centres",
+        2,
+        blank_when=f"{NO_PLANT}; fewer than two bolls",
+        default=nan,
+    )
+    boll_height_min_cm: float = column(
+        "cm",
+        "height of the lowest boll's centre above the table top",
+        2,
+        blank_when=f"{NO_PLANT}; no bolls",
+        default=nan,
+    )
+    boll_height_max_cm: float = column(
+        "cm",
+        "height of the highest boll's centre above the table top",
+        2,
+        blank_when=f"{NO_PLANT}; no bolls",
+        default=nan,
+    )
+    bolls_by_third: tuple[int, int, int] | None = columns(
+        {
+            f"bolls_{third}": f"bolls with their centre in the {third} third of plant_height_cm"
+            for third in ("lower", "middle", "upper")
+        },
+        "1",
+        blank_when=NO_SIZE,
+        default=None,
+    )
+    """None = not measurable."""
+    canopy_length_cm: float = column(
+        "cm", "long side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
+    )
+    canopy_width_cm: float = column(
+        "cm", "short side of the least-area rectangle around the plant seen from above", 2, blank_when=NO_SIZE
+    )
+    plant_height_obb_cm: float = column(
+        "cm", "upright side of the plant's oriented bounding box, which leans with the plant", 2, blank_when=NO_SIZE
+    )
+    plant_hull_volume_cm3: float = column(
+        "cm3", "volume of the convex hull of the plant and its foot", 1, blank_when=NO_SIZE, default=nan
+    )
+    seed_cotton_g: float = column(
+        "g",
+        "weight of the seed cotton, predicted by the fit of traits.weight_model",
+        1,
+        blank_when=NO_WEIGHT,
+        default=nan,
+    )
+    seed_cotton_low_g: float = column(
+        "g", "lower end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, default=nan
+    )
+    seed_cotton_high_g: float = column(
+        "g", "upper end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, default=nan
+    )
+    lint_g: float = column(
+        "g",
+        "lint in seed_cotton_g, by the lint percentage of the weighed plants",
+        1,
+        blank_when=f"{NO_WEIGHT}; no lint percentage",
+        default=nan,
+    )
+    boll_volume_published_cm3: float = column(
+        "cm3", "sum of volume_published_cm3 over the counted bolls", 2, blank_when=NO_VOLUME, default=nan
+    )
+    plant_height_published_cm: float = column(
+        "cm",
+        "upright side of the oriented box around the middles of the plant's Gaussians and its foot, as published",
+        2,
+        blank_when=NO_SIZE,
+        default=nan,
+    )
+    canopy_size_published_cm: float = column(
+        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_SIZE, default=nan
+    )
+    corrections: int | None = column(
+        "1", "corrections by a person that were applied", blank_when=NOT_CORRECTED, default=None
+    )
+    original_boll_count: int | None = column("1", "boll_count before them", blank_when=NOT_CORRECTED, default=None)
+    original_boll_volume_cm3: float = column(
+        "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", default=nan
+    )
     original_plant_height_cm: float = column(
-        "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", later=True
+        "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
     )
     original_canopy_size_cm: float = column(
-        "cm", "canopy_size_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", later=True
+        "cm", "canopy_size_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
     )
 
 
@@ -356,7 +359,11 @@ class PlantEvidence:
     )
     seconds: float = column("s", "computing time of all stages", 1)
     flags: tuple[str, ...] = column(
-        "", "quality flags of all stages, separated by semicolons", name="qc_flags", blank_when="no flag"
+        "",
+        "quality flags of all stages, separated by vertical bars",
+        name="qc_flags",
+        blank_when="no flag",
+        leading=True,
     )
     version: str = column("", "version of cotton3dg")
 
@@ -365,14 +372,14 @@ class PlantEvidence:
 class LintColour:
     """Colour of lint relative to a matt surface beside the card; NaN = not known."""
 
-    lint_cie_l: float = column("1", "lightness L* of the lint (CIELAB, D65)", 1, blank_when=NO_PATCHES, later=True)
-    lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, later=True)
-    lint_cie_b: float = column("1", "b* of the lint, yellow above 0", 1, blank_when=NO_PATCHES, later=True)
+    lint_cie_l: float = column("1", "lightness L* of the lint (CIELAB, D65)", 1, blank_when=NO_PATCHES, default=nan)
+    lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, default=nan)
+    lint_cie_b: float = column("1", "b* of the lint, yellow above 0", 1, blank_when=NO_PATCHES, default=nan)
     lint_rd_pct: float = column(
-        "%", "Rd of the lint, by the formula of cotton grading (Hunter 1958)", 1, blank_when=NO_PATCHES, later=True
+        "%", "Rd of the lint, by the formula of cotton grading (Hunter 1958)", 1, blank_when=NO_PATCHES, default=nan
     )
     lint_plus_b: float = column(
-        "1", "+b of the lint, yellowness by the formula of cotton grading", 1, blank_when=NO_PATCHES, later=True
+        "1", "+b of the lint, yellowness by the formula of cotton grading", 1, blank_when=NO_PATCHES, default=nan
     )
 
 
@@ -380,6 +387,4 @@ class LintColour:
 class BollColour(LintColour):
     """Colour of one boll's lint."""
 
-    lint_colour_views: int | None = column(
-        "1", "views that these rest on", blank_when=NO_PATCHES, later=True, default=None
-    )
+    lint_colour_views: int | None = column("1", "views that these rest on", blank_when=NO_PATCHES, default=None)

@@ -54,7 +54,12 @@ class BollChange:
     beyond_error: str = column(
         "", "yes: the volume changed by more than 1.96 of its standard errors; no", blank_when=NO_VOLUME
     )
-    flags: str = column("", "quality flags of the boll in either film", name="qc_flags", blank_when="no flag")
+    flags: tuple[str, ...] = column(
+        "",
+        "quality flags of the boll in either film, separated by vertical bars",
+        name="qc_flags",
+        blank_when="no flag",
+    )
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,7 @@ def _boll_changes(
         error = math.hypot(at(first.volume_errors_cm3, a), at(other.volume_errors_cm3, b))
         diameters = at(first.diameters_cm, a), at(other.diameters_cm, b)
         place = first.centres_cm[a] if a is not None else placed[b]
-        flags = f"{'' if a is None else first.flags[a]};{'' if b is None else other.flags[b]}".split(";")
+        flags = [*(first.flags[a] if a is not None else []), *(other.flags[b] if b is not None else [])]
         changes.append(
             BollChange(
                 film=other.name,
@@ -163,7 +168,7 @@ def _boll_changes(
                 diameter_other_cm=diameters[1],
                 diameter_change_cm=diameters[1] - diameters[0],
                 beyond_error=beyond(volumes[1] - volumes[0], error),
-                flags=";".join(dict.fromkeys(flag for flag in flags if flag)),
+                flags=tuple(dict.fromkeys(flags)),
             )
         )
     return changes

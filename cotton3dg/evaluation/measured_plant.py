@@ -38,8 +38,8 @@ class Filmed:
     volumes_cm3: NDArray[np.float64]
     volume_errors_cm3: NDArray[np.float64]
     diameters_cm: NDArray[np.float64]
-    flags: tuple[str, ...]
-    """Quality flags of each boll, by semicolons."""
+    flags: tuple[list[str], ...]
+    """Quality flags of each boll."""
     plant_map: PlantMap
     film_sha256: str = ""
     """SHA-256 of the video, or of all photos; empty if it is not known."""
@@ -89,7 +89,7 @@ def read_filmed(folder: Path) -> Filmed:
         numbers("volume_cm3"),
         numbers("volume_error_cm3"),
         numbers("diameter_cm"),
-        tuple(row.get("qc_flags", "") for row in rows),
+        tuple(flags_of(row) for row in rows),
         read_map(SkeletonInfo.load(workspace.require(workspace.skeleton_json, "traits"))),
         ";".join(sorted(frames.inputs.values())) if frames else "",
     )

@@ -34,7 +34,7 @@ class BollRepeat:
     plant_id: str = column("", "name of the plant in its first film")
     boll: int = column("", "1, 2, ...: those of the first film in its order, then those that only later films found")
     n_films: int = column("1", "films that found it")
-    boll_ids: tuple[str, ...] = column("", "its boll_id in each film, by semicolons; - = not found")
+    boll_ids: tuple[str, ...] = column("", "its boll_id in each film, by vertical bars; - = not found")
     place_sd_cm: float = column(
         "cm", "root mean square distance of its centres from their mean, n - 1", 2, blank_when="in one film only"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ..core.columns import Column, columns_of
 from ..core.map_measurements import BollMapTraits, BranchTraits, MapTraits
@@ -14,16 +14,23 @@ from ..errors import BadInput
 from .decimals import with_dot
 from .spreadsheet import defuse, read_table
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 BYTE_ORDER_MARK: Final = "\ufeff"
+LISTED: Final = "|"
+"""Between the items of a list in a cell. No country's spreadsheet splits a table there, as many do at semicolons and
+commas, or takes such a list for a number or a date."""
 TELLING: Final = 3
 """Number of first columns that identify a table."""
-
+COUNTING: Final = frozenset({"boll_id", "branch", "parent"})
+"""Columns of whole numbers that name something, and so have no unit."""
 
 TRAITS: Final = (
     Column("plant_id", "", "name of the plant: option traits.plant_id, else the folder's name"),
-    *columns_of(PlantTraits, PlantEvidence, MapTraits, LintColour),
+    *columns_of(PlantTraits, MapTraits, LintColour, PlantEvidence),
 )
-"""Columns of traits.csv."""
+"""Columns of traits.csv: the four traits with their intervals and the flags, then the others by subject."""
 
 BOLLS: Final = (Column("plant_id", "", "name of the plant"), *columns_of(BollTraits, BollMapTraits, BollColour))
 """Columns of bolls.csv."""
@@ -43,7 +50,7 @@ COLUMNS: Final = (
 def csv_text(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]], *, excel: bool = False) -> str:
     """A table as text; write it in binary or with `newline=""`, its lines end in CR LF.
 
-    NaN and None become blank cells; lists of flags are joined by semicolons. Text that a spreadsheet would take for a
+    NaN and None become blank cells; lists are joined (`joined`). Text that a spreadsheet would take for a
     formula is prefixed with an apostrophe (CWE-1236); numbers never are.
 
     Args:
@@ -84,6 +91,24 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     return [{name: with_dot(cell) for name, cell in row.items()} for row in table.rows]
 
 
+def frame_of(rows: Sequence[Mapping[str, str]], columns: Sequence[Column]) -> DataFrame:
+    """Rows of a table, as `read_rows` gives them, as a pandas DataFrame.
+
+    Ids and other text stay text, "" where blank; of numbers a blank is NaN. Columns that are not among `columns`, as
+    those of a field book, become numbers if they hold nothing else.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(rows, columns=list(rows[0]) if rows else [column.name for column in columns])
+    text = {column.name for column in columns if not column.unit} - COUNTING
+    for name in frame.columns.difference(text):
+        is_blank = frame[name] == ""
+        numbers = pd.to_numeric(frame[name].mask(is_blank), errors="coerce")
+        if (numbers.notna() | is_blank).all():
+            frame[name] = numbers
+    return frame
+
+
 def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
     """Check that a table to be replaced is this tool's own: it begins with the same columns.
 
@@ -100,9 +125,14 @@ def refuse_other_table(path: Path, columns: Sequence[Column]) -> None:
         raise BadInput(f"{path} stands where cotton3dg writes its table but was not made by it; move it elsewhere")
 
 
+def joined(items: Iterable[Any]) -> str:
+    """A list as the text of a cell."""
+    return LISTED.join(map(str, items))
+
+
 def flags_of(row: Mapping[str, Any]) -> list[str]:
-    """Quality flags of a plant's or a boll's row."""
-    return [flag for flag in str(row.get("qc_flags") or "").split(";") if flag]
+    """Quality flags of a plant's or a boll's row; tables of earlier versions have semicolons between them."""
+    return [flag for flag in str(row.get("qc_flags") or "").replace(";", LISTED).split(LISTED) if flag]
 
 
 def parse_number(cell: Any) -> float:
@@ -137,7 +167,7 @@ def _cell(value: Any, digits: int | None) -> str:
     if isinstance(value, str):
         return defuse(value)
     if isinstance(value, (list, tuple)):
-        return defuse(";".join(str(item) for item in value))
+        return defuse(joined(value))
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):

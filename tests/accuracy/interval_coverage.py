@@ -30,7 +30,7 @@ from simulated_runs import film_and_run, side_by_side
 
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.io.tables import parse_number, read_rows
+from cotton3dg.io.tables import flags_of, parse_number, read_rows
 from cotton3dg.options import PRESET_VALUES
 from cotton3dg.schemas.truth import Truth
 from cotton3dg.traits.error_model import COVERED
@@ -152,7 +152,7 @@ def off(rows: pd.DataFrame) -> pd.DataFrame:
 
 def says(row: pd.Series) -> set[str]:
     """Flags of a film that say that something may be off."""
-    return set(filter(None, row["flags"].split(";"))) - SAYS_NOTHING
+    return set(flags_of({"qc_flags": row["flags"]})) - SAYS_NOTHING
 
 
 def repeated(rows: pd.DataFrame) -> pd.DataFrame:

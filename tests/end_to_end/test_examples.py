@@ -110,15 +110,19 @@ def test_tutorial(tiny_plant, tmp_path):
     notebook = nbformat.read(EXAMPLES / "tutorial.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)
     (first, *_) = (cell for cell in notebook.cells if cell.cell_type == "code")
-    assert 'Workspace("demo")' in first.source
+    assert 'measure("demo")' in first.source
     first.source = first.source.replace("demo", str(tiny_plant.root))
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown = [output.data for cell in notebook.cells for output in cell.get("outputs", []) if "data" in output]
     assert sum("image/png" in data for data in shown) == 3
     (row,) = rows(tiny_plant.traits_csv)
+    (result,) = (data["text/html"] for data in shown if "report.html" in data.get("text/html", ""))
+    assert 'src="data:image/jpeg' in result
     tables = "".join(data["text/plain"] for data in shown)
-    for trait in ("plant_height_cm", "plant_height_low_cm", "boll_volume_cm3"):
-        assert f"{float(row[trait]):.2f}" in tables
+    for trait in ("plant_height_cm", "plant_height_low_cm", "canopy_size_cm"):
+        assert f"{float(row[trait]):.1f}" in result
+        assert f"{float(row[trait]):.1f}" in tables
+    assert f"{float(row['boll_volume_cm3']):.2f}" in tables  # beside the truth
 
 
 def test_picture(tiny_plant, tmp_path):

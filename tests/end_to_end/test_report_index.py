@@ -96,11 +96,11 @@ def test_the_list_to_film_has_failures_red_checks_and_flags(tmp_path):
     rows = [
         batch_row("red", boll_count=3),
         batch_row("filmed_again", boll_count=3),
-        batch_row("dark", qc_flags="underexposed;orbit_gap;doubtful_bolls"),
+        batch_row("dark", qc_flags="underexposed|orbit_gap|doubtful_bolls"),
         batch_row("lost", "failed", reason="12 of 100 frames registered; film one slow turn") | {"exit_code": 4},
         batch_row("no_memory", "failed", reason="out of memory; use a larger machine") | {"exit_code": 7},
     ]
-    plants = [row | {"flags": [flag for flag in (row["qc_flags"] or "").split(";") if flag]} for row in rows]
+    plants = [row | {"flags": [flag for flag in (row["qc_flags"] or "").split("|") if flag]} for row in rows]
     found = {item["plant"]: (item["why"], item["what"]) for item in to_film(tmp_path, plants, Trial())}
     assert found == {
         "red": (["the frame cuts it in 9 of 10 images"], ["step back"]),

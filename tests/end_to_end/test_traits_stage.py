@@ -77,7 +77,7 @@ def test_the_plant_has_its_row(workspace):
     assert (row["scale_source"], row["scale_error_pct"]) == ("table", "0.200")
     assert (row["n_frames"], row["registered_pct"], row["psnr_db"]) == ("100", "93.0", "31.42")
     assert row["seconds"] == "300.8"
-    assert row["qc_flags"] == "few_frames_registered;low_psnr;doubtful_bolls"
+    assert row["qc_flags"] == "few_frames_registered|low_psnr|doubtful_bolls"
     assert row["version"]
     heights = BOLLS_CM[:, 2]
     assert float(row["boll_height_mean_cm"]) == pytest.approx(heights.mean(), abs=0.3)
@@ -116,6 +116,13 @@ def test_each_boll_has_its_row_in_the_plant_frame(workspace):
         assert row["n_views"] == row["boll_id"]
         assert row["confidence"] == "0.750"
     assert [row["qc_flags"] for row in bolls] == ["", "split", "", ""]
+
+
+def test_a_spreadsheet_that_splits_at_semicolons_finds_none(workspace):
+    traits.run(workspace, TraitsOptions())
+    for table in (workspace.traits_csv, workspace.bolls_csv, workspace.branches_csv):
+        assert ";" not in table.read_text()
+    assert "|" in rows(workspace.traits_csv)[0]["qc_flags"]
 
 
 def test_columns_are_described_beside_the_tables(workspace):

@@ -65,11 +65,12 @@ def test_the_traits_are_near_the_truth(plant):
 
 def test_the_row_has_the_columns_of_the_contract(plant):
     header, row = plant.traits_csv.read_text().splitlines()
-    assert header.startswith(  # columns that came later stand behind
-        "plant_id,boll_count,boll_volume_cm3,boll_volume_mean_cm3,plant_height_cm,plant_height_obb_cm,"
-        "canopy_size_cm,canopy_length_cm,canopy_width_cm,scale_source,scale_error_pct,"
-        "n_frames,registered_pct,psnr_db,seconds,qc_flags,version,"
+    assert header.startswith(
+        "plant_id,boll_count,boll_count_low,boll_count_high,boll_volume_cm3,boll_volume_low_cm3,boll_volume_high_cm3,"
+        "plant_height_cm,plant_height_low_cm,plant_height_high_cm,canopy_size_cm,canopy_size_low_cm,"
+        "canopy_size_high_cm,qc_flags,boll_count_error,"
     )
+    assert ";" not in row
     cells = dict(zip(header.split(","), row.split(","), strict=True))
     assert cells["plant_id"] == "plant_007"
     blank = {name for name, cell in cells.items() if not cell and name != "qc_flags"}

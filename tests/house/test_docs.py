@@ -2,6 +2,7 @@
 
 import csv
 import re
+import sys
 import tomllib
 
 import pytest
@@ -22,16 +23,15 @@ from scenes.tiny_plant import ROOT
 
 from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.cluster import stage as cluster
-from cotton3dg.core.columns import columns_of
-from cotton3dg.evaluation.change_detection import BollChange, TraitChange
-from cotton3dg.evaluation.repeatability import Bias, BollRepeat, TraitRepeat
-from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
+from cotton3dg.io.tables import BOLLS, TRAITS
 from cotton3dg.option_rules import places
 from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, RenderOptions, resolve
-from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
 from cotton3dg.segment import stage as segment
 from cotton3dg.traits import stage as traits
 from cotton3dg.workspace import Workspace
+
+sys.path.append(str(ROOT / "tools"))
+import doc_tables
 
 FILE_ENDINGS = ("json", "csv", "npy", "npz", "ply", "png", "jpg", "py", "bin")
 OTHER_PROGRAMS = {"--build-arg", "--fakeroot", "--no-build-isolation", "--no-normalize-world-space", "--user"}
@@ -211,40 +211,32 @@ def test_pictures_are_small():
         assert picture.stat().st_size < 100_000, picture
 
 
-def told(heading):
-    """Rows of the tables below a heading of csv.md."""
-    text = (ROOT / "docs" / "csv.md").read_text(encoding="utf-8")
-    part = text.split(f"\n## {heading}")[1].split("\n## ")[0]
-    rows = [line.strip("|").split("|") for line in part.splitlines() if line.startswith("| `")]
-    return [[cell.strip() for cell in row] for row in rows]
+def test_pages_have_the_tables_of_columns_and_flags():
+    found = []
+    for page in doc_tables.PAGES:
+        text = page.read_text(encoding="utf-8")
+        found += doc_tables.MARKED.findall(text)
+        assert text == doc_tables.with_tables(text), f"{page_id(page)} is out of date: make doc-tables"
+    assert sorted(found) == sorted(doc_tables.TABLES)
 
 
-def table_of(columns):
-    """The columns as docs/csv.md lists them."""
-    lines = ["| column | unit | what it is | blank when |", "|---|---|---|---|"]
-    for c in columns:
-        term = f" ({c.ontology})" if c.ontology else ""
-        lines.append(f"| `{c.name}` | {c.unit} | {c.description}{term} | {c.blank_when} |")
-    return "".join(f"{line}\n" for line in lines)
+def test_the_tables_of_traits_csv_have_each_column_once():
+    tables = [table for name, table in doc_tables.TABLES.items() if name.startswith("traits.csv")]
+    assert re.findall(r"^\| `(\w+)`", "".join(tables), re.M) == [column.name for column in TRAITS]
 
 
-@pytest.mark.parametrize(
-    ("columns", "page"),
-    [(TRAITS, "csv.md"), (BOLLS, "csv.md"), (BRANCHES, "csv.md")]
-    + [(columns_of(kind), "compare.md") for kind in (BollChange, TraitChange, TraitRepeat, BollRepeat, Bias)],
-    ids=lambda value: value if isinstance(value, str) else value[-1].name,
-)
-def test_pages_have_the_tables_of_the_columns(columns, page):
-    table = table_of(columns)
-    assert f"\n\n{table}\n" in (ROOT / "docs" / page).read_text(encoding="utf-8"), f"put this there:\n{table}"
-
-
-def test_csv_md_tells_the_flags():
-    rows = {row[0].strip("`"): row[1:] for row in told("Quality flags")}
-    assert rows == {
-        **{name: [f"{flag.title}. {flag.meaning}", flag.action] for name, flag in FLAGS.items()},
-        **{name: [meaning] for name, meaning in BOLL_FLAGS.items()},
-    }
+def test_a_changed_column_changes_its_page():
+    text = "Before.\n\n<!-- table: branches.csv -->\n\n| a |\n|---|\n| old |\n\nBehind.\n"
+    made = doc_tables.with_tables(text)
+    assert made == doc_tables.with_tables(made)
+    assert made.startswith("Before.\n\n<!-- table: branches.csv -->\n\n| column | unit |")
+    assert made.endswith(" |\n\nBehind.\n")
+    assert "old" not in made
+    assert doc_tables.with_tables("<!-- table: branches.csv -->\n\nBehind.\n") == made.removeprefix("Before.\n\n")
+    assert "| `diameter_mm` | mm | median width of its first 5 cm | too thin" in made
+    assert doc_tables.markdown(["a"], ["b|c"]) == "| a |\n|---|\n| b\\|c |\n"
+    with pytest.raises(KeyError):
+        doc_tables.with_tables("<!-- table: leaves.csv -->\n")
 
 
 def blank(path):
@@ -252,8 +244,8 @@ def blank(path):
         return [{name for name, cell in row.items() if not cell} - {"qc_flags"} for row in csv.DictReader(file)]
 
 
-def said_blank(heading, *reasons):
-    return {row[0].strip("`") for row in told(heading) if any(why in row[3].split("; ") for why in reasons)}
+def said_blank(columns, *reasons):
+    return {column.name for column in columns if any(why in column.blank_when.split("; ") for why in reasons)}
 
 
 @pytest.fixture(scope="module")
@@ -261,17 +253,17 @@ def finished(tmp_path_factory) -> Workspace:
     return finished_workspace(tmp_path_factory.mktemp("docs") / "plant")
 
 
-def test_cells_are_blank_when_csv_md_says_so(finished):
+def test_cells_are_blank_when_their_columns_say_so(finished):
     card = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
     by_hand = "the masks do not come from the bolls' network on a trained model"
     usual = "no fit of weights (`traits.weight_model`)", "not corrected", card, by_hand
-    assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual)]
+    assert blank(finished.traits_csv) == [said_blank(TRAITS, *usual)]
     scale = finished.scale_json.read_text()
     with finished.writing("scale") as made:
         (made / "scale.json").write_text('{"source": "none"}')
     traits.run(finished, resolve("traits"))
-    assert blank(finished.traits_csv) == [said_blank("traits.csv", *usual, "no scale")]
-    assert blank(finished.bolls_csv) == 4 * [said_blank("bolls.csv", *usual, "no scale")]
+    assert blank(finished.traits_csv) == [said_blank(TRAITS, *usual, "no scale")]
+    assert blank(finished.bolls_csv) == 4 * [said_blank(BOLLS, *usual, "no scale")]
     with finished.writing("scale") as made:
         (made / "scale.json").write_text(scale)
     with finished.writing("masks"):
@@ -279,6 +271,6 @@ def test_cells_are_blank_when_csv_md_says_so(finished):
     for module in (segment, cluster, traits):
         module.run(finished, resolve(module.STAGE.name))
     no_bolls = said_blank(
-        "traits.csv", *usual, "no bolls", "no boll with a volume", "fewer than two bolls", "no boll has a position"
+        TRAITS, *usual, "no bolls", "no boll with a volume", "fewer than two bolls", "no boll has a position"
     )
     assert blank(finished.traits_csv) == [no_bolls]

@@ -146,7 +146,7 @@ def test_a_film_in_two_folders_is_noticed(tmp_path, stand_in):
     said = []
     Batch(field, jobs=1, tell=said.append, command=stand_in).run(find_plants(field))
     assert said[0] == "c has the same film as a; put each plant's own film into its folder"
-    assert [row["folder"] for row in table(field) if SAME_FILM in row["qc_flags"].split(";")] == ["a", "c"]
+    assert [row["folder"] for row in table(field) if SAME_FILM in row["qc_flags"].split("|")] == ["a", "c"]
     # Those that failed alone are tried again; the others are known from the table.
     again = Batch(field, jobs=1, tell=said.append, command=stand_in, results=saved_results(field))
     again.run([field / "c"])

@@ -12,9 +12,10 @@ from cotton3dg import pipeline, slurm
 from cotton3dg.batch import Batch
 from cotton3dg.choices import Asked, choose, option_files
 from cotton3dg.cli.app import app
+from cotton3dg.cli.arguments import parse_overrides
 from cotton3dg.commands.check import _where_to_work
 from cotton3dg.errors import BadUsage
-from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
+from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, resolve
 from cotton3dg.schemas.record import Choices
 from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
@@ -430,3 +431,12 @@ def test_a_refusal_names_the_file_whose_values_it_refuses(plant):
     (field / "cotton3dg.toml").write_text("[train]\nsteps = -70\n")
     assert refusal().startswith("cotton3dg.toml of field_2026: train.steps = -70")
     assert refusal(("max_side", 100)).startswith("cotton3dg.toml of field_2026: train.steps = -70")
+
+
+def test_values_from_python_are_arguments_that_a_run_reads_again():
+    values = {"train": {"steps": 30}, "segment": {"method": "probability", "probability": {"threshold": 0.1 + 0.2}}}
+    values |= {"scale": {"require_scale": True}, "traits": {"plant_id": "row = 3"}}
+    words = Asked("draft", values=values).arguments
+    assert words[-2:] == ["--preset", "draft"]
+    read = parse_overrides([word for word in words[:-2] if word != "--set"])
+    assert all(resolve(stage, asked=read[stage]) == resolve(stage, asked=own) for stage, own in values.items())

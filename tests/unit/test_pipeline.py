@@ -10,6 +10,7 @@ from scenes.small_stages import MODULES, copying_stage, filmed_plant, replace_st
 
 from cotton3dg import pipeline
 from cotton3dg.core.runs import State
+from cotton3dg.core.usage import peak_memory_mib
 from cotton3dg.errors import (
     BadInput,
     BadUsage,
@@ -349,7 +350,7 @@ def test_a_second_process_is_turned_away(workspace, stages):
 def test_a_stage_is_not_charged_with_what_others_have_freed(workspace, stages):
     # 200 MB in pieces that the allocator keeps, as the last of them is in use.
     kept = [b"%04d" % i * 12_500 for i in range(4_000)]
-    before = pipeline._peak_memory_mib()
+    before = peak_memory_mib()
     del kept[:-1]
     run(workspace)
     assert workspace.read_record("frames").peak_memory_mib < before - 100

@@ -66,7 +66,7 @@ def test_the_card_tells_what_halves_of_the_images_count() -> None:
 
 def test_what_does_not_hang_on_the_plant_is_in_no_card() -> None:
     boll = {"boll_id": "1", "alpha_volume_cm3": "50", "qc_flags": ""}
-    thing = {"boll_id": "2", "alpha_volume_cm3": "400", "qc_flags": "off_plant;too_large"}
+    thing = {"boll_id": "2", "alpha_volume_cm3": "400", "qc_flags": "off_plant|too_large"}
     bolls, volume = trait_cards(replace(facts(boll_volume_mean_cm3="52"), bolls=[boll, thing]))[:2]
     assert bolls["note"].startswith("none doubtful")
     assert volume["note"] == "52.0 cm³ a boll; 50 cm³ without hollows"

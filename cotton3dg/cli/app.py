@@ -62,6 +62,7 @@ app.command("markers", rich_help_panel="Trying it out")(add_flags(field.markers,
 app.command("cards", rich_help_panel="Everything")(add_flags(field.cards, CardsOptions, files=CardFiles))
 app.command("import", rich_help_panel="Everything")(field.import_)
 app.command("correct", rich_help_panel="Everything")(field.correct)
+app.command("view", rich_help_panel="Everything")(field.view)
 app.command("export", rich_help_panel="Everything")(field.export)
 app.command("compare", rich_help_panel="Everything")(field.compare)
 app.command("repeat", rich_help_panel="Trying it out")(field.repeat)

@@ -19,7 +19,6 @@ from ..core.runs import State
 from ..io.tables import read_rows
 from ..options import STANDARD
 from ..pipeline import Step, Watcher
-from ..schemas.corrections import RULER
 from ..schemas.record import Record
 from ..schemas.scale import ScaleInfo
 from ..stage import STAGES
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
     from ..batch import Result
     from ..choices import Chosen
-    from ..commands.correct import Length, Outcome
+    from ..commands.correct import Outcome
     from ..commands.doctor import Finding
     from ..commands.import_ import Row as ImportRow
     from ..evaluation.masks import MaskCounts
@@ -211,16 +210,9 @@ def print_import(rows: list[ImportRow], into: Path, *, dry_run: bool) -> None:
 
 def print_corrections(outcome: Outcome) -> None:
     """What is kept of a plant, what does not apply, and what it changed."""
-    lengths = iter(outcome.lengths)
-    for correction in outcome.kept.corrections:
-        print(correction.summary, *([_length_text(next(lengths))] if correction.kind == RULER else []))
-    for reason in outcome.refused:
-        print(reason)
+    for line in (*outcome.texts, *outcome.refused):
+        print(line)
     print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
-
-
-def _length_text(length: Length | None) -> str:
-    return f"{length.length_cm:.2f} ± {length.error_cm:.2f} cm" if length else "(its ends or the scale are not known)"
 
 
 def print_findings(findings: list[Finding]) -> None:

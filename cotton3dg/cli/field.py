@@ -85,6 +85,19 @@ def correct(
         raise typer.Exit(SOME_FAILED)
 
 
+def view(
+    folder: Annotated[Path, given(help="folder of one plant, or of a field; an empty one is a new field")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="of 127.0.0.1; 0 = any that is free")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="only print the address")] = False,
+) -> None:
+    """Reports in the browser, where corrections apply at once, runs are watched, and films are added and measured."""
+    from ..batch import save_tables
+    from ..commands.view import view as serve
+
+    with report_errors(folder):
+        serve(folder, save_tables, typer.echo, port=port, browser=not no_browser)
+
+
 def export(
     folder: Annotated[Path, given(help="field that `batch` has run")],
     format_: Annotated[

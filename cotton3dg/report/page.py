@@ -145,7 +145,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
     }
     scripts = [(TEMPLATES / name).read_text("utf-8") for name in ("table.js", "mend.js", "photos.js", "report.js")]
     if scene:
-        scripts.insert(0, _read_plotly())
+        scripts.insert(0, read_plotly())
     return fill_template("report.html", scripts, content)
 
 
@@ -298,7 +298,7 @@ def _format_summary(summary: dict[str, Any]) -> str:
     )
 
 
-def _read_plotly() -> str:
+def read_plotly() -> str:
     """plotly.js as the package plotly ships it, in a form that may stand inside a script element."""
     import importlib.util
 

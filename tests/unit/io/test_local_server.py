@@ -1,15 +1,13 @@
 """Who may ask the server of this machine, and what: all else is refused before its caller hears of it."""
 
-import http.client
 import io
 import json
 import socket
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from http import HTTPStatus
 
 import pytest
+from scenes.local_client import ask, serving
 
 from cotton3dg.errors import BadInput, BadUsage
 from cotton3dg.io import local_server
@@ -37,37 +35,6 @@ def server(heard: list[Request]) -> Iterator[LocalServer]:
 
     with serving(LocalServer(0, answer, lambda parts: MOST)) as server:
         yield server
-
-
-@contextmanager
-def serving(server: LocalServer) -> Iterator[LocalServer]:
-    with server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        yield server
-        server.shutdown()
-        thread.join()
-
-
-def ask(
-    server: LocalServer, path: str, method: str = "GET", body: bytes | None = None, **headers: str | None
-) -> tuple[int, dict[str, str], bytes]:
-    """Status, headers and content of an answer; a header that is None is left out."""
-    own = f"{HERE}:{server.server_port}"
-    usual = {"Host": own} | ({"Origin": f"http://{own}", "Content-Type": JSON} if method == "POST" else {})
-    given = usual | {name.replace("_", "-"): value for name, value in headers.items()}
-    connection = http.client.HTTPConnection(HERE, server.server_port, timeout=30)
-    connection.putrequest(method, path, skip_host=True)
-    if body is not None and "Content-Length" not in given:
-        given["Content-Length"] = str(len(body))
-    for name, value in given.items():
-        if value is not None:
-            connection.putheader(name, value)
-    connection.endheaders(body)
-    answer = connection.getresponse()
-    found = answer.status, dict(answer.getheaders()), answer.read()
-    connection.close()
-    return found
 
 
 def test_a_page_of_its_own_is_answered(server: LocalServer) -> None:

@@ -177,7 +177,8 @@ class Desk:
         plants = []
         for name, workspace in self.plants().items():
             pages = [page for page in OF_PLANT if (workspace.root / page).is_file()]
-            plants.append({"plant": name, "pages": pages, "job": self._jobs.lines.get(name)} | describe(workspace))
+            job = {"busy": name in self._jobs.asked, "job": self._jobs.lines.get(name, "")}
+            plants.append({"plant": name, "pages": pages} | job | describe(workspace))
         return {"plants": plants, "pages": [page for page in OF_FIELD if (self.root / page).is_file()]}
 
     def _renew(self, workspace: Workspace) -> None:
@@ -250,7 +251,8 @@ class _Jobs:
     def __init__(self) -> None:
         self.lines: dict[str, str] = {}
         """Plant -> the last line of its work, or why it came to nothing."""
-        self._asked: set[str] = set()
+        self.asked: set[str] = set()
+        """Plants that are at work or wait."""
         self._queue: SimpleQueue[tuple[str, str, Path]] = SimpleQueue()
         self._process: subprocess.Popen[str] | None = None
         self._ended = threading.Event()
@@ -258,9 +260,9 @@ class _Jobs:
 
     def add(self, plant: str, command: str, folder: Path) -> None:
         """Raises BadUsage if the plant waits already."""
-        if plant in self._asked:
+        if plant in self.asked:
             raise BadUsage(f"{plant} is at work or waits already")
-        self._asked.add(plant)
+        self.asked.add(plant)
         self.lines[plant] = "waits for its turn"
         self._queue.put((plant, command, folder))
 
@@ -280,7 +282,7 @@ class _Jobs:
             code = self._run(plant, command, folder)
             if code in JOBS[command]:
                 del self.lines[plant]
-            self._asked.discard(plant)
+            self.asked.discard(plant)
 
     def _run(self, plant: str, command: str, folder: Path) -> int:
         # A session of its own keeps the terminal's Ctrl-C away from the process; `close` ends it.

@@ -7,19 +7,21 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import quote
 
 import pytest
-from scenes.local_client import ask, serving
+from scenes.local_client import serving
+from scenes.viewed import viewed
 from typer.testing import CliRunner
 
 from cotton3dg.batch import save_tables
 from cotton3dg.cli.app import app
 from cotton3dg.commands import view as module
 from cotton3dg.commands.correct import Asked, correct
-from cotton3dg.commands.view import Desk, view
+from cotton3dg.commands.view import view
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.io.local_server import BYTES, LocalServer
 from cotton3dg.io.tables import read_rows
@@ -29,42 +31,11 @@ MERGE = {"corrections": [{"kind": "merge", "bolls": [{"boll_id": 3}, {"boll_id":
 DELETE = {"corrections": [{"kind": "delete", "bolls": [{"boll_id": 1}]}]}
 
 
-class Page:
-    """A browser with the server's address."""
-
-    def __init__(self, server: LocalServer):
-        self.server = server
-
-    def gets(self, path):
-        status, headers, content = ask(self.server, f"/{self.server.token}/{path}")
-        return status, headers, content
-
-    def json(self, path):
-        status, _, content = self.gets(path)
-        assert status == HTTPStatus.OK, content
-        return json.loads(content)
-
-    def posts(self, path, content=None, **headers):
-        body = content if isinstance(content, bytes) else json.dumps(content or {}).encode()
-        status, _, answer = ask(self.server, f"/{self.server.token}/{path}", "POST", body, **headers)
-        return status, json.loads(answer)
-
-
 @pytest.fixture
 def page_of():
     """Opens a folder as `view` does; all is closed at the end."""
-    opened = []
-
-    def open_(folder):
-        desk = Desk(folder, save_tables)
-        serving_it = serving(LocalServer(0, desk.answer, desk.most_bytes))
-        opened.append((desk, serving_it))
-        return Page(serving_it.__enter__())
-
-    yield open_
-    for desk, serving_it in opened:
-        serving_it.__exit__(None, None, None)
-        desk.close()
+    with ExitStack() as opened:
+        yield lambda folder: opened.enter_context(viewed(folder))
 
 
 @pytest.fixture
@@ -235,12 +206,12 @@ def test_plants_are_checked_and_measured_one_at_a_time_and_told_why_not(field, p
     assert page.posts("plant_018/check")[0] == HTTPStatus.OK
     status, answer = page.posts("plant_018/run")
     assert status == HTTPStatus.CONFLICT and "waits already" in answer["said"]
-    state = until(page, "plant_018", lambda state: not state["job"])
+    state = until(page, "plant_018", lambda state: not state["busy"])
     assert state["check"]["verdict"] == "red" and "check/check.html" in state["pages"]
     assert page.gets("plant_018/check/check.html")[0] == HTTPStatus.OK
     assert page.posts("plant_018/run")[0] == HTTPStatus.OK
-    state = until(page, "plant_018", lambda state: state["state"] == "failed" and "; " in (state["job"] or ""))
-    assert state["verdict"] == "red" and "video" in state["text"]
+    state = until(page, "plant_018", lambda state: not state["busy"])
+    assert (state["state"], state["verdict"]) == ("failed", "red") and state["text"] in state["job"]
 
 
 def test_the_log_of_a_run_tells_how_far_it_is(reported_copy, page_of):

@@ -55,13 +55,14 @@
     const has = page => found.pages.includes(page);
     row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.plant) : found.plant);
     row.cells[1].className = found.verdict;
-    row.cells[1].replaceChildren(`${found.state}: ${found.job ?? found.text}`);
+    const busy = found.busy || found.state === "working";
+    const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
+    row.cells[1].textContent = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
     traits.forEach((trait, n) => { row.cells[2 + n].textContent = found.traits[trait] || "–"; });
     const film = row.cells[2 + traits.length];
     film.className = found.check?.verdict ?? "";
     film.replaceChildren(...(found.check && has("check/check.html")
       ? [link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`] : []));
-    const busy = found.state === "working" || /^(waits|check|run) /.test(found.job ?? "");
     for (const button of row.lastChild.querySelectorAll("button")) button.disabled = busy;
     const table = row.lastChild.querySelector("a");
     if (has("traits/traits.csv") && !table) {

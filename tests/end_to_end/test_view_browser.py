@@ -13,6 +13,7 @@ pytestmark = pytest.mark.skipif(
     executable() is None, reason="no Chromium; apt-get install chromium, or name one in COTTON3DG_CHROMIUM"
 )
 ANSWER_S = 600
+"""A busy machine must not fail what works."""
 BOLLS = "[...document.querySelectorAll('tr[data-boll]')].map(row => row.dataset.boll).join(' ')"
 NOTE = "document.querySelector('#mending p').textContent"
 CHOOSES = """(() => {
@@ -33,11 +34,11 @@ def test_two_clicks_mend_a_boll_and_two_take_it_back(reported_copy, tmp_path):
     """Nothing is downloaded or typed; the 3D view draws under the policy of the server."""
     with viewed(reported_copy.root) as page, Browser(tmp_path / "profile") as browser:
         browser.open(page.server.address)
-        browser.wait("document.querySelector('#plants a')")
+        browser.wait("document.querySelector('#plants a') !== null", ANSWER_S)
         assert "done" in browser.value("document.querySelector('#plants td').textContent")
         browser.click(*browser.middle("#plants a"))
-        browser.wait(f"document.readyState === 'complete' && {BOLLS} === '1 2 3 4'")
-        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", 120)
+        browser.wait(f"document.readyState === 'complete' && {BOLLS} === '1 2 3 4'", ANSWER_S)
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", ANSWER_S)
         assert browser.value("document.getElementById('mending').hidden")
         browser.click(*browser.middle("tr[data-boll='3'] th button"))
         browser.click(*browser.middle("tr[data-boll='4'] [data-mend=merge]"))
@@ -67,7 +68,9 @@ def test_while_a_run_goes_on_the_page_says_so_and_keeps_nothing(reported_copy, t
         with reported_copy.locked():
             browser.open(f"{page.server.address}plant_017/report.html")
             browser.click(*browser.middle("tr[data-boll='1'] [data-mend=delete]"))
-            browser.wait(f"document.readyState === 'complete' && {NOTE}.startsWith('Not done: another cotton3dg')")
+            browser.wait(
+                f"document.readyState === 'complete' && {NOTE}.startsWith('Not done: another cotton3dg')", ANSWER_S
+            )
         assert browser.value(BOLLS) == "1 2 3 4" and not reported_copy.corrections_json.exists()
 
 
@@ -77,10 +80,10 @@ def test_a_film_is_added_and_checked_without_a_shell(reported, tmp_path):
     with viewed(tmp_path / "field") as page, Browser(tmp_path / "profile", webgl=False) as browser:
         browser.open(page.server.address)
         browser.downloads_to(tmp_path / "downloads")
-        browser.wait("document.querySelectorAll('#plants tr').length === 1")
+        browser.wait("document.querySelectorAll('#plants tr').length === 1", ANSWER_S)
         browser.value(CHOOSES)
         browser.click(*browser.middle("#add button"))
-        browser.wait("document.querySelectorAll('#plants tr').length === 2")
+        browser.wait("document.querySelectorAll('#plants tr').length === 2", ANSWER_S)
         assert "plant_018 is there" in browser.value("document.getElementById('said').textContent")
         assert [film.read_text() for film in (tmp_path / "field" / "plant_018").iterdir()] == ["film"]
         browser.click(*browser.middle("#plants tr:nth-child(2) button"))
@@ -104,7 +107,7 @@ def test_neither_another_site_nor_a_hostile_report_can_act(reported_copy, tmp_pa
         browser.open(tmp_path / "other.html")
         address = page.server.address
         assert browser.value(acts.format(address, "application/json", "") + outcome) == "refused"
-        assert browser.value(acts.format(address, "text/plain", ", mode: 'no-cors'") + outcome) == "answer 0"
+        assert browser.value(acts.format(address, "text/plain", ", mode: 'no-cors'") + outcome) == "refused"
         framed = f"document.body.append(Object.assign(document.createElement('iframe'), {{ src: '{address}' }}))"
         browser.value(framed)
         hostile = "<html lang=\"en\"><script>document.title = 'ran';</script>"

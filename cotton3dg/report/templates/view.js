@@ -38,11 +38,12 @@
     const row = make("tr");
     row.append(make("th", { scope: "row" }), ...Array.from({ length: traits.length + 3 }, () => make("td")));
     for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
-    row.lastChild.className = "tools";
+    const tools = make("div", { className: "tools" });
+    row.lastChild.append(tools);
     for (const [job, words] of [["check", "Check the film"], ["run", "Measure"]]) {
       const button = make("button", { type: "button", textContent: words });
       button.addEventListener("click", does(() => ask(path(plant, job), "{}")));
-      row.lastChild.append(button);
+      tools.append(button);
     }
     rows.set(plant, row);
     return row;
@@ -54,19 +55,20 @@
     const row = rowOf(found.plant);
     const has = page => found.pages.includes(page);
     row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.plant) : found.plant);
-    row.cells[1].className = found.verdict;
     const busy = found.busy || found.state === "working";
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
-    row.cells[1].textContent = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
+    const words = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
+    row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }));
     traits.forEach((trait, n) => { row.cells[2 + n].textContent = found.traits[trait] || "–"; });
-    const film = row.cells[2 + traits.length];
-    film.className = found.check?.verdict ?? "";
-    film.replaceChildren(...(found.check && has("check/check.html")
-      ? [link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`] : []));
+    if (found.check && has("check/check.html")) {
+      const film = make("span", { className: found.check.verdict });
+      film.append(link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`);
+      row.cells[2 + traits.length].replaceChildren(film);
+    }
     for (const button of row.lastChild.querySelectorAll("button")) button.disabled = busy;
-    const table = row.lastChild.querySelector("a");
-    if (has("traits/traits.csv") && !table) {
-      row.lastChild.append(link(found.plant, "traits/traits.csv", "Row"), link(found.plant, "traits/bolls.csv", "Bolls"));
+    const tools = row.lastChild.firstChild;
+    if (has("traits/traits.csv") && !tools.querySelector("a")) {
+      tools.append(link(found.plant, "traits/traits.csv", "Row"), link(found.plant, "traits/bolls.csv", "Bolls"));
     }
     return row;
   }

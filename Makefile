@@ -69,7 +69,7 @@ coverage: setup ## the lines of cotton3dg that the quick tests run, worst last, 
 
 browser-test: setup ## tests of the pages in Chromium, installed if it may; make test skips them without one
 	@command -v chromium >/dev/null || test -n "$$COTTON3DG_CHROMIUM" || { apt-get update -q && apt-get install -y -q --no-install-recommends chromium; }
-	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py tests/end_to_end/test_layout_browser.py tests/end_to_end/test_corrections_browser.py
+	$(BIN)/python -m pytest tests/end_to_end/test_report_browser.py tests/end_to_end/test_layout_browser.py tests/end_to_end/test_corrections_browser.py tests/end_to_end/test_view_browser.py
 
 yolo-test: ## masks by YOLO .pt models; in an environment of its own, as ultralytics brings an OpenCV with a screen
 	$(MAKE) --no-print-directory setup VENV=$(VENV)-yolo

@@ -7,7 +7,6 @@ next one waits for them, skips what is up to date and goes on.
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Final
 
-from .core.machine import usable_cores
+from .core.machine import confine, usable_cores
 from .core.runs import State
 from .errors import (
     HUNG_UP,
@@ -43,6 +42,7 @@ from .io.tables import BOLLS, TRAITS, csv_text, flags_of, joined, read_rows, ref
 from .plants import is_empty, may_be_plant, plants_in, refuse_plant, same_films
 from .resource_checks import OUT_OF_MEMORY
 from .stage import STAGES, stage_of
+from .staleness import recorded_states
 from .workspace import Workspace
 
 RUN: Final = (sys.executable, "-m", "cotton3dg.cli", "run")
@@ -236,7 +236,7 @@ class Batch:
             start_new_session=True,
         )
         self._processes.add(process)
-        _bound(process.pid, slot, self.jobs)
+        confine(process.pid, slot, self.jobs)
         try:
             _, output = process.communicate()
         finally:
@@ -329,6 +329,29 @@ class Batch:
         return self._tables[key]
 
 
+def save_tables(folder: Path) -> None:
+    """Save the tables and the page of a field as its plants are now; no plant is run. What a batch said of a failure
+    stays as long as the plant has no result."""
+    work, said = Batch(folder), saved_results(folder) if (folder / TABLE).is_file() else {}
+    for plant in plants_in(folder):
+        name = plant.relative_to(folder).as_posix()
+        try:
+            due = next((item for item in recorded_states(Workspace(plant)) if not item.done), None)
+        except Cotton3dgError as error:
+            work.results[name] = Result(name, State.FAILED, error.exit_code, str(error))
+            continue
+        if due is None:
+            work.results[name] = Result(name, State.DONE, 0)
+        elif due.state == State.FAILED:
+            work.results[name] = Result(name, State.FAILED, due.record.exit_code if due.record else None, due.reason)
+        elif name not in said or said[name].state == State.DONE:
+            work.results[name] = Result(name, State.WAITING, None, f"{due.stage}: {due.reason}")
+        else:
+            work.results[name] = said[name]
+    work.check_plants()
+    work.save()
+
+
 def saved_results(folder: Path) -> dict[str, Result]:
     """The result of each folder in the saved table.
 
@@ -357,18 +380,6 @@ def result_of(name: str, code: int, output: str) -> Result:
     if code in INTERRUPTING:
         return Result(name, State.WAITING, None, "interrupted")
     return Result(name, State.FAILED, code, _reason(Path(name).name, code, output))
-
-
-def _bound(pid: int, slot: list[int], jobs: int) -> None:
-    """Limit a process to its share of cores and memory, if the system can (Linux)."""
-    if not hasattr(resource, "prlimit"):
-        return
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // jobs
-    try:
-        os.sched_setaffinity(pid, slot)
-        resource.prlimit(pid, resource.RLIMIT_DATA, (memory, memory))
-    except ProcessLookupError:
-        pass  # it has already ended, and its exit code says how
 
 
 def _reason(name: str, code: int, output: str) -> str:

@@ -15,7 +15,7 @@ from typing import Final
 
 from .errors import BadInput, MissingInput
 from .io.listing import files_in, is_there, require_utf8
-from .io.lock import locked
+from .io.lock import is_held, locked
 from .io.saving import (
     FULL_BELOW_BYTES,
     explain_disk_errors,
@@ -392,6 +392,11 @@ class Workspace:
     def locked(self, *, wait: bool = False) -> AbstractContextManager[None]:
         """Hold the plant's folder for this process, as `io.lock.locked` explains."""
         return locked(self.root / ".lock", wait=wait)
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether a process holds the folder; the lock is only looked at."""
+        return is_held(self.root / ".lock")
 
 
 OWN_NAMES: Final = frozenset(item.path.split("/")[0] for item in vars(Workspace).values() if isinstance(item, _Below))

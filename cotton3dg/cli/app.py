@@ -74,6 +74,7 @@ COMMANDS: Final[dict[str, dict[str, Callable[..., Any]]]] = {
     },
     "Look and correct": {
         "report": stages.report,
+        "view": field.view,
         "correct": field.correct,
         "render": add_flags(stages.render, RenderOptions, plant_dir=PlantDir, loud=(Loud, None)),
     },

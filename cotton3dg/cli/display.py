@@ -15,7 +15,6 @@ from ..core.runs import State
 from ..io.saving import json_text
 from ..options import STANDARD
 from ..pipeline import Step
-from ..schemas.corrections import RULER
 from ..stage import STAGES
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
     from ..batch import Result
     from ..choices import Chosen
-    from ..commands.correct import Length, Outcome
+    from ..commands.correct import Outcome
     from ..commands.doctor import Finding
     from ..commands.import_ import Row as ImportRow
     from ..commands.run import Ending
@@ -214,16 +213,9 @@ def print_corrections(outcome: Outcome, *, as_json: bool) -> None:
             }
         )
         return
-    lengths = iter(outcome.lengths)
-    for correction in outcome.kept.corrections:
-        print(correction.summary, *([_length_text(next(lengths))] if correction.kind == RULER else []))
-    for reason in outcome.refused:
-        print(reason)
+    for line in (*outcome.texts, *outcome.refused):
+        print(line)
     print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
-
-
-def _length_text(length: Length | None) -> str:
-    return f"{length.length_cm:.2f} ± {length.error_cm:.2f} cm" if length else "(its ends or the scale are not known)"
 
 
 def print_findings(findings: list[Finding]) -> None:

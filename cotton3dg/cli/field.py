@@ -92,6 +92,19 @@ def correct(
         raise typer.Exit(SOME_FAILED)
 
 
+def view(
+    folder: Annotated[Path, given(help="folder of one plant, or of a field; an empty one is a new field")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="of 127.0.0.1; 0 = any that is free")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="only print the address")] = False,
+) -> None:
+    """Open a plant or a field in the browser: correct bolls, watch runs, add films and measure them."""
+    from ..batch import save_tables
+    from ..commands.view import view as serve
+
+    with report_errors(folder):
+        serve(folder, save_tables, typer.echo, port=port, browser=not no_browser)
+
+
 def export(
     folder: Annotated[Path, given(help="field that `batch` has run")],
     format_: Annotated[str, choice("--format", known=FORMATS, help="of the files", default="xlsx")] = "xlsx",

@@ -60,6 +60,9 @@ class Length:
     error_cm: float
     """Standard error, from picks and scale."""
 
+    def __str__(self) -> str:
+        return f"{self.length_cm:.2f} ± {self.error_cm:.2f} cm"
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -74,6 +77,11 @@ class Outcome:
     after: float
     """Count of bolls after the corrections."""
 
+    @property
+    def texts(self) -> list[str]:
+        """The kept corrections in words, rulers with their lengths."""
+        return _texts(self.kept, self.lengths)
+
 
 def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None = None) -> Outcome:
     """Add corrections, or take back the last one, and measure the bolls again with all that are kept.
@@ -83,6 +91,7 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
             a method which is gone.
         BadInput: the file cannot be read.
         MissingInput: the plant has no result yet.
+        EnvironmentUnusable: a run of the plant is going on; nothing has changed.
     """
     records = {stage: workspace.read_record(stage) for stage in STAGES}
     if not all(record and record.is_ok for record in records.values()):
@@ -90,6 +99,46 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     options = {
         stage: recorded(stage, record.options, record.stage_version) for stage, record in records.items() if record
     }
+    with workspace.locked():
+        before = _count(workspace)
+        former, kept = _take_up(workspace, asked)
+    table_moves = former.of(CORNER) != kept.of(CORNER)
+    choices = choose(workspace).to_keep(STAGES)
+    if table_moves:
+        _scale_again(workspace, options, choices, watcher)
+    # What is kept has to be measured, also if another run has begun meanwhile.
+    pipeline.run(workspace, options, ("traits",), wait=True, watcher=watcher, report=True, choices=choices)
+    done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
+    refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
+    return Outcome(kept, refused, _lengths(workspace, kept), before, _count(workspace))
+
+
+def kept_texts(workspace: Workspace) -> list[str]:
+    """The corrections that a plant keeps in words, rulers with their lengths."""
+    kept = Corrections.load_if_there(workspace.corrections_json) or Corrections()
+    return _texts(kept, _lengths(workspace, kept))
+
+
+def _texts(kept: Corrections, lengths: Sequence[Length | None]) -> list[str]:
+    found = iter(lengths)
+    return [
+        f"{item.summary} {next(found) or '(its ends or the scale are not known)'}"
+        if item.kind == RULER
+        else item.summary
+        for item in kept.corrections
+    ]
+
+
+def _lengths(workspace: Workspace, kept: Corrections) -> tuple[Length | None, ...]:
+    """The present length of each kept ruler; None for one that is not known any more."""
+    if not kept.of(RULER):
+        return ()
+    known = _Known(workspace)
+    return tuple(known.length(ruler) for ruler in kept.of(RULER))
+
+
+def _take_up(workspace: Workspace, asked: Asked) -> tuple[Corrections, Corrections]:
+    """Save the plant's corrections with the changes that are asked for; return the former ones and the new ones."""
     kept = Corrections.load_if_there(workspace.corrections_json) or Corrections()
     if asked.undo and not kept.corrections:
         raise BadUsage("there is no correction to take back")
@@ -104,23 +153,12 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
             raise BadUsage(f"{asked.file} is of another plant or model; give the file that this plant's report saved")
         placed = known.placed(correction)
         own = own if placed in own else (*own, placed)
-    before = _count(workspace)
-    table_moves = kept.of(CORNER) != Corrections(own).of(CORNER)
-    kept = Corrections(own)
     with explain_disk_errors(workspace.root):
         if own:
-            kept.save(workspace.corrections_json)
+            Corrections(own).save(workspace.corrections_json)
         else:
             workspace.corrections_json.unlink(missing_ok=True)
-    choices = choose(workspace).to_keep(STAGES)
-    if table_moves:
-        _scale_again(workspace, options, choices, watcher)
-    pipeline.run(workspace, options, ("traits",), watcher=watcher, report=True, choices=choices)
-    done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
-    refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
-    known = _Known(workspace)
-    lengths = tuple(known.length(ruler) for ruler in kept.of(RULER))
-    return Outcome(kept, refused, lengths, before, _count(workspace))
+    return kept, Corrections(own)
 
 
 def _scale_again(
@@ -128,7 +166,7 @@ def _scale_again(
 ) -> None:
     """Compute the scale with the kept corners; the plant's row still gives the seconds of the plant's run."""
     before = workspace.read_record("scale")
-    pipeline.run(workspace, options, ("scale",), watcher=watcher, choices=choices)
+    pipeline.run(workspace, options, ("scale",), wait=True, watcher=watcher, choices=choices)
     after = workspace.read_record("scale")
     if before and after:
         workspace.write_record(replace(after, seconds=before.seconds))

@@ -21,6 +21,8 @@ from .saving import explain_disk_errors
 
 LOOKS_EVERY_S: Final = 1.0
 """How often a waiting process looks for the files of others, where there are no locks."""
+KERNEL: Final = Path("/proc/locks")
+"""The locks of this machine, on Linux, each with the number of its file."""
 
 
 @contextmanager
@@ -49,6 +51,20 @@ def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
         os.close(handle)
         if own:
             own.unlink(missing_ok=True)
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process works under a lock. Looking does not take it: a run that starts meanwhile has to get it."""
+    try:
+        number, signed = path.stat().st_ino, path.read_text("utf-8", "replace")
+    except OSError:
+        return False
+    if _others(path, path):
+        return True
+    with suppress(OSError):
+        return f":{number} " in KERNEL.read_text("utf-8")
+    word, _, host = signed.removeprefix("process ").partition(" on ")
+    return host == platform.node() and word.isdecimal() and _is_alive(int(word))
 
 
 def _held(by: str, remedy: str = "") -> EnvironmentUnusable:

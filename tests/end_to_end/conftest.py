@@ -21,6 +21,7 @@ QUICK_FILES = (
     "test_report_page.py",
     "test_segment_cluster.py",
     "test_traits_stage.py",
+    "test_view.py",
 )
 QUICK_TESTS = ("test_one_plant", "test_every_line_is_run_by_something", "test_each_has_a_test", "test_options_file")
 """Files and single tests here that `make test` has, too: one whole run, and what takes seconds."""

@@ -64,6 +64,7 @@ ELSEWHERE = {
     "for film in today": "test_check.py",
     "cotton3dg compare": "test_two_films.py",
     "cotton3dg correct": "test_corrections.py",
+    "cotton3dg view": "test_view.py",
     "evaluate-weights": "evaluation/test_weights.py",
     "--weight-model": "evaluation/test_weights.py",
     "real_captures.py": "test_accuracy_tools.py",

@@ -68,14 +68,15 @@ class Browser:
             self._process.wait()
         os.close(self._output)
 
-    def open(self, file: Path, width: int = 1280, height: int = 900, *, dark: bool = False) -> None:
+    def open(self, page: Path | str, width: int = 1280, height: int = 900, *, dark: bool = False) -> None:
+        """Show a file or an address."""
         self._ask(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
         )
         self._ask("Emulation.setTouchEmulationEnabled", enabled=width < 500)
         self.colours(dark=dark)
         self.requests.clear()
-        self._ask("Page.navigate", url=file.resolve().as_uri())
+        self._ask("Page.navigate", url=page if isinstance(page, str) else page.resolve().as_uri())
         self.wait("document.readyState === 'complete'")
 
     def colours(self, *, dark: bool) -> None:

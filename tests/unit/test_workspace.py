@@ -10,6 +10,7 @@ import stat
 import pytest
 
 from cotton3dg.errors import BadInput, EnvironmentUnusable, MissingInput, OutOfResources
+from cotton3dg.io import lock
 from cotton3dg.io.saving import explain_disk_errors, file_sha256, json_text
 from cotton3dg.masks.bolls import SHIPPED_FILE
 from cotton3dg.schemas.record import Record
@@ -133,18 +134,23 @@ def hold(root, holding, release):
         release.wait(30)
 
 
-def test_the_lock_excludes_and_dies_with_its_holder(workspace):
+def test_the_lock_excludes_and_dies_with_its_holder(workspace, monkeypatch):
     context = multiprocessing.get_context("spawn")
     holding, release = context.Event(), context.Event()
     holder = context.Process(target=hold, args=(workspace.root, holding, release))
+    assert not workspace.is_locked
     holder.start()
     try:
         assert holding.wait(60)
         with pytest.raises(EnvironmentUnusable, match="another cotton3dg"), workspace.locked():
             pass
+        for kernel in (lock.KERNEL, workspace.root / "no such file"):
+            monkeypatch.setattr(lock, "KERNEL", kernel)
+            assert workspace.is_locked
     finally:
         holder.kill()
         holder.join()
+    assert not workspace.is_locked
     with workspace.locked():
         pass
 

@@ -1,0 +1,327 @@
+"""Pages of a plant or a field in the browser of this machine: corrections apply at once, films are added and measured.
+
+Files stay the truth. A correction is what `correct` does with the file that the report saves from disk, and leaves the
+same bytes. Checks and measurements are the commands `check` and `run`, one at a time, in processes of their own.
+`io/local_server.py` says why the server is the standard library's, and who may ask it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from http import HTTPStatus
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Final
+from urllib.parse import quote
+
+from ..errors import DOUBTFUL, BadInput, BadUsage, CaptureFailed, Cotton3dgError
+from ..identity.names import folder_name, id_problem
+from ..io.local_server import HTML, Answer, LocalServer, Refused, Request, as_json
+from ..io.saving import explain_disk_errors, full_disk, replacing
+from ..plants import has_results, is_plant, plants_in, refuse_plant
+from ..report.live import describe, opened, view_page
+from ..report.page import is_stale, make_report
+from ..workspace import VIDEO_SUFFIXES, Workspace
+from .correct import Asked, correct, kept_texts
+
+CSV: Final = "text/csv; charset=utf-8"
+OF_PLANT: Final = {
+    "report.html": HTML,
+    "check/check.html": HTML,
+    "traits/traits.csv": CSV,
+    "traits/bolls.csv": CSV,
+    "traits/branches.csv": CSV,
+}
+OF_FIELD: Final = {
+    "index.html": HTML,
+    "batch.csv": CSV,
+    "batch_bolls.csv": CSV,
+    "genotypes.csv": CSV,
+    "heritability.csv": CSV,
+}
+"""The files that are shown, of a plant and of a field; there is no way to any other."""
+CORRECTIONS: Final = "corrections"
+UNDO: Final = "undo"
+TABLES: Final = "tables"
+JOBS: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)}
+"""Command -> exit codes with which it has done its work."""
+MOST_BYTES: Final = 2**20
+MOST_FILM_BYTES: Final = 2**35
+"""The largest content of a request, and the largest film."""
+
+
+def view(
+    folder: Path,
+    save_tables: Callable[[Path], None],
+    tell: Callable[[str], None],
+    *,
+    port: int = 0,
+    browser: bool = True,
+) -> None:
+    """Serve the pages of a plant or a field until Ctrl-C; what is being saved then is saved whole.
+
+    Args:
+        save_tables: saves the tables of a field anew. port: 0 = any that is free. browser: open it.
+    Raises:
+        MissingInput: the folder does not exist. BadUsage: the port cannot be had.
+    """
+    desk = Desk(folder, save_tables)
+    with LocalServer(port, desk.answer, desk.most_bytes) as server:
+        tell(f"{server.address}\nonly this computer reaches it, and only with this address; Ctrl-C ends it")
+        if browser and not (_has_screen() and webbrowser.open(server.address)):
+            tell("no browser opens here; open the address in one")
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            tell("ended; all that was said is in the plants' folders")
+        finally:
+            desk.close()
+
+
+def _has_screen() -> bool:
+    """Whether a browser can have a window; without one Linux would open one in this terminal."""
+    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+
+
+class Desk:
+    """The answers for one folder: of a plant, or of a field with plants below it. An empty folder is a new field."""
+
+    def __init__(self, given: Path, save_tables: Callable[[Path], None]):
+        self.root = Workspace(given).root.resolve()
+        self.is_field = not _is_plant(self.root)
+        self._save_tables = save_tables
+        self._said: dict[Path, str] = {}
+        """Folder of a plant -> the outcome of its last correction."""
+        self._saving = threading.Lock()
+        """One change at a time: the log of a run is the whole program's."""
+        self._taking = threading.Lock()
+        """One film at a time, so that two never get one name."""
+        self._jobs = _Jobs()
+
+    def close(self) -> None:
+        """End the work that goes on; a correction ends by itself."""
+        self._jobs.close()
+        with self._saving:
+            pass
+
+    def most_bytes(self, parts: tuple[str, ...]) -> int:
+        return MOST_FILM_BYTES if _is_film(parts[-1:]) else MOST_BYTES
+
+    def answer(self, request: Request) -> Answer:
+        """The answer to a request.
+
+        Raises:
+            Refused: there is no such page. Cotton3dgError: what is asked for cannot be done.
+        """
+        return self._change(request) if request.posts else self._show(request.parts)
+
+    # ------------------------------------------------------------------ to look at
+    def plants(self) -> dict[str, Workspace]:
+        """The plants by the names of their folders; one that a link leads out of the folder is left out."""
+        if not self.is_field:
+            return {self.root.name: Workspace(self.root)}
+        found = {}
+        for folder in plants_in(self.root):
+            with suppress(Cotton3dgError):  # a name that no program can write; `batch` explains it
+                if folder.resolve().is_relative_to(self.root):
+                    found[folder.relative_to(self.root).as_posix()] = Workspace(folder)
+        return found
+
+    def _show(self, parts: tuple[str, ...]) -> Answer:
+        name = "/".join(parts)
+        if not parts:
+            return _page(view_page(self.root.name, is_field=self.is_field))
+        if name == "state":
+            return as_json(self._state())
+        if self.is_field and name in OF_FIELD:
+            return self._file(self.root, name, OF_FIELD[name])
+        workspace, rest = self._find(parts)
+        if rest == CORRECTIONS:
+            return as_json({"kept": kept_texts(workspace), "said": self._said.get(workspace.root, "")})
+        if rest == "report.html":
+            self._renew(workspace)
+        if rest in OF_PLANT:
+            return self._file(workspace.root, rest, OF_PLANT[rest])
+        raise Refused(HTTPStatus.NOT_FOUND, "there is no such page")
+
+    def _find(self, parts: tuple[str, ...]) -> tuple[Workspace, str]:
+        """The plant that a path begins with, and the rest of the path."""
+        plants = self.plants()
+        for n in range(1, len(parts)):
+            if workspace := plants.get("/".join(parts[:n])):
+                return workspace, "/".join(parts[n:])
+        raise Refused(HTTPStatus.NOT_FOUND, "there is no such page")
+
+    def _file(self, folder: Path, name: str, kind: str) -> Answer:
+        path = folder / name
+        if not path.resolve().is_relative_to(self.root):
+            raise Refused(HTTPStatus.FORBIDDEN, f"{name} is a link that leads out of the folder")
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise Refused(HTTPStatus.NOT_FOUND, f"{name} cannot be read ({error.strerror})") from error
+        if kind == HTML:
+            return _page(content)
+        label = path.name if folder == self.root and self.is_field else f"{folder_name(folder.name)}_{path.name}"
+        return Answer(content, kind, headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(label)}"})
+
+    def _state(self) -> dict[str, Any]:
+        plants = []
+        for name, workspace in self.plants().items():
+            pages = [page for page in OF_PLANT if (workspace.root / page).is_file()]
+            job = {"busy": name in self._jobs.asked, "job": self._jobs.lines.get(name, "")}
+            plants.append({"plant": name, "pages": pages} | job | describe(workspace))
+        return {"plants": plants, "pages": [page for page in OF_FIELD if (self.root / page).is_file()]}
+
+    def _renew(self, workspace: Workspace) -> None:
+        """Make the report anew if it lacks something; while a run goes on, or where it cannot be, it stays as it is."""
+        with self._saving, suppress(Cotton3dgError), workspace.locked():
+            if has_results(workspace) and is_stale(workspace):
+                make_report(workspace)
+
+    # ------------------------------------------------------------------ to change
+    def _change(self, request: Request) -> Answer:
+        if len(request.parts) == 2 and _is_film(request.parts):
+            return as_json({"plant": self._take_film(request)})
+        if self.is_field and request.parts == (TABLES,):
+            with self._saving:
+                self._save_tables(self.root)
+            return as_json({})
+        workspace, what = self._find(request.parts)
+        if what in JOBS:
+            self._jobs.add("/".join(request.parts[:-1]), what, workspace.root)
+            return as_json({})
+        if what == CORRECTIONS:
+            with _as_file(request.read()) as file:
+                return self._correct(workspace, Asked(file=file))
+        if what == UNDO:
+            return self._correct(workspace, Asked(undo=True))
+        raise Refused(HTTPStatus.NOT_FOUND, "there is no such page")
+
+    def _correct(self, workspace: Workspace, asked: Asked) -> Answer:
+        with self._saving:
+            try:
+                outcome = correct(workspace, asked)
+            except Cotton3dgError as error:
+                self._said[workspace.root] = f"Not done: {error}"
+                raise
+            said = f"Bolls: {outcome.before:g} → {outcome.after:g}"
+            self._said[workspace.root] = "; ".join([said, *outcome.refused])
+            return as_json({"said": self._said[workspace.root]})
+
+    def _take_film(self, request: Request) -> str:
+        """Save a film in a new plant's folder, whose name it returns.
+
+        Raises:
+            BadUsage: the name cannot be one, or the plant has a film. OutOfResources: the disk is too small.
+        """
+        plant, file = request.parts
+        if not self.is_field:
+            raise BadUsage("this folder is one plant; open the folder above it to add others")
+        if problem := id_problem(plant):
+            raise BadUsage(f"{problem}; give the plant another name")
+        folder = self.root / folder_name(plant)
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise BadInput(f"{folder.name} is no folder of this field; give the plant another name")
+        with self._taking:
+            if folder.exists() and is_plant(Workspace(folder)):
+                raise BadUsage(f"{folder.name} has a film already; give the plant another name")
+            with explain_disk_errors(self.root):
+                if shutil.disk_usage(self.root).free < request.left:
+                    raise full_disk(self.root)
+                folder.mkdir(exist_ok=True)
+                film = Path(file)
+                with replacing(folder / f"{folder_name(film.stem)}{film.suffix}") as partial, partial.open("wb") as out:
+                    for chunk in request.chunks():
+                        out.write(chunk)
+        return folder.name
+
+
+class _Jobs:
+    """Checks and measurements of plants, one after the other, each a command in a process of its own."""
+
+    def __init__(self) -> None:
+        self.lines: dict[str, str] = {}
+        """Plant -> the last line of its work, or why it came to nothing."""
+        self.asked: set[str] = set()
+        """Plants that are at work or wait."""
+        self._queue: SimpleQueue[tuple[str, str, Path]] = SimpleQueue()
+        self._process: subprocess.Popen[str] | None = None
+        self._ended = threading.Event()
+        threading.Thread(target=self._work, daemon=True).start()
+
+    def add(self, plant: str, command: str, folder: Path) -> None:
+        """Raises BadUsage if the plant waits already."""
+        if plant in self.asked:
+            raise BadUsage(f"{plant} is at work or waits already")
+        self.asked.add(plant)
+        self.lines[plant] = "waits for its turn"
+        self._queue.put((plant, command, folder))
+
+    def close(self) -> None:
+        """End the command that works; the same command continues from there."""
+        self._ended.set()
+        if process := self._process:
+            process.terminate()
+            process.wait()
+
+    def _work(self) -> None:
+        while True:
+            plant, command, folder = self._queue.get()
+            if self._ended.is_set():
+                return
+            self.lines[plant] = f"{command} begins"
+            code = self._run(plant, command, folder)
+            if code in JOBS[command]:
+                del self.lines[plant]
+            self.asked.discard(plant)
+
+    def _run(self, plant: str, command: str, folder: Path) -> int:
+        # A session of its own keeps the terminal's Ctrl-C away from the process; `close` ends it.
+        with subprocess.Popen(
+            [sys.executable, "-m", "cotton3dg.cli", command, str(folder)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        ) as self._process:
+            for line in self._process.stderr or ():
+                if line.strip():
+                    self.lines[plant] = line.strip()
+        return self._process.returncode
+
+
+def _page(content: bytes) -> Answer:
+    page, policy = opened(content)
+    return Answer(page, HTML, headers={"Content-Security-Policy": policy})
+
+
+@contextmanager
+def _as_file(content: bytes) -> Iterator[Path]:
+    """A file with the corrections that a page sends, as the same page saves it from disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "corrections.json"
+        file.write_bytes(content)
+        yield file
+
+
+def _is_film(parts: tuple[str, ...]) -> bool:
+    """Whether a path ends in the name of a film."""
+    return bool(parts) and Path(parts[-1]).suffix.lower() in VIDEO_SUFFIXES
+
+
+def _is_plant(folder: Path) -> bool:
+    try:
+        refuse_plant(folder)
+    except BadUsage:
+        return True
+    return False

@@ -1,0 +1,114 @@
+"use strict";
+// The plants of the folder as they are now: asked for every few seconds while somebody looks.
+(() => {
+  const EVERY_MS = 2000;
+  const body = document.getElementById("plants");
+  const traits = body.dataset.traits.split(" ");
+  const rows = new Map();
+  const overview = document.getElementById("overview");
+  const say = text => { document.getElementById("said").textContent = text; };
+  const path = (...parts) => parts.flatMap(part => part.split("/")).map(encodeURIComponent).join("/");
+  const make = (name, properties = {}) => Object.assign(document.createElement(name), properties);
+
+  async function ask(where, content, kind = "application/json") {
+    const sent = content === undefined ? {} : { method: "POST", headers: { "Content-Type": kind }, body: content };
+    const answer = await fetch(where, sent).catch(() => {
+      throw new Error("There is no answer: cotton3dg view has ended. Start it again, and open its new address.");
+    });
+    const found = await answer.json();
+    if (!answer.ok) throw new Error(found.said);
+    return found;
+  }
+
+  // What a button does; what went wrong is said.
+  const does = act => async event => {
+    event.preventDefault();
+    try {
+      say("");
+      await act(event.currentTarget);
+      await look();
+    } catch (error) {
+      say(error.message);
+    }
+  };
+
+  // ------------------------------------------------------------ the rows
+  function rowOf(plant) {
+    if (rows.has(plant)) return rows.get(plant);
+    const row = make("tr");
+    row.append(make("th", { scope: "row" }), ...Array.from({ length: traits.length + 3 }, () => make("td")));
+    for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
+    const tools = make("div", { className: "tools" });
+    row.lastChild.append(tools);
+    for (const [job, words] of [["check", "Check the film"], ["run", "Measure"]]) {
+      const button = make("button", { type: "button", textContent: words });
+      button.addEventListener("click", does(() => ask(path(plant, job), "{}")));
+      tools.append(button);
+    }
+    rows.set(plant, row);
+    return row;
+  }
+
+  const link = (plant, page, words) => make("a", { href: path(plant, page), textContent: words });
+
+  function fill(found) {
+    const row = rowOf(found.plant);
+    const has = page => found.pages.includes(page);
+    row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.plant) : found.plant);
+    const busy = found.busy || found.state === "working";
+    const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
+    const words = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
+    row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }));
+    traits.forEach((trait, n) => { row.cells[2 + n].textContent = found.traits[trait] || "–"; });
+    if (found.check && has("check/check.html")) {
+      const film = make("span", { className: found.check.verdict });
+      film.append(link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`);
+      row.cells[2 + traits.length].replaceChildren(film);
+    }
+    for (const button of row.lastChild.querySelectorAll("button")) button.disabled = busy;
+    const tools = row.lastChild.firstChild;
+    if (has("traits/traits.csv") && !tools.querySelector("a")) {
+      tools.append(link(found.plant, "traits/traits.csv", "Row"), link(found.plant, "traits/bolls.csv", "Bolls"));
+    }
+    return row;
+  }
+
+  async function look() {
+    const { plants, pages } = await ask("state");
+    const shown = plants.map(fill);
+    if (shown.some((row, n) => body.rows[n] !== row) || body.rows.length !== shown.length) body.replaceChildren(...shown);
+    document.getElementById("none").hidden = shown.length > 0;
+    if (overview) overview.hidden = !pages.includes("index.html");
+  }
+
+  async function follow() {
+    if (!document.hidden) await look().catch(error => say(error.message));
+    setTimeout(follow, EVERY_MS);
+  }
+
+  // ------------------------------------------------------------ films and tables
+  const form = document.getElementById("add");
+  const [film, plant] = [document.getElementById("film"), document.getElementById("plant")];
+  form?.addEventListener("submit", does(async () => {
+    const kinds = film.accept.split(",");
+    if (!kinds.some(kind => film.files[0].name.toLowerCase().endsWith(kind))) throw new Error(`A film ends in ${kinds.join(", ")}.`);
+    say("The film is copied …");
+    const added = await ask(path(plant.value.trim(), film.files[0].name), film.files[0], "application/octet-stream");
+    form.reset();
+    say(`${added.plant} is there. Check its film, or measure it.`);
+  }));
+  for (const name of ["dragover", "drop"]) {
+    document.addEventListener(name, event => {
+      event.preventDefault();
+      if (!form || !event.dataTransfer.files.length) return;
+      film.files = event.dataTransfer.files;
+      plant.focus();
+    });
+  }
+  document.getElementById("tables")?.addEventListener("click", does(async () => {
+    await ask("tables", "{}");
+    location.assign("batch.csv");
+  }));
+
+  follow();
+})();

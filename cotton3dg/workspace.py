@@ -215,17 +215,10 @@ class Workspace:
         drawn = self.boll_images / self.mask_png(image_name).name
         return drawn if drawn.is_file() else self.mask_png(image_name)
 
-    def probability_png(self, image_name: str) -> Path:
-        """Rendered probabilities of a view, grey; white = 1."""
-        return self.root / "segment" / f"probability_{Path(image_name).stem}.png"
-
-    def lint_jpg(self, image_name: str) -> Path:
-        """A view of lint.ply alone."""
-        return self.root / "segment" / f"lint_{Path(image_name).stem}.jpg"
-
-    def training_jpg(self, image_name: str) -> Path:
-        """A view's rendered probabilities over the training."""
-        return self.root / "segment" / f"training_{Path(image_name).stem}.jpg"
+    def segment_picture(self, kind: str, image_name: str) -> Path:
+        """A view's rendered `probability`, grey, white = 1 (.png), the same over the `training`, or `lint`.ply alone."""
+        suffix = "png" if kind == "probability" else "jpg"
+        return self.root / "segment" / f"{kind}_{Path(image_name).stem}.{suffix}"
 
     def boll_ply(self, boll_id: int) -> Path:
         """The Gaussians of one boll."""

@@ -60,11 +60,14 @@ def run(workspace: Workspace, options: SegmentOptions, progress: Progress = sile
         if found.features is not None:
             np.save(folder / workspace.features_npy.name, found.features)
         for name, image in found.maps.items():
-            write_image(folder / workspace.probability_png(name).name, np.repeat(to_uint8(image)[..., None], 3, axis=2))
+            write_image(
+                folder / workspace.segment_picture("probability", name).name,
+                np.repeat(to_uint8(image)[..., None], 3, axis=2),
+            )
         for name, picture in found.over_training.items():
-            write_image(folder / workspace.training_jpg(name).name, picture)
+            write_image(folder / workspace.segment_picture("training", name).name, picture)
         for name, picture in found.lint_alone.items():
-            write_image(folder / workspace.lint_jpg(name).name, picture)
+            write_image(folder / workspace.segment_picture("lint", name).name, picture)
     summary = {
         "views": len(found.lifted.views),
         "masks": len(found.lifted.selections),

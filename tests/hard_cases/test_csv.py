@@ -35,4 +35,4 @@ def test_case_48_negative_numbers_stay_numbers(number):
 
 
 def test_case_48_flags_are_guarded_too():
-    assert cells(("=HYPERLINK(1)", "b"))[0] == "'=HYPERLINK(1);b"
+    assert cells(("=HYPERLINK(1)", "b"))[0] == "'=HYPERLINK(1)|b"

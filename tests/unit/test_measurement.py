@@ -111,7 +111,7 @@ def test_options_are_those_of_the_command_line_and_win_as_there(plant, capsys):
         ({"train": 3000}, r"write it as train=\{'steps': 3000\}"),
         ({"train": {"stepps": 3}}, "did you mean steps"),
         ({"train": {"steps": -1}}, "use at least"),
-        ({"segment": {"threshold": 0.5}}, "has no effect with method = lift"),
+        ({"segment": {"threshold": 0.5}}, "has no effect with method = lint"),
     ],
 )
 def test_a_mistaken_option_is_refused_before_anything_is_written(plant, options, words, tmp_path_factory):

@@ -19,7 +19,7 @@ from cotton3dg.stage import Footage
 
 METHODS = places(ScaleOptions)[0].item.metadata["choices"]
 VERBS = (
-    "Measure Say Judge Remove Make Sort Save Compare Correct Film Train Print Fit Try Simulate Pack Choose Find"
+    "Measure Open Say Judge Remove Make Sort Save Compare Correct Film Train Print Fit Try Simulate Pack Choose Find"
     " Lift Join"
 )
 

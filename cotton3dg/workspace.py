@@ -216,7 +216,7 @@ class Workspace:
         return drawn if drawn.is_file() else self.mask_png(image_name)
 
     def segment_picture(self, kind: str, image_name: str) -> Path:
-        """A view's rendered `probability`, grey, white = 1 (.png), the same over the `training`, or `lint`.ply alone."""
+        """A view with rendered `probability`, grey, white = 1 (.png), this over the `training`, or `lint`.ply alone."""
         suffix = "png" if kind == "probability" else "jpg"
         return self.root / "segment" / f"{kind}_{Path(image_name).stem}.{suffix}"
 

@@ -10,6 +10,7 @@ from scenes.imagenet_weights import published_weights
 from scenes.lint_scene import BOLLS, room_model
 from scenes.lint_workspace import make_workspace
 
+from cotton3dg.cluster import stage as cluster
 from cotton3dg.commands.masks_train import train
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
 from cotton3dg.io.images import read_ids, write_image
@@ -20,6 +21,7 @@ from cotton3dg.masks import stage as masks
 from cotton3dg.masks.bolls import BollNetwork
 from cotton3dg.masks.weight_files import FILE, PACKAGE
 from cotton3dg.options import MasksTrainOptions, resolve
+from cotton3dg.segment import stage as segment
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +31,25 @@ def plant(tmp_path_factory):
     return workspace, truths
 
 
-def test_masks_of_the_network_with_and_without_a_model(plant):
+def test_masks_of_the_network_need_no_model_and_become_bolls_with_one(plant):
     workspace, _ = plant
     options = resolve("masks", {"backend": "bolls", "weights": "bright.onnx", "views": 8})
-    alone = masks.run(workspace, options)
-    assert alone.summary["images"] == 8 and alone.summary["masks"] > 0
-    with workspace.writing("train") as folder:
-        write_gaussians(folder / workspace.gaussians_ply.name, room_model())
-    together = masks.run(workspace, options)
+    outcome = masks.run(workspace, options)
+    assert outcome.summary["images"] == 8 and outcome.summary["masks"] > 0
     document = json.loads(workspace.masks_json.read_text())
     assert document["backend"] == "bolls" and list(document["weights_sha256"]) == ["bright.onnx"]
-    assert together.summary["masks"] > 0
-    ids = {number for path in workspace.folder("masks").glob("*.png") for number in np.unique(read_ids(path)[1:])}
-    assert len(ids - {0}) < alone.summary["masks"], "with a model a boll has the same number in all images"
-    assert workspace.gaussians_ply in masks.STAGE.reads(workspace, options)
+    assert document["maps"] and len(list(workspace.folder("masks").glob("*.npz"))) == 8
+    with workspace.writing("train") as folder:
+        write_gaussians(folder / workspace.gaussians_ply.name, room_model())
+    assert segment.run(workspace, resolve("segment")).summary["lint_gaussians"] > 0
+    found = cluster.run(workspace, resolve("cluster")).summary["bolls"]
+    assert 0 < found < outcome.summary["masks"]
+    drawn = {n for image in document["images"] for n in np.unique(read_ids(workspace.boll_ids_png(image["name"])))}
+    assert drawn - {0} <= set(range(1, found + 1)), "a boll has the same number in all images"
+    with pytest.raises(BadUsage, match="segment --method lift"):
+        cluster.run(workspace, resolve("cluster", {"method": "dbscan"}))
+    segment.run(workspace, resolve("segment", {"method": "lift"}))
+    assert not workspace.lint_share_npz.exists() and workspace.selections_npz.exists()
 
 
 def test_bad_weights_name_the_remedy(plant):

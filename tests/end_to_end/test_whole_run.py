@@ -102,7 +102,8 @@ def test_a_dry_run_says_why_and_changes_nothing(plant):
     lines = dict(line.split(maxsplit=1) for line in result.stdout.splitlines())
     assert lines["train"] == "up to date"
     assert "table_length_cm 120.0 -> 100.0" in lines["scale"]
-    assert lines["masks"] == "runs: after scale"
+    assert lines["masks"] == lines["segment"] == "up to date"
+    assert lines["cluster"] == "runs: after scale"
     assert lines["traits"] == "runs: after cluster"
     assert {path: path.read_bytes() for path in (plant.root / "records").iterdir()} == records
 

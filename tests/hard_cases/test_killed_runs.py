@@ -75,7 +75,7 @@ def test_what_clean_dropped_is_made_again_with_the_same_bits(
     assert clean(workspace).n_files == len(workspace.dropped()) > 40
     assert assert_whole(workspace) == before
     again = subprocess.run(
-        run_command(workspace.root, "--until", "sfm"), capture_output=True, text=True, check=True
+        run_command(workspace.root, "--until", "sfm", "-v"), capture_output=True, text=True, check=True
     ).stderr.splitlines()
     assert [line for line in again if "starts" in line] == [
         "frames: starts (clean dropped its files)",

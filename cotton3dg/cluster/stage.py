@@ -130,6 +130,8 @@ def _by_votes(
         raise BadUsage(f"--method {options.method} needs lifted masks; run `cotton3dg segment --method lift` first")
     shares = read_lint_share(workspace.lint_share_npz, gaussians)
     seen = [camera for camera in cameras if workspace.maps_npz(camera.name).is_file()]
+    if not seen:
+        raise BadInput("lint_share.npz belongs to other masks than those in masks/; run `cotton3dg segment` again")
     maps = on_all_cores(lambda camera: read_maps(workspace.maps_npz(camera.name)), seen)
     return locate_bolls(maps, seen, gaussians, shares, up, read_unit_length(workspace))
 

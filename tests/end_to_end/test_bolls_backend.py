@@ -48,6 +48,13 @@ def test_masks_of_the_network_need_no_model_and_become_bolls_with_one(plant):
     assert drawn - {0} <= set(range(1, found + 1)), "a boll has the same number in all images"
     with pytest.raises(BadUsage, match="segment --method lift"):
         cluster.run(workspace, resolve("cluster", {"method": "dbscan"}))
+    maps = list(workspace.folder("masks").glob("*.npz"))
+    for path in maps:
+        path.rename(path.with_suffix(".gone"))
+    with pytest.raises(BadInput, match="other masks"):
+        cluster.run(workspace, resolve("cluster"))
+    for path in maps:
+        path.with_suffix(".gone").rename(path)
     segment.run(workspace, resolve("segment", {"method": "lift"}))
     assert not workspace.lint_share_npz.exists() and workspace.selections_npz.exists()
 

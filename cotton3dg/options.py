@@ -146,7 +146,7 @@ class GroundedSamOptions(AnySamOptions):
 
 @dataclass(frozen=True)
 class MasksOptions:
-    """Find the bolls in the images, as masks."""
+    """Find what each image shows of bolls, as maps or masks."""
 
     backend: str = option(
         "bolls",
@@ -190,7 +190,7 @@ class AffinityOptions:
 
 @dataclass(frozen=True)
 class SegmentOptions:
-    """Lift the masks onto the Gaussians."""
+    """Lift what the images show onto the Gaussians."""
 
     method: str = option(
         "lint",
@@ -215,7 +215,7 @@ class DbscanOptions:
 
 @dataclass(frozen=True)
 class ClusterOptions:
-    """Join the selections of single views to bolls."""
+    """Find the bolls of the plant by all views together."""
 
     method: str = option(
         "votes",

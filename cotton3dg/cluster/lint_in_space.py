@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,9 @@ class LintInSpace:
     @classmethod
     def of(cls, gaussians: Gaussians, shares: Float32) -> LintInSpace:
         """With the origin at the median of what is lint."""
-        places = gaussians.means[(shares > 0.5) & np.isfinite(gaussians.means).all(axis=1)]
-        origin = np.median(places, axis=0) if len(places) else np.zeros(3)
-        return cls(gaussians, shares, origin.astype(np.float32))
+        lint = cls(gaussians, shares, np.zeros(3, np.float32))
+        places = gaussians.means[lint.rows]
+        return replace(lint, origin=np.median(places, axis=0).astype(np.float32)) if len(places) else lint
 
     @property
     def rows(self) -> NDArray[np.int64]:

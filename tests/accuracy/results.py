@@ -136,6 +136,8 @@ def row_of(job: Job, run: Workspace, truth_json: Path, version: str) -> dict[str
         "cpu_seconds": round(sum(record.cpu_seconds for record in records.values())),
         "stages": " ".join(f"{name}={record.seconds:.1f}/{record.cpu_seconds:.1f}" for name, record in records.items()),
     }  # fmt: skip
+    if math.isfinite(bolls.mean_volume_error_pct):
+        row["one_boll"] = f"{bolls.mean_volume_error_pct:.2f}"
     for trait in TRAITS:
         value, true, low, high = (film[name] for name in (trait, f"true_{trait}", f"{trait}_low", f"{trait}_high"))
         if trait in LENGTHS and math.isfinite(value):
@@ -167,7 +169,7 @@ def in_order(name: str) -> tuple[int, str, int]:
     """Path-traced plants as their table lists them, others by kind and number."""
     kind, _, number = name.rpartition("-")
     known = list(PATH_TRACED).index(name) if name in PATH_TRACED else len(PATH_TRACED)
-    return known, kind, int(number) if number.isdigit() else 0
+    return (known, kind, int(number)) if number.isdigit() else (known, name, 0)
 
 
 def do(job: Job, folder: Path, version: str, file: Path = ACCURACY) -> int:
@@ -176,15 +178,15 @@ def do(job: Job, folder: Path, version: str, file: Path = ACCURACY) -> int:
     code = 0 if job.source else film_plant(source, job.film)
     if code:
         return code
-    run = Workspace(folder / version / job.preset / job.plant)
-    if not (run.root / "video.mp4").is_file():
-        run.root.mkdir(parents=True, exist_ok=True)
-        shutil.copy(source / "video.mp4", run.root / "video.part")
-        (run.root / "video.part").replace(run.root / "video.mp4")
-    if code := run_plant(run.root, job.preset):
+    run = folder / version / job.preset / job.plant
+    if not (run / "video.mp4").is_file():
+        run.mkdir(parents=True, exist_ok=True)
+        shutil.copy(source / "video.mp4", run / "video.part")
+        (run / "video.part").replace(run / "video.mp4")
+    if code := run_plant(run, job.preset):
         return code
-    save(row_of(job, run, source / "truth.json", version), file)
-    shutil.rmtree(run.root)
+    save(row_of(job, Workspace(run), source / "truth.json", version), file)
+    shutil.rmtree(run)
     return 0
 
 

@@ -73,12 +73,13 @@ def found(row: pd.Series) -> str:
 
 
 def set_rows(tables: Tables) -> pd.DataFrame:
-    """A row of means for each set and preset: of its plants, or of sets.csv where that knows of more plants."""
+    """A row of means for each set and preset: of its plants, or of sets.csv where that knows more of them."""
     plants, newest = tables["accuracy"], newest_version(tables)
     saved = {(row["set"], row["preset"]): row for _, row in tables["sets"].iterrows()}
     rows = []
     for (name, preset), some in plants.groupby(["set", "preset"], sort=False):
-        if (name, preset) in saved and len(some) < int(saved[name, preset]["plants"]):
+        kept = saved.get((name, preset))
+        if kept is not None and (len(some) < int(kept["plants"]) or set(some["version"]) == {kept["version"]}):
             continue
         saved.pop((name, preset), None)
         of = some[["bolls", "measured", "found", "false"]].astype(int)
@@ -119,6 +120,7 @@ def plants(tables: Tables) -> str:
             "preset": f"`{row['preset']}` {row['options']}".strip(),
         }
         | {"bolls found (false)": found(row), **{trait: signed(row[trait]) for trait in LENGTHS}}
+        | {"one boll": f"{float(row['one_boll']):.1f} %" if row["one_boll"] else ""}
         | {"time": f"{row['seconds']} s" if row["seconds"] else "", "processor": of_cores(row)}
         | {"version": version(row, newest)}
         for _, row in tables["accuracy"].iterrows()

@@ -1,13 +1,18 @@
 """docs/results.md and README's table are what docs/results/*.csv holds, and guides state no figure that they lack."""
 
+import json
 import re
+import shutil
 
 import pandas as pd
 import pytest
 import results
 import results_page
 from results_page import PAGE, README, load, rendered, rendered_readme
+from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
+
+from cotton3dg.io.tables import read_rows
 
 NO_GUIDES = {"results.md", "papers.md", "csv.md"}
 NOT_YET = {
@@ -167,6 +172,49 @@ def test_a_new_row_takes_the_place_of_the_old_one(tmp_path):
     rows = results.read_rows(file)
     assert list(rows["plant"]) == ["plain-a", "odd-9", "odd-10"]
     assert list(rows["volume"]) == ["", "-2.0", ""]
+
+
+def test_a_plant_is_measured_and_leaves_its_row_alone(tmp_path, monkeypatch):
+    finished = finished_workspace(tmp_path / "finished")
+    rows = read_rows(finished.bolls_csv)
+    source = tmp_path / "plants" / "plain-a"
+    source.mkdir(parents=True)
+    (source / "video.mp4").write_bytes(b"film")
+    bolls = [
+        {
+            "centre_xyz_m": [float(boll[f"{axis}_cm"]) / 100 for axis in "xyz"],
+            "convex_volume_cm3": float(boll["volume_cm3"]),
+        }
+        for boll in rows
+    ]
+    traits = read_rows(finished.traits_csv)[0]
+    truth = {"boll_count": 5, "total_boll_convex_volume_cm3": float(traits["boll_volume_cm3"]) / 1.1}
+    truth |= {"plant_height_cm": float(traits["plant_height_cm"]), "canopy_size_cm": 1.0, "stem_base_xyz_m": [0, 0, 0]}
+    missed = {"centre_xyz_m": [9, 9, 9], "convex_volume_cm3": 30.0}
+    (source / "truth.json").write_text(json.dumps(truth | {"bolls": [*bolls, missed]}))
+    (job,) = [job for job in results.all_jobs(source.parent) if (job.set, job.preset) == ("path-traced", "draft")]
+
+    file = tmp_path / "accuracy.csv"
+    load()["accuracy"].to_csv(file, index=False)
+    monkeypatch.setattr(results, "run_plant", lambda run, preset: 9)
+    assert results.do(job, tmp_path / "work", "1-abc", file) == 9
+    left = tmp_path / "work" / "1-abc" / "draft" / "plain-a"
+    assert (left / "video.mp4").read_bytes() == b"film"
+
+    monkeypatch.setattr(
+        results, "run_plant", lambda run, preset: shutil.copytree(finished.root, run, dirs_exist_ok=True) and 0
+    )
+    assert results.do(job, tmp_path / "work", "1-abc", file) == 0
+    assert not left.exists()
+    assert len(results.read_rows(file)) == len(load()["accuracy"])
+    row = results.read_rows(file).query("version == '1-abc'").iloc[0]
+    assert (row["bolls"], row["measured"], row["found"], row["false"]) == ("5", "4", "4", "0")
+    assert (row["volume"], row["height"], row["one_boll"]) == ("+10.00", "+0.00", "0.00")
+    assert (row["height_held"], row["canopy_held"]) == ("yes", "no")
+    assert float(row["volume_half"]) > 0
+    assert (row["seconds"], row["cpu_seconds"]) == ("10", "20")
+    assert "masks=1.2/2.5" in row["stages"]
+    assert "| +10.0 % |" in results_page.plants(load() | {"accuracy": results.read_rows(file)})
 
 
 def test_the_version_follows_the_sources(tmp_path):

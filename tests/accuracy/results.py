@@ -4,8 +4,8 @@ table anew.
     python tests/accuracy/results.py FOLDER [--plants FOLDER] [--sets NAME ...] [--only PLANT ...] [--list]
 
 Plants are measured one at a time, so that seconds are those of a run on all cores. Each row is saved when it is there:
-the same command continues after an interruption. Films stay in FOLDER/films; a finished run leaves its row and nothing
-else. --plants takes a folder of path-traced plants, each with video.mp4 and truth.json; without it their rows stay.
+the same command continues after an interruption. A finished run leaves its row and nothing else; films stay in
+FOLDER/films and serve later versions, too. --plants takes a folder of path-traced plants, each with video.mp4 and truth.json; without it their rows stay.
 --list says what is missing and how long it takes. Without plants of its own, `make results-page` only writes the page.
 """
 

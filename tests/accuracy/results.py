@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measure what docs/results/accuracy.csv has no row of for the present code, and write docs/results.md and README's
 table anew.
 

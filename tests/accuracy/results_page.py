@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of docs/results.md and README's table of accuracy, from docs/results/*.csv: `make results-page`.
 
 A table stands below the comment `<!-- results: NAME -->`: a computed one of `COMPUTED`, or the file NAME.csv as it is.

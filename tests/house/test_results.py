@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/results.md and README's table are what docs/results/*.csv holds, and guides state no figure that they lack."""
 
 import json

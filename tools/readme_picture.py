@@ -13,11 +13,7 @@ from typing import Final
 
 from PIL import Image, ImageDraw
 
-ROOT: Final = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "tests"))
-
-from scenes.chromium import Browser
-
+TESTS: Final = Path(__file__).parents[1] / "tests"
 WIDTH_PX: Final = 900
 """Of the report in the browser, before it is made smaller."""
 FRAME_PX: Final = (464, 261)
@@ -27,7 +23,10 @@ INK: Final = (60, 90, 60)
 
 
 def report_of(plant_dir: Path, height_px: int) -> Image.Image:
-    """The top of the report."""
+    """The top of the report, as the tests' browser shows it."""
+    sys.path.append(str(TESTS))
+    from scenes.chromium import Browser
+
     with tempfile.TemporaryDirectory() as profile, Browser(Path(profile), webgl=False) as browser:
         browser.open(plant_dir / "report.html", WIDTH_PX, height_px)
         return Image.open(io.BytesIO(browser.screenshot())).convert("RGB")

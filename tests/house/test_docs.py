@@ -188,11 +188,6 @@ def test_papers_md_names_the_model_of_standard():
     assert resolve("train", PRESET_VALUES["paper2"]["train"], asked=named) == resolve("train")
 
 
-def test_limits_md_counts_the_path_traced_plants_of_the_readme():
-    rows = re.findall("^\\| path-traced", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
-    assert f"{ {2: 'two', 6: 'six', 7: 'seven'}[len(rows)] } of them come from a path\n  tracer" in text_of("limits.md")
-
-
 def test_exports_md_names_the_file_of_a_film():
     name = f"{RenderOptions().view}_{RenderOptions().show}"
     assert f"`render/{name}/{name}.mp4`" in text_of("exports.md")

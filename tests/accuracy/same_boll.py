@@ -87,6 +87,9 @@ SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 
 GAINS = (0.15, 0.2, 0.25, 0.3, 0.4)
 """Gains from which a part may be split."""
+QUADRATURE = 15
+"""Nodes of the integral over plants."""
+DEVIATIONS = np.arange(0, 3.01, 0.05).round(2)
 GROUPS = 5
 """Groups of bolls by what they state."""
 
@@ -259,6 +262,28 @@ def judge_left_out(films: Mapping[str, Film], scores: Mapping[str, Score]) -> di
     return {kind: float(np.mean([f1 for name, f1 in rows.items() if kind_of(name) == kind])) for kind in scores}
 
 
+def fit_deviation(plants: Iterable[Sequence[tuple[float, int]]]) -> float:
+    """Standard deviation between plants of the log odds of one boll (`traits.count_distribution.COMMON_DEVIATION`).
+
+    Maximum likelihood of a logistic normal model: each plant shifts the log odds that its bolls state by one number.
+
+    Args:
+        plants: `outcomes` of each, by a score that was fitted without its kind.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(QUADRATURE)
+    unsure = [[(log_odds(stated), bolls == 1) for stated, bolls in plant if stated < 1] for plant in plants]
+
+    def likelihood(deviation: float) -> float:
+        total = 0.0
+        for plant in unsure:
+            odds, one = np.array(plant, np.float64).reshape(-1, 2).T
+            each = np.where(one > 0, 1, -1) * (odds + deviation * nodes[:, None])
+            total += np.log(weights @ np.exp(-np.logaddexp(0, -each).sum(axis=1)))
+        return total
+
+    return float(max(DEVIATIONS, key=likelihood))
+
+
 def reliability(pairs: Sequence[tuple[float, int]]) -> pd.DataFrame:
     """What comes true of what is stated, and which share is two bolls, in groups of equal size."""
     stated, bolls = np.array(sorted(pairs)).T
@@ -334,14 +359,13 @@ def main() -> None:
     table = pd.DataFrame([{"split_gain": gain, **row, "mean": mean[gain]} for gain, row in rows.items()])
     print("F1 of kinds that the fit left out:", markdown(table, 3), sep="\n")
     begun = {name: [begin(one, gain) for one in views] for name, views in seen.items()}
-    left_out = {
-        kind: [pair for name in fitted if kind_of(name) == kind for pair in outcomes(begun[name][0], score)]
-        for kind, score in scores[gain].items()
-    }
+    of_plants = {name: list(outcomes(begun[name][0], scores[gain][kind_of(name)])) for name in fitted}
+    left_out = {kind: [p for name in fitted if kind_of(name) == kind for p in of_plants[name]] for kind in scores[gain]}
     left_out["all"] = [pair for pairs in left_out.values() for pair in pairs]
     print("Bolls of these kinds:", markdown(reliability(left_out["all"]), 3), sep="\n")
     for kind, pairs in left_out.items():
         print(f"expected calibration error, {kind}: {calibration_error(reliability(pairs)):.3f}")
+    print(f"standard deviation between plants of the log odds of one boll: {fit_deviation(of_plants.values()):.2f}")
     score = fit_score((begun[name] for name in fitted), gain)
     by_plant = [
         {"plant": name, "used": "to fit" if name in FITTED else "to judge", "parts": len(one[0].parts)}

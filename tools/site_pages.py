@@ -28,6 +28,8 @@ PAGES = {
     "native/README.md": "native.md",
     "tests/README.md": "tests.md",
     "CHANGELOG.md": "CHANGELOG.md",
+    "SECURITY.md": "SECURITY.md",
+    "CODE_OF_CONDUCT.md": "CODE_OF_CONDUCT.md",
 }
 """Page of the repository -> of the site."""
 NOTEBOOK = "examples/tutorial.ipynb"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The picture of the README: three frames of a film, and the top of the report that was made of it (needs Chromium).
 
 python tools/readme_picture.py plant_dir docs/film_to_report.jpg

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much each Gaussian is lint, by the network's probabilities from all views together.
 
 A view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of

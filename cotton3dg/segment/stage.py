@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Say of each Gaussian what the images show there: how much it is lint, or which masks hold it."""
 
 from __future__ import annotations

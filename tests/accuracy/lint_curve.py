@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit how a Gaussian's share of lint follows from what the network says of it (`cotton3dg/segment/lint_share.toml`).
 
 The truth is the share of lint in the pixels that the Gaussian is drawn on, by the true masks of the film.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit what tells lint and bolls apart on simulated plants, and judge it on others.
 
 The curve of lint is `cotton3dg/segment/lint_share.toml`, the score of two parts `cotton3dg/cluster/same_boll.toml`.

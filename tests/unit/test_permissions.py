@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What could do harm is permitted by the person at the keyboard, never by a file that came with a plant."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `make same-boll` fits, on examples whose answer is known."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much each Gaussian is lint."""
 
 import numpy as np

@@ -178,7 +178,7 @@ class MapTraits:
     )
     branch_density: tuple[float, float, float] | None = columns(
         {
-            f"branch_density_{third}": f"length of the branches that begin in the {third} third of the stem, per length of it"
+            f"branch_density_{third}": f"length of the branches that begin in the stem's {third} third, per its length"
             for third in ("lower", "middle", "upper")
         },
         "cm/cm",

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the options of a plant come from, and which choices are kept.
 
 Order of precedence: command line > plant's `cotton3dg.toml` > those of the folders above, nearest first > options of
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from .errors import BadInput, BadUsage, MissingInput, unknown
-from .option_rules import Place, counting, differences
+from .option_rules import Place, counting, differences, permissions
 from .options import (
     PRESET_VALUES,
     STAGE_OPTIONS,
@@ -301,6 +302,9 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise unknown(f"{path.name}: stage [{name}]", name, STAGE_OPTIONS)
         if not isinstance(table, dict):
             raise BadUsage(f"{path.name}: {name} is not a table; write its options below [{name}]")
+        if found := permissions(STAGE_OPTIONS[name], table):
+            flag = "--" + found[0].rpartition(".")[2].replace("_", "-")
+            raise BadUsage(f"{path.name}: {name}.{found[0]} cannot stand in a file; give {flag} to `cotton3dg {name}`")
     return tables
 
 
@@ -374,9 +378,9 @@ def _recognised(made: Mapping[str, Any], plant: Workspace, files: tuple[Layer, .
 
 
 def _is_known(stage: str, values: Mapping[str, Any]) -> bool:
-    """Whether this version accepts values that another version may have kept."""
+    """Whether this version accepts values that another version may have kept; a permission is never kept."""
     try:
-        return stage in STAGES and bool(resolve(stage, values))
+        return stage in STAGES and bool(resolve(stage, values)) and not permissions(STAGE_OPTIONS[stage], values)
     except BadUsage:
         return False
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options of the commands that are not stages; `options.py` has those of the stages and resolves both."""
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ class MasksTrainOptions:
         "what to start from; bolls: .onnx, or none = from scratch, default: the network that comes with cotton3dg; "
         "yolo: pretrained .pt, or an architecture, e.g. yolo11n-seg.yaml, from scratch",
     )
-    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    trust_weights: bool = option(False, "read weights that are pickles, which can run any program", permits=True)
     scenes: int = option(0, "bolls: simulated scenes to learn from, 20 pictures each", at_least=0, at_most=100_000)
     steps: int = option(300, "bolls: optimisation steps", at_least=1)
     image_size: int = option(

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The declaration of an option and its consequences: its flag, its bounds, and the methods with which it counts.
 
 A stage with several methods has a table of options for each method that needs some. The stage's first option chooses
@@ -38,12 +39,15 @@ def option(
     choices: tuple[str, ...] = (),
     idle_with: tuple[str, ...] = (),
     retired: Mapping[str, Retired] | None = None,
+    permits: bool = False,
 ) -> Any:
     """A dataclass field with what `--help` says about it and what values it accepts.
 
     Args:
         idle_with: methods of the stage with which it has no effect.
         retired: former choices, with what replaces each; the error for one that is still given says it.
+        permits: it permits what could do harm and changes no result, so that only the person at the keyboard gives it:
+            no file does, no record keeps it.
     """
     return field(
         default=default,
@@ -56,6 +60,7 @@ def option(
             "choices": choices,
             "idle_with": idle_with,
             "retired": retired or {},
+            "permits": permits,
         },
     )
 
@@ -90,6 +95,11 @@ class Place:
         """The path that `--set` and TOML write behind the stage."""
         return f"{self.methods[0]}.{self.name}" if self.table else self.name
 
+    @property
+    def permits(self) -> bool:
+        """Whether it permits something and changes no result."""
+        return bool(self.item.metadata["permits"])
+
     def counts_with(self, method: Any) -> bool:
         return method in self.methods if self.table else method not in self.item.metadata["idle_with"]
 
@@ -117,9 +127,9 @@ def _places_of(kind: type) -> tuple[Place, ...]:
 
 
 def counting(options: Any) -> list[Place]:
-    """The options that have an effect with the chosen method."""
+    """The options that have an effect on the result with the chosen method."""
     known = places(options)
-    return [place for place in known if place.counts_with(known[0].value_in(options))]
+    return [place for place in known if place.counts_with(known[0].value_in(options)) and not place.permits]
 
 
 def as_dict(options: Any) -> dict[str, Any]:
@@ -132,7 +142,7 @@ def differences(options: Any, base: Any) -> dict[str, Any]:
     return {
         place.path: place.value_in(options)
         for place in places(options)
-        if place.value_in(options) != place.value_in(base)
+        if place.value_in(options) != place.value_in(base) and not place.permits
     }
 
 
@@ -140,7 +150,15 @@ def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `values`, by the names of their flags, that have an effect with the method that they name."""
     known = places(options)
     method = values.get(known[0].name, known[0].value_in(options))
-    return {place.name: values[place.name] for place in known if place.counts_with(method) and place.name in values}
+    counting = (place.name for place in known if place.counts_with(method) and not place.permits)
+    return {name: values[name] for name in counting if name in values}
+
+
+def permissions(options: Any, values: Mapping[str, Any]) -> list[str]:
+    """The names of the options in `values`, as TOML has them, that permit something."""
+    known = places(options)
+    named = [name for name, _ in _paths(values, {place.methods[0] for place in known if place.table})]
+    return [name for name in named if any(place.permits and name in (place.name, place.path) for place in known)]
 
 
 @dataclass(frozen=True)

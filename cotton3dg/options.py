@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options: one frozen dataclass a stage, and one for each of its methods; read from the command line and from TOML.
 
 What is known of an option is written once here; the command line, `cotton3dg.toml` and the records all derive from it.
@@ -102,7 +103,9 @@ class ImportOptions:
 class NetworkOptions:
     """Masks by a network whose weights are the user's."""
 
-    trust_weights: bool = option(False, "read weights that are pickles, which can run any program")
+    trust_weights: bool = option(
+        False, "read weights that are pickles, which can run any program; no file can give this", permits=True
+    )
     confidence: float = option(0.25, "least score of a boll", at_least=0.0, at_most=1.0)
     tile: int = option(
         0, "side of squares looked at one by one, for small bolls; 0 = whole images", unit="px", at_least=0

@@ -1,4 +1,5 @@
-"""The tables of docs/csv.md and docs/compare.md, from where columns and flags are defined: `make doc-tables`.
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of docs/csv.md, compare.md and repeat.md, from where columns and flags are defined: `make doc-tables`.
 
 A table stands below the comment `<!-- table: NAME -->` with a name of `TABLES`; everything else on a page is written by
 hand.
@@ -19,7 +20,7 @@ from cotton3dg.io.tables import BOLLS, BRANCHES, TRAITS
 from cotton3dg.report.advice import BOLL_FLAGS, FLAGS
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = (DOCS / "csv.md", DOCS / "compare.md")
+PAGES = (DOCS / "csv.md", DOCS / "compare.md", DOCS / "repeat.md")
 MARKED = re.compile(r"<!-- table: (?P<name>.+) -->\n(?:\n(?:\|.*\n)+)?")
 
 

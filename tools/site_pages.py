@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the site has besides docs/ (mkdocs calls these hooks): README and its like, references made from the code, the
 notebook as a page, and the reports that `make gallery` made.
 
@@ -27,6 +28,8 @@ PAGES = {
     "native/README.md": "native.md",
     "tests/README.md": "tests.md",
     "CHANGELOG.md": "CHANGELOG.md",
+    "SECURITY.md": "SECURITY.md",
+    "CODE_OF_CONDUCT.md": "CODE_OF_CONDUCT.md",
 }
 """Page of the repository -> of the site."""
 NOTEBOOK = "examples/tutorial.ipynb"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls in a point set, by the sizes and distances of bolls beside each other: no unit of length is known yet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the votes of all views meet in space: every image predicts the middles of the bolls, and these separate them.
 
 In one image touching bolls may look like one, and one boll like two. The middles that the network sees from all sides

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joins the parts of one boll that the votes took for several: locks that hang apart, sides that no view sees together.
 
 The likeliest pair joins first, and its measures are taken anew. A pair that is left over is likelier two bolls than

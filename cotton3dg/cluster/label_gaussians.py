@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The boll that each piece of lint belongs to: its middle is near, and the votes around the lint are for it.
 
 Where bolls lie in each other, one does not end at the plane half-way between their middles. The network sees that in

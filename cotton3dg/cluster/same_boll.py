@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The probability that two parts are one boll: a logistic score of the measures of the pair, and what splits a part.
 
 `same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.

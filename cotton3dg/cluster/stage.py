@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find the bolls of the plant: by votes that meet in space, or by the masks of single views, lifted and reconciled."""
 
 from __future__ import annotations

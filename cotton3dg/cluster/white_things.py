@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """White things that are not open bolls: cloths, balls and mugs that hang or stand about, closed bolls.
 
 The network is less sure of them than of the plant's open bolls, and it sees no bur, wood or leaf beside things that do

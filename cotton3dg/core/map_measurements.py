@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is measured on the map of a plant, with its units: rows of branches.csv, columns of bolls.csv and traits.csv."""
 
 from __future__ import annotations
@@ -24,18 +25,20 @@ class BranchTraits:
     parent: int = column("", "branch that it grows on; 0 = the stem")
     height_cm: float = column("cm", "height of its foot above the table top", 2)
     azimuth_deg: float = column(
-        "deg", "its direction seen from above, from the table's long side, counter-clockwise", 1
+        "deg", "direction of the branch seen from above, counter-clockwise from the table's long side", 1
     )
     angle_deg: float = column("deg", "angle of its first 3 cm to the stem, or to the branch that it grows on", 1)
     length_cm: float = column(
         "cm", "along the curve, from the stem's centre to its tip or to the foot of its last boll", 2
     )
-    reach_cm: float = column("cm", "straight distance of these two ends", 2)
+    reach_cm: float = column("cm", "straight distance between the two ends of length_cm", 2)
     diameter_mm: float = column(
         "mm", "median width of its first 5 cm", 2, blank_when="too thin or hidden to have a silhouette"
     )
     n_bolls: int = column("1", "bolls on it")
-    boll_ids: tuple[int, ...] = column("", "boll_id of its bolls, outwards, by vertical bars", blank_when="no bolls")
+    boll_ids: tuple[int, ...] = column(
+        "", "boll_id of its bolls from the stem outwards, separated by vertical bars", blank_when="no bolls"
+    )
     confidence: float = column("1", "share of its length along which wood was seen; the rest was bridged", 3)
 
 
@@ -48,35 +51,35 @@ class BollMapTraits:
     )
     branch_confidence: float = column(
         "1",
-        "how much nearer to the boll's foot its branch is than the next one; a third less where its branch passes "
-        "within 1.6 cm of another one on the way there, and may go on as that",
+        "how much nearer to the boll's foot its branch is than the next branch, 0 to 1; a third less where the branch "
+        "passes within 1.6 cm of another one before the boll",
         3,
         blank_when=NO_SITE,
         default=nan,
     )
     rank_on_branch: int | None = column(
         "1",
-        "1 = nearest to the stem of the bolls on that branch (measured)",
+        "rank of the boll on its branch, 1 = nearest to the stem (measured)",
         blank_when=NO_SITE,
         default=None,
     )
     path_from_stem_cm: float = column(
         "cm",
-        "along the branch from the stem's centre to the boll's node; 0 on the stem",
+        "distance along the branch from the stem's centre to the boll's node; 0 on the stem",
         2,
         blank_when=NO_SITE,
         default=nan,
     )
     fruiting_position: int | None = column(
         "1",
-        "fruiting position on its branch, 3 = third or beyond (inferred from bends and lengths: empty sites are too "
-        "small to be seen)",
+        "fruiting position on its branch, 3 = third or beyond (inferred from bends and lengths, because photos do not "
+        "show empty sites)",
         blank_when=f"{NO_SITE}; not on a fruiting branch",
         default=None,
     )
     fruiting_position_confidence: float = column(
         "1",
-        "probability of that position among all rows of nodes that would explain the branch",
+        "probability of that position, by all rows of nodes that explain the branch",
         3,
         blank_when=f"{NO_SITE}; not on a fruiting branch",
         default=nan,
@@ -88,11 +91,11 @@ class MapTraits:
     """The map's part of a row of traits.csv."""
 
     stem_length_cm: float = column(
-        "cm", "along the stem's curve, from the table top to its tip", 2, blank_when=NO_MAP, default=nan
+        "cm", "length along the stem, from the table top to its tip", 2, blank_when=NO_MAP, default=nan
     )
     stem_length_error_cm: float = column(
         "cm",
-        "standard error of stem_length_cm, of the scale and two pixels, and of 2 cm where a boll sits on the stem",
+        "standard error of stem_length_cm, from the scale, two pixels, and 2 cm where a boll sits on the stem",
         2,
         blank_when=NO_MAP,
         default=nan,
@@ -106,31 +109,39 @@ class MapTraits:
     )
     stem_diameter_error_mm: float = column(
         "mm",
-        "standard error of stem_diameter_mm, of the scale and 0.3 of a pixel",
+        "standard error of stem_diameter_mm, from the scale and 0.3 of a pixel",
         2,
         blank_when=f"{NO_MAP}; hidden there",
         default=nan,
     )
     stem_lean_deg: float = column(
-        "deg", "angle of the line from the stem's foot to its tip to the vertical", 1, blank_when=NO_MAP, default=nan
+        "deg",
+        "angle between the vertical and the line from the stem's foot to its tip",
+        1,
+        blank_when=NO_MAP,
+        default=nan,
     )
     branch_count: int | None = column(
-        "1", "branches of at least 2.5 cm, those of branches included", blank_when=NO_MAP, default=None
+        "1", "branches of at least 2.5 cm, including branches of branches", blank_when=NO_MAP, default=None
     )
     branch_count_error: float = column(
         "1",
-        "standard error of branch_count: one branch in eleven is missing or none, besides those of little confidence",
+        "standard error of branch_count: one branch in eleven is missing or false, besides those of low confidence",
         2,
         blank_when=NO_MAP,
         default=nan,
     )
-    fruiting_branch_count: int | None = column("1", "fruiting ones of them", blank_when=NO_MAP, default=None)
+    fruiting_branch_count: int | None = column("1", "fruiting branches among them", blank_when=NO_MAP, default=None)
     bearing_branch_count: int | None = column("1", "branches with bolls", blank_when=NO_MAP, default=None)
     first_fruiting_branch_height_cm: float = column(
         "cm", "height of the foot of the lowest fruiting branch on the stem", 2, blank_when=NO_FRUITING, default=nan
     )
     first_fruiting_branch_height_error_cm: float = column(
-        "cm", "standard error of that height, of the scale, a pixel and 4 mm", 2, blank_when=NO_FRUITING, default=nan
+        "cm",
+        "standard error of first_fruiting_branch_height_cm, from the scale, a pixel and 4 mm",
+        2,
+        blank_when=NO_FRUITING,
+        default=nan,
     )
     internode_mean_cm: float = column(
         "cm",
@@ -141,7 +152,7 @@ class MapTraits:
     )
     internode_mean_error_cm: float = column(
         "cm",
-        "standard error of internode_mean_cm, of a branch more or less, of the scale and a pixel at either end",
+        "standard error of internode_mean_cm, from a branch more or less, the scale, and a pixel at either end",
         2,
         blank_when=f"{NO_MAP}; fewer than two branches",
         default=nan,
@@ -151,7 +162,7 @@ class MapTraits:
     )
     branch_angle_mean_error_deg: float = column(
         "deg",
-        "standard error of that mean, of 9 degrees and a pixel across 3 cm of each",
+        "standard error of branch_angle_mean_deg: of each branch 9 degrees, and a pixel across 3 cm",
         1,
         blank_when=NO_BRANCH,
         default=nan,
@@ -161,14 +172,14 @@ class MapTraits:
     )
     branch_length_mean_error_cm: float = column(
         "cm",
-        "standard error of that mean, of the scale, and of each a fifth and half a centimetre at its tip",
+        "standard error of branch_length_mean_cm: the scale, and of each branch a fifth of its length and 5 mm",
         2,
         blank_when=NO_BRANCH,
         default=nan,
     )
     branch_density: tuple[float, float, float] | None = columns(
         {
-            f"branch_density_{third}": f"length of branches per length of stem in its {third} third, by their feet"
+            f"branch_density_{third}": f"length of the branches that begin in the stem's {third} third, per its length"
             for third in ("lower", "middle", "upper")
         },
         "cm/cm",
@@ -177,7 +188,7 @@ class MapTraits:
         default=None,
     )
     bolls_by_branch: tuple[int, ...] | None = column(
-        "", "bolls on branch 1, 2, ..., by vertical bars", blank_when=NO_BRANCH, default=None
+        "", "bolls on branch 1, 2, ..., separated by vertical bars", blank_when=NO_BRANCH, default=None
     )
     bolls_by_position: tuple[int, int, int] | None = columns(
         {
@@ -190,7 +201,7 @@ class MapTraits:
     )
     first_position_share_pct: float = column(
         "%",
-        "share of first positions among the bolls that have one",
+        "share of bolls at the first position among the bolls that have a position",
         1,
         blank_when=f"{NO_MAP}; no bolls; no boll has a position",
         default=nan,

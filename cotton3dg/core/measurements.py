@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is measured on a plant, with its units: scale, boll traits, plant traits.
 
 Fields of the traits are the columns of the tables; columns.csv and docs/csv.md repeat the descriptions given here.
@@ -79,10 +80,10 @@ class PlantFrame:
 
 NO_SCALE: Final = "no scale"
 NO_PLANT: Final = "no scale; no plant on the table"
-NEVER_WHOLE: Final = "cut by the frame nearly everywhere (flagged)"
+NEVER_WHOLE: Final = "nearly all images cut the plant (flagged)"
 NO_SIZE: Final = f"{NO_PLANT}; {NEVER_WHOLE}"
 NO_BODY: Final = "no scale; too few Gaussians for a body (flagged)"
-NO_WEIGHT: Final = "no fit of weights (`traits.weight_model`); what it predicts from is blank"
+NO_WEIGHT: Final = "no fit of weights (`traits.weight_model`); the volume or count that it needs is blank"
 NOT_CORRECTED: Final = "not corrected"
 NO_VOLUME: Final = "no scale; no boll with a volume"
 NO_PATCHES: Final = "fewer than three views show the grey patches of a card (`scale.method` card or all)"
@@ -106,42 +107,53 @@ class BollTraits:
     """(3,) in the plant frame."""
     volume_cm3: float = column(
         "cm3",
-        "volume of the convex body that the boll's silhouettes bound",
+        "volume of the convex body around the boll's silhouettes",
         2,
         blank_when=NO_BODY,
     )
     alpha_volume_cm3: float = column(
-        "cm3", "volume a ball of a quarter of the diameter cannot enter from outside", 2, blank_when=NO_BODY
+        "cm3",
+        "volume that a rolling ball, its radius a quarter of diameter_cm, cannot enter from outside",
+        2,
+        blank_when=NO_BODY,
     )
     diameter_cm: float = column("cm", "mean calliper width of that convex body", 2, blank_when=NO_BODY)
     n_gaussians: int = column("1", "Gaussians of the boll")
-    n_views: int = column("1", "views whose masks agree on the boll")
-    confidence: float = column("1", "probability that it is one boll, by how far the views that see it agree", 3)
+    n_views: int = column("1", "images that show the boll; of lifted masks, those whose masks agree on it")
+    confidence: float = column(
+        "1", "probability that it is one boll; of lifted masks, share of the views that agree on it", 3
+    )
     flags: tuple[str, ...] = column(
         "", "quality flags of the boll, separated by vertical bars", name="qc_flags", blank_when="no flag", default=()
     )
     volume_error_cm3: float = column(
-        "cm3", "standard error of volume_cm3, of scale, edges, shape and neighbours", 2, blank_when=NO_BODY, default=nan
+        "cm3",
+        "standard error of volume_cm3, from scale, edges, shape and neighbours",
+        2,
+        blank_when=NO_BODY,
+        default=nan,
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, default=nan
     )
     volume_published_cm3: float = column(
         "cm3",
-        "volume of the convex hull of the boll's Gaussians' middles, as published",
+        "volume of the convex hull around the middles of the boll's Gaussians (Cotton3DGaussians)",
         2,
         blank_when=NO_BODY,
         default=nan,
     )
     corrected: str = column(
         "",
-        "what a person did to it: merged, split, added, or rescaled with all others by moving the table's corners",
+        "correction by a person: merged, split or added; or rescaled, because the table's corners were moved",
         blank_when=NOT_CORRECTED,
         default="",
     )
-    original_bolls: str = column("", "bolls that it was before, by +", blank_when=f"{NOT_CORRECTED}; added", default="")
+    original_bolls: str = column(
+        "", "boll_id of the bolls that it was made from, joined by +", blank_when=f"{NOT_CORRECTED}; added", default=""
+    )
     original_volume_cm3: float = column(
-        "cm3", "sum of their volumes", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", default=nan
+        "cm3", "sum of the volumes of original_bolls", 2, blank_when=f"{NOT_CORRECTED}; added; {NO_BODY}", default=nan
     )
 
 
@@ -153,7 +165,7 @@ class PlantTraits:
     boll_count_interval: tuple[int, int] | None = columns(
         {
             "boll_count_low": "lower end of the 95 % interval of boll_count",
-            "boll_count_high": "upper end of it",
+            "boll_count_high": "upper end of the same interval",
         },
         "1",
         blank_when=f"no bolls; {NEVER_WHOLE}",
@@ -166,7 +178,7 @@ class PlantTraits:
     boll_volume_interval_cm3: tuple[float, float] | None = columns(
         {
             "boll_volume_low_cm3": "lower end of the 95 % interval of boll_volume_cm3",
-            "boll_volume_high_cm3": "upper end of it",
+            "boll_volume_high_cm3": "upper end of the same interval",
         },
         "cm3",
         2,
@@ -176,7 +188,7 @@ class PlantTraits:
     )
     plant_height_cm: float = column(
         "cm",
-        "height above the table top that the plant's second-highest Gaussian reaches with an opacity of 0.2",
+        "height above the table top where the plant's second-highest Gaussian ends, at an opacity of 0.2",
         2,
         ontology="CO_358:0001138",
         blank_when=NO_SIZE,
@@ -184,8 +196,8 @@ class PlantTraits:
     )
     plant_height_interval_cm: tuple[float, float] | None = columns(
         {
-            "plant_height_low_cm": "lower end of the 95 % interval of plant_height_cm, by its standard error",
-            "plant_height_high_cm": "upper end of it",
+            "plant_height_low_cm": "lower end of the 95 % interval of plant_height_cm",
+            "plant_height_high_cm": "upper end of the same interval",
         },
         "cm",
         2,
@@ -198,8 +210,8 @@ class PlantTraits:
     )
     canopy_size_interval_cm: tuple[float, float] | None = columns(
         {
-            "canopy_size_low_cm": "lower end of the 95 % interval of canopy_size_cm, by its standard error",
-            "canopy_size_high_cm": "upper end of it",
+            "canopy_size_low_cm": "lower end of the 95 % interval of canopy_size_cm",
+            "canopy_size_high_cm": "upper end of the same interval",
         },
         "cm",
         2,
@@ -211,24 +223,24 @@ class PlantTraits:
     """Flags of the stage traits; the row has the flags of all stages."""
     boll_count_error: float = column(
         "1",
-        "standard error of boll_count: bolls that may be none or two, and bolls that touch",
+        "standard error of boll_count, from bolls that may be none or two, and bolls that touch",
         2,
         blank_when=f"no bolls; {NEVER_WHOLE}",
         default=nan,
     )
     boll_volume_error_cm3: float = column(
         "cm3",
-        "standard error of boll_volume_cm3: scale, edges, shape, neighbours, unfilmed sides and miscounted bolls",
+        "standard error of boll_volume_cm3, from scale, edges, shape, neighbours, unfilmed sides and miscounts",
         2,
         blank_when=f"{NO_VOLUME}; {NEVER_WHOLE}",
         default=nan,
     )
     plant_height_error_cm: float = column(
-        "cm", "standard error of plant_height_cm, of scale, pixels and lost tips", 2, blank_when=NO_SIZE, default=nan
+        "cm", "standard error of plant_height_cm, from scale, pixels and lost tips", 2, blank_when=NO_SIZE, default=nan
     )
     canopy_size_error_cm: float = column(
         "cm",
-        "standard error of canopy_size_cm, of scale, pixels, blur, lost tips, or another box about as small",
+        "standard error of canopy_size_cm, from scale, pixels, blur, lost tips or another rectangle about as small",
         2,
         blank_when=NO_SIZE,
         default=nan,
@@ -239,8 +251,8 @@ class PlantTraits:
     )
     boll_count_halves: tuple[int, int] | None = columns(
         {
-            "boll_count_odd": "bolls that every second image alone gives",
-            "boll_count_even": "bolls that the other images give",
+            "boll_count_odd": "bolls counted with every second image",
+            "boll_count_even": "bolls counted with the other images",
         },
         "1",
         blank_when="the masks do not come from the bolls' network on a trained model; corrected",
@@ -298,17 +310,15 @@ class PlantTraits:
     )
     seed_cotton_g: float = column(
         "g",
-        "weight of the seed cotton, predicted by the fit of traits.weight_model",
+        "weight of the seed cotton, as the fit of traits.weight_model predicts it",
         1,
         blank_when=NO_WEIGHT,
         default=nan,
     )
     seed_cotton_low_g: float = column(
-        "g", "lower end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, default=nan
+        "g", "lower end of the 95 % prediction interval of seed_cotton_g", 1, blank_when=NO_WEIGHT, default=nan
     )
-    seed_cotton_high_g: float = column(
-        "g", "upper end of its 95 % prediction interval", 1, blank_when=NO_WEIGHT, default=nan
-    )
+    seed_cotton_high_g: float = column("g", "upper end of the same interval", 1, blank_when=NO_WEIGHT, default=nan)
     lint_g: float = column(
         "g",
         "lint in seed_cotton_g, by the lint percentage of the weighed plants",
@@ -321,26 +331,28 @@ class PlantTraits:
     )
     plant_height_published_cm: float = column(
         "cm",
-        "upright side of the oriented box around the middles of the plant's Gaussians and its foot, as published",
+        "upright side of the oriented box around the foot and the middles of the plant's Gaussians (Cotton3DGaussians)",
         2,
         blank_when=NO_SIZE,
         default=nan,
     )
     canopy_size_published_cm: float = column(
-        "cm", "mean of the other two sides of that box, as published", 2, blank_when=NO_SIZE, default=nan
+        "cm", "mean of the other two sides of that box (Cotton3DGaussians)", 2, blank_when=NO_SIZE, default=nan
     )
     corrections: int | None = column(
-        "1", "corrections by a person that were applied", blank_when=NOT_CORRECTED, default=None
+        "1", "number of corrections by a person that apply", blank_when=NOT_CORRECTED, default=None
     )
-    original_boll_count: int | None = column("1", "boll_count before them", blank_when=NOT_CORRECTED, default=None)
+    original_boll_count: int | None = column(
+        "1", "boll_count before the corrections", blank_when=NOT_CORRECTED, default=None
+    )
     original_boll_volume_cm3: float = column(
-        "cm3", "boll_volume_cm3 before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", default=nan
+        "cm3", "boll_volume_cm3 before the corrections", 2, blank_when=f"{NOT_CORRECTED}; {NO_VOLUME}", default=nan
     )
     original_plant_height_cm: float = column(
-        "cm", "plant_height_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
+        "cm", "plant_height_cm before the corrections", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
     )
     original_canopy_size_cm: float = column(
-        "cm", "canopy_size_cm before them", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
+        "cm", "canopy_size_cm before the corrections", 2, blank_when=f"{NOT_CORRECTED}; {NO_SIZE}", default=nan
     )
 
 
@@ -348,14 +360,17 @@ class PlantTraits:
 class PlantEvidence:
     """The evidence for the traits in a row of traits.csv; None = not known."""
 
-    scale_source: str = column("", "reference of known size; none = no metric trait is given")
+    scale_source: str = column("", "reference that gave the scale; none = all metric traits are blank")
     scale_error_pct: float | None = column(
-        "%", "estimated standard error of lengths; volumes have three times as much", 3, blank_when=NO_SCALE
+        "%",
+        "standard error of the scale, and so of lengths; that of volumes is three times as large",
+        3,
+        blank_when=NO_SCALE,
     )
     n_frames: int | None = column("1", "images taken from the video")
-    registered_pct: float | None = column("%", "share of the images that structure from motion could place", 1)
+    registered_pct: float | None = column("%", "share of the images whose camera structure from motion found", 1)
     psnr_db: float | None = column(
-        "dB", "likeness of rendered and held-out images", 2, blank_when="`train.holdout = 0`"
+        "dB", "PSNR of renders against the images that were held out", 2, blank_when="`train.holdout = 0`"
     )
     seconds: float = column("s", "computing time of all stages", 1)
     flags: tuple[str, ...] = column(
@@ -376,10 +391,14 @@ class LintColour:
     lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, default=nan)
     lint_cie_b: float = column("1", "b* of the lint, yellow above 0", 1, blank_when=NO_PATCHES, default=nan)
     lint_rd_pct: float = column(
-        "%", "Rd of the lint, by the formula of cotton grading (Hunter 1958)", 1, blank_when=NO_PATCHES, default=nan
+        "%",
+        "reflectance Rd of the lint, by the formula of cotton grading (Hunter 1958)",
+        1,
+        blank_when=NO_PATCHES,
+        default=nan,
     )
     lint_plus_b: float = column(
-        "1", "+b of the lint, yellowness by the formula of cotton grading", 1, blank_when=NO_PATCHES, default=nan
+        "1", "yellowness +b of the lint, by the formula of cotton grading", 1, blank_when=NO_PATCHES, default=nan
     )
 
 
@@ -387,4 +406,6 @@ class LintColour:
 class BollColour(LintColour):
     """Colour of one boll's lint."""
 
-    lint_colour_views: int | None = column("1", "views that these rest on", blank_when=NO_PATCHES, default=None)
+    lint_colour_views: int | None = column(
+        "1", "images in which the colour was measured", blank_when=NO_PATCHES, default=None
+    )

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos read through ffmpeg: what they are, every frame's time stamp, and the frames that are wanted.
 
 The module does not trust ffmpeg's exit code, frame count and duration: ffmpeg exits with 0 on a truncated file. Only

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Annotated photos as pictures to learn from: pieces of them at many sizes, mirrored, brightened, blurred."""
 
 from __future__ import annotations

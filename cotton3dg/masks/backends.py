@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The back ends of the stage masks: each from a plant's photos to the masks of its bolls."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boxes around what a text names: Grounding DINO (Liu et al. 2023), the prompter of SAM in Cotton3DGaussians."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls of one image from the maps of the bolls' network.
 
 Every pixel that looks like lint votes for where the middle of its boll lies; where votes meet is a boll, and the pixels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A network's proposals for one image, and how they share its pixels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open bolls in one image alone, where no model of the plant combines the evidence of several images."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find the bolls in images from around the plant, or take over masks that were made elsewhere."""
 
 from __future__ import annotations

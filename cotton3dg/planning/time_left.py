@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time that a run still takes: what its stages are expected to take, corrected by what the finished ones took."""
 
 from __future__ import annotations

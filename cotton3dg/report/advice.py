@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality flags in words, and advice from this video on how to film the next one."""
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ FLAGS: Final = {
     ),
     "few_frames": Meaning(
         "Fewer frames than wanted",
-        "The video is too short for the number of frames that was asked for, so there are fewer views of each boll.",
+        "The video is too short for the wanted number of frames, so fewer images show each boll.",
         "Film longer: one slow full turn of 20 to 60 s.",
     ),
     "blurred": Meaning(
@@ -71,13 +72,13 @@ FLAGS: Final = {
     ),
     "cameras_contradicted": Meaning(
         "The cameras contradict the images",
-        "Pairs of images have something in common that their cameras do not explain: something moved while filming, or"
-        " much of the scene looks alike. Shapes and sizes may be wrong.",
+        "Pairs of images match in a way that their cameras do not allow: something moved while filming, or much of the"
+        " scene looks alike. Shapes and sizes may be wrong.",
         "Film again with the plant and everything around it at rest.",
     ),
     "orbit_gap": Meaning(
         "One side was not filmed",
-        "Bolls on that side are seen from few directions: some may be missing, and volumes are less sure.",
+        "Few images show the bolls on that side: some may be missing, and volumes are less sure.",
         "Film a full turn and end where you began.",
     ),
     "plant_out_of_view": Meaning(
@@ -88,7 +89,7 @@ FLAGS: Final = {
     "plant_cut": Meaning(
         "The frame cuts the plant",
         "In more than a quarter of the images a part of the plant lies beyond the edge, so height and canopy may be too"
-        " small, and bolls there are seen by few images. Where nearly all images cut it, height, canopy and the"
+        " small, and few images show the bolls there. If nearly all images cut the plant, height, canopy and the"
         " intervals of count and volume are blank.",
         "Step back, or hold the phone upright, until the whole plant is in view.",
     ),
@@ -99,7 +100,7 @@ FLAGS: Final = {
     ),
     "low_psnr": Meaning(
         "The 3D model differs from the photos",
-        "Renders at views that were held out are not like the photos, so sizes are less sure.",
+        "Renders do not look like the photos that were held out of the training, so sizes are less sure.",
         "Compare render and photo below; film more slowly in steady light, or try --preset paper.",
     ),
     "training_steps_rejected": Meaning(
@@ -109,7 +110,7 @@ FLAGS: Final = {
     ),
     "no_masks": Meaning(
         "No bolls were found in the images",
-        "No mask, so there is nothing to count or measure.",
+        "There is nothing to count or measure.",
         "Look at the photos: if there is open lint, try another back end (masks --backend) or import masks.",
     ),
     "masks_misfit": Meaning(
@@ -121,7 +122,7 @@ FLAGS: Final = {
     ),
     "no_bolls": Meaning(
         "No bolls were found in 3D",
-        "No boll was seen alike by at least two views.",
+        "Several images have to agree on a boll, and they agree on none.",
         "Look at the masks below; if they are right, give more images masks (masks --views).",
     ),
     "no_scale": Meaning(
@@ -143,7 +144,7 @@ FLAGS: Final = {
     ),
     "scale_uncertain": Meaning(
         "The scale is uncertain",
-        "Lengths are known less well than to 1 %, volumes less well than to 3 %.",
+        "The error of lengths is above 1 %, that of volumes above 3 %.",
         "Check the table in the pictures below, and the sizes that were given.",
     ),
     "references_disagree": Meaning(
@@ -153,7 +154,7 @@ FLAGS: Final = {
     ),
     "no_plant": Meaning(
         "No plant on the table",
-        "Nothing stands on the plane that was taken for the table; height and canopy are blank.",
+        "Nothing stands on the table that was found; height and canopy are blank.",
         "Check in the pictures below that the outlined table is the right one.",
     ),
     "no_stem": Meaning(
@@ -173,8 +174,8 @@ FLAGS: Final = {
     ),
     "touching_bolls": Meaning(
         "Many bolls touch each other",
-        "About one touching boll in thirty is lost in its neighbour or counted twice, and where one ends is a guess,"
-        " so volumes are less sure, too.",
+        "About one touching boll in thirty is lost in its neighbour or counted twice. The border between two bolls is a"
+        " guess, so volumes are less sure, too.",
         "Look at the numbered bolls below; the errors of count and volume allow for it.",
     ),
     "corrections_not_applied": Meaning(
@@ -184,32 +185,32 @@ FLAGS: Final = {
     ),
     "bolls_off_plant": Meaning(
         "A boll does not hang on the plant",
-        "Something taken for a boll hangs on nothing that hangs together with the stem: a boll that fell, or another"
-        " white thing. It has a row of its own and is neither counted nor part of volume, height and canopy.",
+        "Something that looks like a boll is not connected with the stem: a fallen boll, or another white thing. It has"
+        " a row of its own, but is not part of count, volume, height and canopy.",
         "Look at the flagged bolls below. If one is a boll of this plant, delete it and add it again (cotton3dg"
         " correct); clear the table.",
     ),
     "bolls_left_out": Meaning(
         "Something that may be a boll does not count",
-        "The images show something like lint, but few of them take it for lint, or nothing of a plant is beside it."
+        "Something in the images resembles a boll. But few images show it as lint, or no part of a plant is beside it."
         " The intervals of count and volume allow for it.",
         "The warning says where it is; if it is a boll, add it (cotton3dg correct).",
     ),
     "lost_tips": Meaning(
         "A twig may be cut short",
-        "Solid specks hang in the air beside the plant, or its ends are very faint, as where the model lacks a thin"
-        " twig. Height and canopy leave them out; their intervals allow for them.",
+        "Solid specks hang in the air beside the plant, or its ends are very faint: perhaps the model lacks a thin"
+        " twig. Height and canopy leave these out; their intervals allow for them.",
         "Compare photo and 3D view at the tips; film closer or in better light, or raise train.max_side.",
     ),
     "thin_ends": Meaning(
         "A twig was followed in the photos",
-        "The model lacks the end of a thin twig. The photos show it, and height and canopy reach to where they lose it,"
-        " to about 1 cm.",
+        "The model lacks the end of a thin twig, but the photos show it. Height and canopy reach to this end, to about"
+        " 1 cm.",
         "Look at the plant map; film closer or in better light, or raise train.max_side.",
     ),
     "halves_disagree": Meaning(
-        "Half of the images count otherwise",
-        "Every second image alone gives another number of bolls than the others, so the count is less sure.",
+        "Two halves of the images disagree",
+        "Every second image gives another number of bolls than the other images, so the count is less sure.",
         "Look at the numbered bolls below; film more slowly in even light, or mend what is wrong (cotton3dg correct).",
     ),
     "doubtful_bolls": Meaning(
@@ -225,15 +226,15 @@ FLAGS: Final = {
 }
 
 BOLL_FLAGS: Final = {
-    "parted_by_shape": "was joined with a neighbour and parted by shape; its volume is less sure",
-    "joined_by_shape": "was masked as two, which lie too deep in each other to be two bolls",
+    "parted_by_shape": "the masks joined it with a neighbour, and its shape separated the two; its volume is less sure",
+    "joined_by_shape": "the masks showed two bolls, which lie too deep in each other to be two",
     "large": "much larger than the others: perhaps two bolls in one",
-    "unround": "touches another and is less round than this plant's others: perhaps two bolls in one",
-    "close": "nearer to another than bolls usually are: perhaps one boll counted twice",
-    "disputed": "fewer than half of the views that see it agree on it",
-    "few_views": "seen by few views; it may be hidden or no boll",
-    "off_plant": "hangs on nothing that hangs together with the stem: no boll of this plant; it is not counted",
-    "near_clamp": "as low as the clamp, whose gleam can pass for lint: perhaps no boll",
+    "unround": "touches another boll and is less round than the others of this plant: perhaps two bolls in one",
+    "close": "nearer to another boll than usual: perhaps one boll counted twice",
+    "disputed": "its confidence is below 0.5: perhaps part of a boll, or several",
+    "few_views": "fewer than three images show it: perhaps hidden, perhaps no boll",
+    "off_plant": "not connected with the stem: no boll of this plant, and not counted",
+    "near_clamp": "as low as the clamp, which can gleam like lint: perhaps no boll",
     "too_small": "narrower than 2.5 cm: perhaps a part of a boll, or none",
     "too_large": "wider than 7 cm: perhaps two bolls in one",
     "too_few_points": "too few Gaussians for a body, so it has no volume",

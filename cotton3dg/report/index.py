@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """index.html of a batch: every plant in a table that sorts, failures on top, and how the traits are distributed."""
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ..workspace import Workspace
 from .checklist import to_film
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
-from .verdicts import USUAL_PCT, of_row
+from .verdicts import SURENESS, USUAL_PCT, interval_of, of_row, sureness_of
 
 SHOWN: Final = {
     "boll_count": ("Bolls", "", 0),
@@ -60,6 +61,7 @@ def index_page(name: str, folder: Path, rows: Sequence[Mapping[str, Any]], trial
         "counts": {state: sum(row["state"] == state for row in rows) for state in State},
         "n_outliers": sum(bool(plant["outliers"]) for plant in plants),
         "shown": SHOWN,
+        "sureness": SURENESS,
         "filters": _filters(rows, trial.columns),
         "genotypes": [
             _genotype_plot(fit, [mean for mean in trial.means if mean.trait == fit.trait]) for fit in trial.fits
@@ -148,7 +150,16 @@ def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, floa
         "thumbnail": _read_thumbnail(own),
         "outliers": outliers,
         "flags": flags,
+        "sure": {trait: sureness_of(row, trait) or "" for trait in SHOWN},
+        "intervals": {trait: _interval_text(row, trait) for trait in SHOWN},
     }
+
+
+def _interval_text(row: Mapping[str, Any], trait: str) -> str:
+    """`12 to 14`; empty where the trait has no interval."""
+    _, low, high = interval_of(row, trait)
+    digits = SHOWN[trait][2]
+    return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low + high) else ""
 
 
 def _count_doubtful(plant: Path) -> int:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's Gaussians for the page: those that images show most, in few bytes (templates/splats.js draws them)."""
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from ..core.scene import Camera, Gaussians, rotations
 from ..gaussians.rasterizer import accumulate_weights
 from .frame import Frame
 
-MOST_SPLATS: Final = 40_000
-"""Of plant and table together; some 0.8 MB of a page."""
+MOST_SPLATS: Final = 32_000
+"""Of plant and table together; some 0.7 MB of a page, which has at most 4 MB in all."""
 JUDGING_VIEWS: Final = 12
 JUDGING_WIDTH_PX: Final = 400
 """Views, and their width, in which the Gaussians are weighed against each other."""

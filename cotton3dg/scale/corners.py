@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scale after a person moved corners of the table: the table of known size is laid through them."""
 
 from __future__ import annotations

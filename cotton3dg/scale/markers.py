@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Printed markers of known size: ArUco and AprilTag squares, and ChArUco boards, found in photos and in space.
 
 A square's corners are refined by lines fitted to its sides, in linear light, and then by the edges between its cells

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metric scale and up axis from things of known size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much each Gaussian is lint, by the network's probabilities from all views together.
 
 A view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of
@@ -8,7 +9,11 @@ probabilities, and no threshold applies before all views have voted.)
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -16,16 +21,34 @@ from numpy.typing import NDArray
 
 from ..core.network_maps import Maps
 from ..core.runs import Progress, silent
-from ..core.scene import Camera, Float32, Gaussians
+from ..core.scene import Camera, Float32, Float64, Gaussians
 from ..gaussians.rasterizer import accumulate_weights
 
 LEVELS: Final = 64
 """Steps in which probabilities are counted: the core sums weights by whole numbers."""
-EDGE: Final = 0.4
-"""Mean probability that separates lint from the rest. It is less than one half because lint may be in the shade in most
-views."""
-STEEPNESS: Final = 15.0
-"""How sharply a Gaussian is lint or not on either side of `EDGE`, 1 / probability."""
+LINT_FILE: Final = Path(__file__).with_name("lint_share.toml")
+
+
+@dataclass(frozen=True)
+class LintCurve:
+    """The share of lint by the mean probability of all views, a logistic curve (Platt 1999)."""
+
+    edge: float
+    """Mean probability of a Gaussian that is half lint. It is less than one half where lint may be in the shade in most
+    views."""
+    steepness: float
+    """Log odds for each unit beyond."""
+
+    def shares(self, means: Float64) -> Float32:
+        """Share of lint, 0..1, of each mean probability."""
+        shares: Float32 = (1 / (1 + np.exp(self.steepness * (self.edge - means)))).astype(np.float32)
+        return shares
+
+
+@cache
+def read_curve(path: Path = LINT_FILE) -> LintCurve:
+    """The fitted curve."""
+    return LintCurve(**tomllib.loads(path.read_text(encoding="utf-8")))
 
 
 def gather_lint(
@@ -41,6 +64,17 @@ def gather_lint(
         maps: of the image of each of `cameras`.
         allowed: (N,) which Gaussians may be lint at all.
     """
+    return np.where(allowed, read_curve().shares(average_lint(maps, cameras, gaussians, progress)), np.float32(0))
+
+
+def average_lint(
+    maps: Sequence[Maps], cameras: Sequence[Camera], gaussians: Gaussians, progress: Progress = silent
+) -> Float64:
+    """(N,) mean probability of lint of the pixels that each Gaussian is drawn on, weighted by its part in each.
+
+    Args:
+        maps: of the image of each of `cameras`.
+    """
     held, total = np.zeros(len(gaussians)), np.zeros(len(gaussians))
     for done, (view, camera) in enumerate(zip(maps, cameras, strict=True)):
         progress(done, len(cameras), camera.name)
@@ -49,6 +83,4 @@ def gather_lint(
         weights = accumulate_weights(gaussians, camera.resized(width, height), levels)
         held += np.bincount(weights.rows, weights.weights * ((weights.ids - 0.5) / LEVELS), len(gaussians))
         total += weights.total
-    means = held / np.maximum(total, 1e-9)
-    shares: Float32 = (allowed / (1 + np.exp(STEEPNESS * (EDGE - means)))).astype(np.float32)
-    return shares
+    return held / np.maximum(total, 1e-9)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The distribution of the true number of bolls, given what was counted, and what miscounting does to their volume.
 
 What was found for one boll is none, one or two (Poisson binomial with three outcomes, convolved exactly). The bolls of

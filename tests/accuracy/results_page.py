@@ -38,7 +38,7 @@ SETS: Final = {
 README_PLANTS: Final = ("plain-a", "cluster-c", "odd-g")
 README_SETS: Final = {
     "study": "plants of the program's own simulator",
-    "odd": "others of it with odd bolls, bad light, white things on the table",
+    "odd": "more with odd bolls, bad light, white things on the table",
 }
 EARLIER: Final = "earlier: "
 STAGES_SHOWN: Final = ("frames", "sfm", "train", "masks", "traits")

@@ -1,17 +1,21 @@
-"""Fit the score that tells bolls apart (`cotton3dg/masks/same_boll.toml`) on simulated plants, and judge it on others.
+# SPDX-License-Identifier: Apache-2.0
+"""Fit what tells lint and bolls apart on simulated plants, and judge it on others.
+
+The curve of lint is `cotton3dg/segment/lint_share.toml`, the score of two parts `cotton3dg/cluster/same_boll.toml`.
 
     python tests/accuracy/same_boll.py FOLDER [--jobs 2] [--only NAME ...] [--judge RUN[:TRUTH] ...] [--dry]
 
-Plants that are not in FOLDER yet are filmed and run up to their scale; the others are taken as they are (--only: no
-others than these). What the network says of them is kept in FOLDER/votes and asked anew when the network or the model
-is another; so the same command fits the score to a new network. --judge takes finished plants that the fit never sees.
+Plants that are not in FOLDER yet are filmed; all are run up to their masks, as far as they are not (--only: no others
+than these). So the same command fits everything to a new network. --judge takes finished plants that the fit never
+sees. Votes are kept in FOLDER/votes.
 
-The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together.
-Most of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the
-bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain
-that counts is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice;
-what of these bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and
-how many of them are true (`evaluate`'s distance). Writes the score into the program (--dry: nowhere).
+First the curve: a logistic regression of the true share of lint on the network's mean probability. Then the score: a
+logistic regression on pairs of parts as they are met while true bolls are put together. Most of these pairs need not
+join for the boll to be one, as others will; so the constant is then moved to where the bolls of the fitted plants come
+out best (F1). All of that is done for each gain from which a part is split; the gain that counts is the one that
+serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice; what of these bolls comes
+true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how many of them are true
+(`evaluate`'s distance). Writes both tables into the program (--dry: nowhere).
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from lint_curve import fit_curve, gather_lint_examples, write_curve
 from markdown_tables import markdown
 from simulated_runs import film_and_run, side_by_side
 from stored_votes import StoredVotes, open_votes
@@ -40,7 +45,7 @@ from cotton3dg.cluster.separate_bolls import Bolls, find_peaks, guess_scale, joi
 from cotton3dg.cluster.split_parts import split_parts
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.workspace import Workspace
+from cotton3dg.segment.lint_share import LINT_FILE
 
 FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
 SMALL = "--width 640 --height 360 --frames 60 --supersampling 1"
@@ -83,6 +88,9 @@ SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 
 GAINS = (0.15, 0.2, 0.25, 0.3, 0.4)
 """Gains from which a part may be split."""
+QUADRATURE = 15
+"""Nodes of the integral over plants."""
+DEVIATIONS = np.arange(0, 3.01, 0.05).round(2)
 GROUPS = 5
 """Groups of bolls by what they state."""
 
@@ -255,6 +263,28 @@ def judge_left_out(films: Mapping[str, Film], scores: Mapping[str, Score]) -> di
     return {kind: float(np.mean([f1 for name, f1 in rows.items() if kind_of(name) == kind])) for kind in scores}
 
 
+def fit_deviation(plants: Iterable[Sequence[tuple[float, int]]]) -> float:
+    """Standard deviation between plants of the log odds of one boll (`traits.count_distribution.COMMON_DEVIATION`).
+
+    Maximum likelihood of a logistic normal model: each plant shifts the log odds that its bolls state by one number.
+
+    Args:
+        plants: `outcomes` of each, by a score that was fitted without its kind.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(QUADRATURE)
+    unsure = [[(log_odds(stated), bolls == 1) for stated, bolls in plant if stated < 1] for plant in plants]
+
+    def likelihood(deviation: float) -> float:
+        total = 0.0
+        for plant in unsure:
+            odds, one = np.array(plant, np.float64).reshape(-1, 2).T
+            each = np.where(one > 0, 1, -1) * (odds + deviation * nodes[:, None])
+            total += np.log(weights @ np.exp(-np.logaddexp(0, -each).sum(axis=1)))
+        return total
+
+    return float(max(DEVIATIONS, key=likelihood))
+
+
 def reliability(pairs: Sequence[tuple[float, int]]) -> pd.DataFrame:
     """What comes true of what is stated, and which share is two bolls, in groups of equal size."""
     stated, bolls = np.array(sorted(pairs)).T
@@ -272,14 +302,6 @@ def reliability(pairs: Sequence[tuple[float, int]]) -> pd.DataFrame:
 def calibration_error(table: pd.DataFrame) -> float:
     """Expected calibration error (Naeini et al. 2015)."""
     return float(np.average((table["stated"] - table["true"]).abs(), weights=table["bolls"]))
-
-
-def is_measured(folder: Path) -> bool:
-    """Whether a plant has its model and its scale."""
-    if not folder.is_dir():
-        return False
-    plant = Workspace(folder)
-    return plant.gaussians_ply.is_file() and plant.scale_json.is_file()
 
 
 def write_score(path: Path, score: Score, films: int) -> None:
@@ -312,17 +334,18 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true")
     wanted = parser.parse_args()
     films = {name: film for name, film in (FITTED | UNSEEN).items() if name in wanted.only}
-    fresh = [name for name in films if not is_measured(wanted.folder / name)]
 
     def film_one(name: str) -> int:
-        return film_and_run(wanted.folder / name, films[name], "draft", until="scale")
+        return film_and_run(wanted.folder / name, films[name], "draft", until="masks")
 
-    if failed := [n for n, code in zip(fresh, side_by_side(wanted.jobs, film_one, fresh), strict=True) if code]:
+    if failed := [n for n, code in zip(films, side_by_side(wanted.jobs, film_one, films), strict=True) if code]:
         sys.exit(f"failed: {', '.join(failed)}; see their logs in {wanted.folder}")
     plants = {name: true_plant(str(wanted.folder / name)) for name in films}
     plants |= {plant.run.plant_id: plant for plant in wanted.judge}
-    stored = {name: open_votes(plant, wanted.folder / "votes") for name, plant in plants.items()}
     fitted = [name for name in films if name in FITTED]
+    curve = fit_curve([gather_lint_examples(plants[name]) for name in fitted])
+    print(curve)
+    stored = {name: open_votes(plant, wanted.folder / "votes", curve) for name, plant in plants.items()}
     seen = {
         name: [see(one), *(see(replace(one, votes=one.votes[k::2])) for k in range(2 if name in fitted else 0))]
         for name, one in stored.items()
@@ -337,14 +360,13 @@ def main() -> None:
     table = pd.DataFrame([{"split_gain": gain, **row, "mean": mean[gain]} for gain, row in rows.items()])
     print("F1 of kinds that the fit left out:", markdown(table, 3), sep="\n")
     begun = {name: [begin(one, gain) for one in views] for name, views in seen.items()}
-    left_out = {
-        kind: [pair for name in fitted if kind_of(name) == kind for pair in outcomes(begun[name][0], score)]
-        for kind, score in scores[gain].items()
-    }
+    of_plants = {name: list(outcomes(begun[name][0], scores[gain][kind_of(name)])) for name in fitted}
+    left_out = {kind: [p for name in fitted if kind_of(name) == kind for p in of_plants[name]] for kind in scores[gain]}
     left_out["all"] = [pair for pairs in left_out.values() for pair in pairs]
     print("Bolls of these kinds:", markdown(reliability(left_out["all"]), 3), sep="\n")
     for kind, pairs in left_out.items():
         print(f"expected calibration error, {kind}: {calibration_error(reliability(pairs)):.3f}")
+    print(f"standard deviation between plants of the log odds of one boll: {fit_deviation(of_plants.values()):.2f}")
     score = fit_score((begun[name] for name in fitted), gain)
     by_plant = [
         {"plant": name, "used": "to fit" if name in FITTED else "to judge", "parts": len(one[0].parts)}
@@ -353,6 +375,7 @@ def main() -> None:
     ]
     print(score, markdown(pd.DataFrame(by_plant), 3), sep="\n")
     if not wanted.dry:
+        write_curve(LINT_FILE, curve, len(fitted))
         write_score(SCORE_FILE, score, len(fitted))
 
 

@@ -1,6 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells the bolls of a plant apart, with the truth, in one file: so that fitting and judging take seconds.
 
-A plant is a folder where `cotton3dg train` and `cotton3dg scale` are through, with `truth.json`, `cameras.json` and
+A plant is a folder where `cotton3dg masks` and `cotton3dg scale` are through, with `truth.json`, `cameras.json` and
 `instances/` in it or in another folder (`true_scene.true_plant`).
 """
 
@@ -11,22 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lint_curve import open_maps, true_weights
 from numpy.typing import NDArray
-from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
+from true_scene import TruePlant, cm_from_scene, true_bolls_cm
 
 from cotton3dg.cluster.hough_voting import Votes, cast_votes
 from cotton3dg.cluster.lint_in_space import LintInSpace
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.gaussians import rasterizer
-from cotton3dg.gaussians.plant_windows import SEEN_MARGIN, find_plant_windows
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
+from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
+from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.io.saving import file_sha256
-from cotton3dg.masks.bolls import SHIPPED_FILE, BollNetwork, open_bolls
-from cotton3dg.masks.stage import load_plant
-from cotton3dg.options import MasksOptions
 from cotton3dg.schemas.scale import ScaleInfo
-from cotton3dg.segment.lint_share import gather_lint
+from cotton3dg.segment.lint_share import LintCurve, average_lint
 
 LINT_SHARE = 0.02
 """Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""
@@ -47,34 +45,26 @@ class StoredVotes:
     """(3, 4)."""
 
 
-def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:
-    """From `folder`, if they are of this model and the program's network; else gathered and kept there."""
+def open_votes(plant: TruePlant, folder: Path, curve: LintCurve) -> StoredVotes:
+    """From `folder`, if they are of this model, these maps and this curve; else gathered and kept there."""
     kept = folder / f"{plant.run.plant_id}.npz"
-    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(SHIPPED_FILE)}"
+    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(plant.run.masks_json)} {curve}"
     if not kept.is_file() or _load(kept, ["made_of"])["made_of"] != made_of:
         folder.mkdir(parents=True, exist_ok=True)
-        _save(kept, gather_votes(plant, open_bolls()), made_of)
+        _save(kept, gather_votes(plant, curve), made_of)
     return _read(kept)
 
 
-def gather_votes(plant: TruePlant, network: BollNetwork) -> StoredVotes:
-    """What the network says of the images that `masks` takes by default."""
-    seen, model = load_plant(plant.run), read_gaussians(plant.run.require(plant.run.gaussians_ply, "train"))
-    orbit = fit_orbit(seen.cameras)
-    windows = find_plant_windows(seen.points, seen.cameras, SEEN_MARGIN)
-    chosen = evenly_spaced(azimuths(seen.cameras, orbit), MasksOptions.views)
-    views = [seen.cameras[k] for k in chosen]
-    maps = [network.maps(seen.photo(seen.cameras[k].name), window=windows[k]) for k in chosen]
-    lint = LintInSpace.of(model, gather_lint(maps, views, model, within_orbit(model.means, seen.cameras, orbit)))
+def gather_votes(plant: TruePlant, curve: LintCurve) -> StoredVotes:
+    """What the maps of a plant say with a curve of lint."""
+    model, cameras = read_gaussians(plant.run.gaussians_ply), read_cameras(plant.run.undistorted / "sparse")
+    maps, views = open_maps(plant)
+    inside = within_orbit(model.means, cameras, fit_orbit(cameras))
+    lint = LintInSpace.of(model, np.where(inside, curve.shares(average_lint(maps, views, model)), np.float32(0)))
     votes = [cast_votes(of_image, camera, lint) for of_image, camera in zip(maps, views, strict=True)]
     scale = ScaleInfo.load(plant.run.scale_json)
     true_cm = true_bolls_cm(plant)
-    weights, total = np.zeros((len(model), len(true_cm) + 1)), np.zeros(len(model))
-    for name, ids in true_masks(plant, list(seen.cameras)).items():
-        camera = next(camera for camera in seen.cameras if camera.name == name)
-        held = rasterizer.accumulate_weights(model, camera, ids)
-        np.add.at(weights, (held.rows, held.ids), held.weights)
-        total += held.total
+    weights, total = true_weights(plant, model, len(true_cm))
     true_ids = np.where(2 * weights.sum(axis=1) > total, weights.argmax(axis=1), 0)
     kept = (lint.shares > LINT_SHARE) & np.isfinite(lint.gaussians.means).all(axis=1)
     slim = LintInSpace(model[kept], lint.shares[kept], lint.origin)

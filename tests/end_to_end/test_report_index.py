@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """index.html of a batch."""
 
 import numpy as np
@@ -54,6 +55,16 @@ def test_the_index_says_of_a_row_what_its_report_says(tmp_path):
     assert "Green. 1 of 1 plants done" in Page(index_page("field", tmp_path, [batch_row("b")])).text
     failed = batch_row("c", "failed", reason="dark; film again")
     assert "Red. 0 of 1 plants done, 1 failed" in Page(index_page("field", tmp_path, [failed])).text
+
+
+def test_each_value_has_its_interval_and_a_mark(tmp_path):
+    sure = {"boll_count_low": 2, "boll_count_high": 4, "plant_height_low_cm": 30, "plant_height_high_cm": 90}
+    plain = batch_row("a", boll_count=3, plant_height_cm=60.0)
+    seen = Page(index_page("field", tmp_path, [plain | sure]))
+    assert "3 2 to 4" in seen.text
+    assert "60.0 30.0 to 90.0" in seen.text
+    assert seen.count("span", **{"class": "sure green"}) == seen.count("span", **{"class": "sure red"}) == 1
+    assert not Page(index_page("field", tmp_path, [batch_row("a", "failed", reason="dark")])).count("span", role="img")
 
 
 def test_genotypes_that_differ_by_rounding_alone_look_alike(tmp_path):

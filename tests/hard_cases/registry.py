@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The numbered hard cases: what each promises and which tests show it.
 
 A number never changes its meaning; new cases get new numbers. `make hard-cases` runs the tests and prints the table.
@@ -50,23 +51,23 @@ CASES = (
         "tests/unit/train/test_initialise.py::test_duplicates_and_outliers_among_good_points_keep_to_the_typical_scale",
         TRAINING + "test_case_01_a_hundred_identical_points_can_be_trained_from",
     )),
-    Case(2, "infinite scale", "that Gaussian is culled and counted, the others are drawn to the same bits", (
+    Case(2, "infinite scale", "it is culled and counted; it changes no bit of the others", (
         PROJECTION + "test_case_02_infinite_scale_is_culled_and_counted",
         SCENES + "test_poison_grid",
         SCENES + "test_poison_grid_of_colours",
         TRAINING + "test_case_02_culled_gaussians_are_counted_in_the_stages_record",
     )),
-    Case(3, "overflow of a log scale, squared", "log scales are clamped to ±30; finite from -90 to 90 and beyond", (
+    Case(3, "overflow of a log scale, squared", "log scales are clamped to ±30, so results stay finite", (
         PROJECTION + "test_case_03_any_log_scale_is_drawn_and_only_free_ones_have_a_gradient",
         PROJECTION + "test_case_03_the_clamp_is_continuous",
         SCENES + "test_valid_extremes_stay_visible",
     )),
-    Case(4, "needles whose determinant cancels", "as in double: the determinant is a sum of squares", (
+    Case(4, "needles whose determinant cancels", "float agrees with double", (
         PROJECTION + "test_case_04_needles_match_double",
         GRADIENTS + "test_float_matches_double",
         SCENES + "test_random_scenes_in_float_match_double",
     )),
-    Case(5, "near plane fixed in metres", "the near plane and training scale with the scene", (
+    Case(5, "near plane fixed in metres", "near plane and training scale with the scene", (
         PROJECTION + "test_case_05_the_near_plane_scales_with_the_scene",
         "tests/unit/train/test_trainer.py::test_the_size_of_the_scene_does_not_matter",
         RELATIONS + "test_scaling_the_scene_by_a_power_of_two_changes_no_bit_of_what_can_be_scaled",
@@ -76,37 +77,37 @@ CASES = (
     Case(6, "Gaussian at the camera centre", "culled, counted, no gradient", (
         PROJECTION + "test_case_06_a_gaussian_at_the_camera_centre_is_culled_without_gradient",
     )),
-    Case(7, "Jacobian frozen beyond the frustum", "the gradient is that of the frozen forward", (
+    Case(7, "Jacobian frozen beyond the frustum", "the gradient belongs to the frozen Jacobian, too", (
         PROJECTION + "test_case_07_the_gradient_is_that_of_the_frozen_jacobian",
         GRADIENTS + "test_image_and_gradients_match_autograd",
     )),
-    Case(8, "zero or tiny quaternion", "zero is culled and counted; length changes nothing and is differentiated", (
+    Case(8, "zero or tiny quaternion", "zero is culled and counted; the length changes nothing", (
         PROJECTION + "test_case_08_a_zero_quaternion_is_culled_and_counted",
         PROJECTION + "test_case_08_the_length_of_a_quaternion_changes_nothing",
         GRADIENTS + "test_gradients_match_finite_differences",
     )),
-    Case(9, "min(0.99, NaN) hides a NaN", "culled before blending and counted, in every slot", (
+    Case(9, "min(0.99, NaN) hides a NaN", "any NaN is culled before blending and counted", (
         BLENDING + "test_case_09_nan_is_not_hidden_by_the_cap",
         SCENES + "test_random_poisoned_scenes_stay_finite",
     )),
-    Case(10, "another alpha cap backward than forward", "one constant, one function", (
+    Case(10, "alpha cap differs between forward and backward", "both use one constant and one function", (
         BLENDING + "test_case_10_forward_and_backward_have_one_alpha_cap",
         BLENDING + "test_case_10_the_cap_is_that_of_the_reference",
     )),
-    Case(11, "saturated alpha passes gradient", "none beyond the cap", (
+    Case(11, "saturated alpha passes gradient", "no gradient beyond the cap", (
         BLENDING + "test_case_11_a_saturated_alpha_has_no_gradient",
     )),
     Case(12, "division by 1 - alpha drifts", "16 stacked Gaussians: float within 1e-4 of double", (
         BLENDING + "test_case_12_sixteen_stacked_gaussians_keep_float_near_double",
         BLENDING + "test_case_12_a_stack_of_opaque_gaussians_ends_a_pixel",
     )),
-    Case(13, "backward visits other Gaussians than forward", "exactly the same ones", (
+    Case(13, "backward visits other Gaussians than forward", "backward visits exactly what forward blended", (
         BLENDING + "test_case_13_backward_visits_exactly_what_forward_blended",
     )),
     Case(14, "background counted twice", "the gradient is that of autograd for any background", (
         BLENDING + "test_case_14_the_background_counts_once",
     )),
-    Case(15, "equal depths, NaN as sort key", "order by (depth, row); what is not finite never gets a key", (
+    Case(15, "equal depths, NaN as sort key", "order by depth, then row; only finite depths are sorted", (
         BLENDING + "test_case_15_of_two_equal_depths_the_first_row_is_in_front",
         BLENDING + "test_case_15_many_equal_depths_are_drawn_in_row_order",
         BLENDING + "test_case_15_poisoned_depths_never_reach_the_sort",
@@ -116,23 +117,23 @@ CASES = (
         BLENDING + "test_case_16_no_tile_or_block_edge_shows",
         BLENDING + "test_case_16_float_has_no_edges_either",
     )),
-    Case(17, "log(255 opacity) of a faint Gaussian", "below 1/255 culled and counted", (
+    Case(17, "log(255 opacity) of a faint Gaussian", "below 1/255 it is culled and counted", (
         PROJECTION + "test_case_17_opacity_below_the_cut_is_culled_and_counted",
     )),
-    Case(18, "opacity reset kills the scene", "recovers; what fades is pruned and counted", (
+    Case(18, "opacity reset kills the scene", "opacities recover; faded Gaussians are pruned and counted", (
         TRAINING + "test_case_18_faded_or_reset_opacities_recover",
     )),
-    Case(19, "SSIM of flat or tiny images", "at most 1, gradient finite", (
+    Case(19, "SSIM of flat or tiny images", "at most 1, with a finite gradient", (
         TRAINING + "test_case_19_ssim_of_flat_and_tiny_images",
         GRADIENTS + "test_loss_matches_autograd",
     )),
-    Case(20, "nothing visible", "the background, no gradient, no step", (
+    Case(20, "nothing visible", "the background; no gradient, no step", (
         PROJECTION + "test_case_20_nothing_visible_gives_the_background",
     )),
-    Case(21, "odd image sizes", "exact to the last row and column, 1x1 to 257x257", (
+    Case(21, "odd image sizes", "1x1 to 257x257 are exact to the last pixel", (
         PROJECTION + "test_case_21_images_of_any_size_are_exact",
     )),
-    Case(22, "mask empty, full or of another size", "empty and full are answers; another size is refused by name", (
+    Case(22, "mask empty, full or of another size", "empty and full are valid; another size is refused by name", (
         TRAINING + "test_case_22_masks_that_are_empty_full_or_of_another_size",
         "tests/end_to_end/test_segment_cluster.py::test_no_bolls_is_an_answer",
         "tests/end_to_end/test_segment_cluster.py::test_wrong_masks_and_missing_inputs_are_named",
@@ -142,7 +143,7 @@ CASES = (
         PROBABILITY + "test_flipped_labels_recover",
         PROBABILITY + "test_masks_without_sense_give_probabilities_all_the_same",
     )),
-    Case(24, "normalising a zero feature", "stays zero, without gradient", (
+    Case(24, "normalising a zero feature", "stays zero, without a gradient", (
         TRAINING + "test_case_24_features_without_direction_stay_zero_without_gradient",
     )),
     Case(25, "Adam's epsilon turns noise into full steps", "only what a view shows moves, within Adam's bound", (
@@ -160,11 +161,11 @@ CASES = (
         TRAINING + "test_case_26_the_budget_holds_when_everything_wants_to_split",
         "tests/unit/train/test_densify.py::test_the_budget_is_never_exceeded",
     )),
-    Case(27, "NaN in sampling weights", "finite and not negative; poisoned ones choose nothing", (
+    Case(27, "NaN in sampling weights", "weights are finite and not negative; a NaN chooses nothing", (
         TRAINING + "test_case_27_poisoned_statistics_choose_nothing",
         "tests/unit/train/test_densify.py::test_poisoned_needs_and_gaussians_are_never_chosen",
     )),
-    Case(28, "-ffast-math removes isnan", "forbidden, and noticed at import", (
+    Case(28, "-ffast-math removes isnan", "the flag is forbidden, and an import notices it", (
         TRAINING + "test_case_28_fast_math_is_forbidden",
         TRAINING + "test_case_28_the_import_time_self_test_notices_fast_math",
     )),
@@ -173,45 +174,45 @@ CASES = (
         RELATIONS + "test_one_hash_for_a_whole_training_run_ten_times",
         TRAINING + "test_case_29_training_does_not_depend_on_threads",
     )),
-    Case(30, "hull of < 4, flat, collinear, duplicate points", "blank cell and reason, never a joggled volume", (
+    Case(30, "hull of < 4, flat, collinear, duplicate points", "the cell is blank, with a reason", (
         POINTS + "test_case_30_degenerate_sets_have_a_reason_and_no_volume",
         POINTS + "test_case_30_empty_set",
         POINTS + "test_case_30_flat_in_float32_is_flat",
         POINTS + "test_case_30_duplicates_do_not_change_a_volume",
         POINTS + "test_case_30_the_blank_cell_says_why",
     )),
-    Case(31, "hull far from the origin in float32", "centred first, float64", (
+    Case(31, "hull far from the origin in float32", "points are centred first, in float64", (
         POINTS + "test_case_31_volume_far_from_the_origin",
         POINTS + "test_case_31_volume_scales_with_the_cube",
     )),
-    Case(32, "flat or symmetric set in an oriented box", "rank-aware, sorted axes, ties reported", (
+    Case(32, "flat or symmetric set in an oriented box", "sorted axes; ties are reported", (
         POINTS + "test_case_32_boxes_of_symmetric_and_flat_sets",
         POINTS + "test_case_32_rectangles_of_flat_sets",
     )),
-    Case(33, "DBSCAN on nothing, one point, another order", "0 bolls is an answer; the order changes nothing", (
+    Case(33, "DBSCAN on nothing, one point, another order", "0 bolls is a valid result; the order changes nothing", (
         POINTS + "test_case_33_clustering_nothing_gives_no_bolls",
         POINTS + "test_case_33_one_point_is_no_boll_and_no_error",
         POINTS + "test_case_33_another_order_of_gaussians_and_masks_gives_the_same_bolls",
     )),
-    Case(34, "RANSAC plane: 2 points, two tables, ties", "seeded, bounded, the same table each time", (
+    Case(34, "RANSAC plane: 2 points, two tables, ties", "seeded and bounded: the same table each time", (
         POINTS + "test_case_34_two_points_are_no_plane",
         POINTS + "test_case_34_not_finite_points_are_left_out",
         POINTS + "test_case_34_of_two_tables_the_higher_one_is_taken",
         POINTS + "test_case_34_a_grid_of_exact_ties_is_decided_the_same_way_each_time",
         POINTS + "test_case_34_cameras_all_in_one_place",
     )),
-    Case(35, "zero or absurd scale", "no scale and a reason; metric cells stay blank", (
+    Case(35, "zero or absurd scale", "no scale, with a reason; metric cells stay blank", (
         POINTS + "test_case_35_a_table_without_area_gives_no_scale",
         POINTS + "test_case_35_absurd_units_stay_finite",
         POINTS + "test_case_35_a_scale_file_without_a_usable_scale_is_refused",
         "tests/end_to_end/test_traits_stage.py::test_without_a_scale_metric_cells_are_blank",
     )),
-    Case(36, "wrong sub-model chosen", "the largest; refused below 40 % of the images; the rest is reported", (
+    Case(36, "wrong sub-model chosen", "the largest counts; below 40 % of the images it is refused", (
         SFM + "test_case_36_of_two_places_the_one_with_more_images_is_taken_and_the_rest_is_told",
         SFM + "test_case_36_models_are_ordered_by_images_then_points",
         SFM + "test_case_36_a_small_share_of_the_images_is_refused",
     )),
-    Case(37, "no initial pair, one plane, wrong focal length", "right, or exit code 4 with advice", (
+    Case(37, "no initial pair, one plane, wrong focal length", "a right result, or exit code 4 with advice", (
         SFM + "test_case_37_no_initial_pair",
         SFM + "test_case_37_a_wrong_focal_length_is_corrected_or_refused",
         SFM + "test_case_37_a_scene_that_is_one_plane_is_right_or_refused",
@@ -222,7 +223,7 @@ CASES = (
         COLMAP + "test_image_without_finite_pose_is_left_out_with_a_warning",
         COLMAP + "test_points_that_are_not_finite_are_left_out",
     )),
-    Case(39, "damaged video on which ffmpeg exits 0", "decoded frames are counted, never silent", (
+    Case(39, "damaged video on which ffmpeg exits 0", "decoded frames are counted, and lost ones reported", (
         VIDEO + "test_truncated_clip_shows_what_is_left",
         VIDEO + "test_bit_rot_is_noticed_and_ends_at_a_key_frame",
         "tests/end_to_end/test_frames.py::test_half_of_a_clip_is_refused_and_most_of_it_flagged",
@@ -233,26 +234,26 @@ CASES = (
         CLIPS + "test_case_39_what_is_no_film_is_refused",
         CLIPS + "test_case_39_a_film_without_pictures_is_refused",
     )),
-    Case(40, "variable frame rate", "timestamps, never frame counts", (
+    Case(40, "variable frame rate", "times come from timestamps, not from frame counts", (
         VIDEO + "test_variable_frame_rate_keeps_true_times",
         "tests/unit/frames/test_keyframe_buffer.py::test_lingering_does_not_double_views_and_hurrying_does_not_tear_the_orbit",
         CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
-    Case(41, "rotation tag, EXIF orientation", "applied to the pixels, recorded", (
+    Case(41, "rotation tag, EXIF orientation", "applied to the pixels and recorded", (
         VIDEO + "test_rotation_tag_is_applied",
         IMAGES + "test_exif_orientation_is_applied",
         CLIPS + "test_case_41_a_turned_clip_comes_out_upright",
     )),
-    Case(42, "HDR and 10 bit", "tone-mapped, recorded", (
+    Case(42, "HDR and 10 bit", "tone-mapped and recorded", (
         VIDEO + "test_hdr_is_tone_mapped",
         VIDEO + "test_ten_bit_standard_range_is_left_as_filmed",
         CLIPS + "test_case_40_to_42_odd_formats_are_read_as_they_are",
     )),
-    Case(43, "truncated JPEG decodes half", "refused at every length", (
+    Case(43, "truncated JPEG decodes half", "a truncated file is refused at every length", (
         IMAGES + "test_every_truncation_is_refused",
         "tests/end_to_end/test_frames.py::test_truncated_photo_is_named",
     )),
-    Case(44, "hostile file names", "only names, never options, patterns or commands", (
+    Case(44, "hostile file names", "names are never options, patterns or commands", (
         VIDEO + "test_hostile_names_are_only_names",
         FOLDERS + "test_case_44_hostile_folders_are_only_folders",
         FOLDERS + "test_case_44_relative_names_that_look_like_options_reach_the_run_as_names",
@@ -261,13 +262,13 @@ CASES = (
         "tests/unit/io/test_ply.py::test_hostile_files_are_refused",
         FUZZ,
     )),
-    Case(46, "hostile NPZ and checkpoint", "no pickle, no bombs, sizes checked before memory is taken", (
+    Case(46, "hostile NPZ and checkpoint", "no pickle is read; sizes are checked before memory is taken", (
         "tests/hard_cases/test_arrays.py::test_case_46_objects_bombs_and_absurd_sizes_are_refused",
         "tests/hard_cases/test_arrays.py::test_case_46_nothing_is_ever_unpickled",
         RESUME + "test_case_51_a_checkpoint_of_something_else_or_a_damaged_one_is_not_used",
         FUZZ,
     )),
-    Case(47, "image bomb", "own limit, before decoding", (
+    Case(47, "image bomb", "a limit applies before decoding", (
         IMAGES + "test_image_bomb_is_refused_before_decoding",
         FUZZ,
     )),
@@ -302,7 +303,7 @@ CASES = (
         FOLDERS + "test_case_52_in_a_hundred_races_whoever_is_in_is_alone",
         FOLDERS + "test_case_52_of_two_runs_of_one_plant_one_is_turned_away_or_waits",
     )),
-    Case(53, "options at their ends, intervals of zero", "the ends work, what lies beyond is refused by name", (
+    Case(53, "options at their ends, intervals of zero", "the ends work; values beyond are refused by name", (
         "tests/hard_cases/test_option_bounds.py::"
         "test_case_53_the_bound_is_accepted_and_what_lies_beyond_is_refused",
         "tests/hard_cases/test_option_bounds.py::test_case_53_numbers_that_are_not_finite_are_refused",
@@ -318,7 +319,7 @@ CASES = (
         RESUME + "test_case_54_too_many_such_steps_end_the_stage_with_the_reason_and_the_evidence",
         "tests/unit/train/test_trainer.py::test_steps_with_a_non_finite_loss_are_counted_with_their_image",
     )),
-    Case(55, "memory limit reached", "exit code 7 and what to do, before the start where it can be known", (
+    Case(55, "memory limit reached", "exit code 7 with advice, before the start if the program can know", (
         "tests/unit/test_resource_checks.py::test_case_55_a_limit_that_is_too_low_for_anything_is_told_before_the_start",
         "tests/unit/test_resource_checks.py::test_case_55_memory_that_runs_out_in_a_stage_is_told",
         "tests/unit/test_resource_checks.py::test_running_out_of_memory_is_known_whichever_library_says_it",

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """README and docs: every command parses, every option, link and column named in them exists."""
 
 import csv
@@ -186,11 +187,6 @@ def test_papers_md_names_the_model_of_standard():
     (sets,) = re.findall(r"`([^`]*)` is the model of `standard`", text_of("papers.md"))
     named = parse_overrides(sets.replace("--set", "").split())["train"]
     assert resolve("train", PRESET_VALUES["paper2"]["train"], asked=named) == resolve("train")
-
-
-def test_limits_md_counts_the_path_traced_plants():
-    rows = re.findall("^\\| path-traced \\|.*`draft`", text_of("results.md"), re.M)
-    assert f"{ {2: 'two', 6: 'six', 7: 'seven'}[len(rows)] } of them come from a path\n  tracer" in text_of("limits.md")
 
 
 def test_exports_md_names_the_file_of_a_film():

@@ -6,8 +6,10 @@ table anew.
 
 Plants are measured one at a time, so that seconds are those of a run on all cores. Each row is saved when it is there:
 the same command continues after an interruption. A finished run leaves its row and nothing else; films stay in
-FOLDER/films and serve later versions, too. --plants takes a folder of path-traced plants, each with video.mp4 and truth.json; without it their rows stay.
---list says what is missing and how long it takes. Without plants of its own, `make results-page` only writes the page.
+FOLDER/films and serve later versions, too.
+
+--plants takes a folder of path-traced plants, each with video.mp4 and truth.json; without it their rows stay as saved.
+--list says what is missing and how long it takes, and measures nothing. `make results-page` only writes the page.
 """
 
 from __future__ import annotations

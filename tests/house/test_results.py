@@ -24,7 +24,8 @@ NOT_YET = {
     "troubleshooting.md", "view.md",
 }  # fmt: skip
 """Guides that are being rewritten and may still state figures of their own. Empty it afterwards."""
-EXCEPTIONS: dict[tuple[str, str], str] = {}
+RULE = "a rule of geometry: an error of a length is threefold in a volume"
+EXCEPTIONS = {("scale.md", "1 %"): RULE, ("scale.md", "3 %"): RULE}
 """Page and figure -> why the figure stands there and not on the page of results."""
 
 GUIDES = sorted(page for page in [README, *(ROOT / "docs").glob("*.md")] if page.name not in NO_GUIDES)

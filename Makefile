@@ -15,7 +15,7 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python $(MEASURED) -m pytest -n $(JOBS) --dist
 SOURCES := $(wildcard native/CMakeLists.txt native/src/* native/vision/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs doc-tables gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
+.PHONY: help setup system demo test test-slow test-all coverage browser-test yolo-test bare-test wheel docs doc-tables gallery test-lowest test-newest test-processors arm-test batch-test slurm-test kill-test hard-cases results results-page study-set interval-coverage bolls-network same-boll segmentation-sweep error-budget sanitize lint format bench bench-compare clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -123,6 +123,12 @@ mistakes: setup ## forty mistakes and more on finished plants: no traceback, no 
 
 hard-cases: setup ## table of what must stay numerically stable, with its tests
 	$(BIN)/python tests/hard_cases/report.py
+
+results: setup ## docs/results.md by this code: measure what has no row, PLANTS=folder of path-traced ones; hours; goes on where it ended
+	$(BIN)/python tests/accuracy/results.py results/accuracy $(if $(filter-out file,$(origin PLANTS)),--plants $(PLANTS)) $(RESULTS)
+
+results-page: setup ## docs/results.md and README's table from the rows that are saved
+	$(BIN)/python tests/accuracy/results_page.py
 
 study-set: setup ## twelve simulated plants, run with PRESET and compared with their truth; goes on where it ended
 	$(BIN)/python tests/accuracy/study_set.py results/study_set --preset $(PRESET) $(STUDY)

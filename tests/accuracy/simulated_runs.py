@@ -19,24 +19,33 @@ Item = TypeVar("Item")
 
 
 def film_and_run(plant: Path, film: str, preset: str, until: str = "traits") -> int:
-    """Exit code of the first command that failed, or 0; what they print goes to a log beside the plant's folder.
+    """Exit code of the first command that failed, or 0.
 
     Args:
         film: options of `cotton3dg simulate`; not used if the plant has its video.
         until: the last stage.
     """
+    return film_plant(plant, film) or run_plant(plant, preset, until)
+
+
+def film_plant(plant: Path, film: str) -> int:
+    if (plant / "video.mp4").is_file():
+        return 0
+    shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
+    return call(plant, "simulate", *film.split())
+
+
+def run_plant(plant: Path, preset: str, until: str = "traits") -> int:
+    return call(plant, "run", "--preset", preset, "--no-report", "--until", until)
+
+
+def call(plant: Path, command: str, *words: str) -> int:
+    """Exit code of the command; what it prints goes to a log beside the plant's folder."""
     tool = Path(sys.executable).with_name("cotton3dg")
     plant.parent.mkdir(parents=True, exist_ok=True)
-    commands = [["run", str(plant), "--preset", preset, "--no-report", "--until", until]]
-    if not (plant / "video.mp4").is_file():
-        shutil.rmtree(plant, ignore_errors=True)  # simulate would not touch what it left when it was killed
-        commands.insert(0, ["simulate", str(plant), *film.split()])
     with plant.with_name(f"{plant.name}.log").open("a", encoding="utf-8") as log:
-        for command in commands:
-            code = subprocess.run([tool, *command], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
-            if code:
-                return code
-    return 0
+        words = (command, str(plant), *words)
+        return subprocess.run([tool, *words], check=False, stdout=log, stderr=subprocess.STDOUT).returncode
 
 
 def side_by_side(jobs: int, work: Callable[[Item], int], items: Iterable[Item]) -> list[int]:

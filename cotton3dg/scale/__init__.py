@@ -1,1 +1,1 @@
-"""The unit of length: from the table, printed markers or two known points to cm per scene unit."""
+"""Finds the scale, cm per scene unit, by the table, printed markers or two known points."""

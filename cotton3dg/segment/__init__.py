@@ -1,1 +1,1 @@
-"""From masks to Gaussians: which of them each mask of each view shows."""
+"""From images to Gaussians: the share of lint of each Gaussian, or the Gaussians that each mask shows."""

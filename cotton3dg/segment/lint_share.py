@@ -1,8 +1,8 @@
 """How much each Gaussian is lint, by the network's probabilities from all views together.
 
-A view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of
-different views show the same thing. Each Gaussian takes the mean probability of the pixels that it is drawn on,
-weighted by its part in each. (FlashSplat, Shen et al. 2024, votes in this way with masks. Here the votes are
+The network errs in the shade, on burs and on pale walls, but at other places in each view. The trained model knows
+which pixels of different views show the same thing. Each Gaussian takes the mean probability of the pixels that it is
+drawn on, weighted by its part in each. (FlashSplat, Shen et al. 2024, votes in this way with masks. Here the votes are
 probabilities, and no threshold applies before all views have voted.)
 """
 
@@ -20,12 +20,12 @@ from ..core.scene import Camera, Float32, Gaussians
 from ..gaussians.rasterizer import accumulate_weights
 
 LEVELS: Final = 64
-"""Steps in which probabilities are counted: the core sums weights by whole numbers."""
+"""Number of steps of a probability, because the core sums weights by whole numbers."""
 EDGE: Final = 0.4
 """Mean probability that separates lint from the rest. It is less than one half because lint may be in the shade in most
 views."""
 STEEPNESS: Final = 15.0
-"""How sharply a Gaussian is lint or not on either side of `EDGE`, 1 / probability."""
+"""Steepness of the share of lint at `EDGE`, 1 / probability."""
 
 
 def gather_lint(

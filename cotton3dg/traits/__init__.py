@@ -1,1 +1,1 @@
-"""What is measured on a plant: which Gaussians it is, the bodies they show, and their sizes in cm."""
+"""Measures a plant: finds its Gaussians, the bodies that they show, and their sizes in cm."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """cotton3dg: cotton plant traits from a smartphone video.
 
 The names below are the public API (docs/python.md); each is imported when it is first used, so that `import cotton3dg`

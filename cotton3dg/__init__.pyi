@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The public names with their types; `_HOMES` in __init__.py says the same at run time."""
 
 from .cluster.consensus import merge_views as merge_views

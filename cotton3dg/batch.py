@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many plants: each in a process of its own, so that a fault costs one plant, and one table of all of them.
 
 The table is saved again after every plant. A batch that dies leaves its running plants to finish by themselves; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the options of a plant come from, and which choices are kept.
 
 Order of precedence: command line > plant's `cotton3dg.toml` > those of the folders above, nearest first > options of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options of the commands that are not stages; `options.py` has those of the stages and resolves both."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors a user can act on. Each carries the exit code of the command line.
 
 Write messages as `what is wrong; what to do`: the command line puts the plant's name in front and prints one line.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From films to tables in one call, for scripts and notebooks: one plant, or all plants of a folder."""
 
 from __future__ import annotations

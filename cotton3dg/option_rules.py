@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The declaration of an option and its consequences: its flag, its bounds, and the methods with which it counts.
 
 A stage with several methods has a table of options for each method that needs some. The stage's first option chooses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options: one frozen dataclass a stage, and one for each of its methods; read from the command line and from TOML.
 
 Each option is written once, here; the command line, `cotton3dg.toml` and the records derive from it. `choices.py`

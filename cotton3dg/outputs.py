@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that a command saves in a folder of the user's choice.
 
 A command may replace files that it made before from the same inputs. Files from other inputs, files that were changed

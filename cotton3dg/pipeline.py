@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stages in order: which are stale and why, and runs of them with a record each."""
 
 from __future__ import annotations

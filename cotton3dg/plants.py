@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which folders are plants, for commands and for batches. Nothing is written before a film is found."""
 
 from __future__ import annotations

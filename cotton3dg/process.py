@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process of the command line: signals that end it, and streams that are closed, full or short of letters."""
 
 from __future__ import annotations

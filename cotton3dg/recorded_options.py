@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options as records of earlier runs have them, also of earlier versions."""
 
 from __future__ import annotations

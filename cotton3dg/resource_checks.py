@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory and disk that stages need: checks before they start if possible, and clear errors if they run out."""
 
 from __future__ import annotations

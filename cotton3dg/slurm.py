@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Batches on a Slurm cluster: a job for each plant, through submitit (extra `[slurm]`).
 
 A job saves the outcome in the plant's folder, beside its log, so that anybody who sees the folder can read it; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The definition of a stage: all that the rest of the program knows of it, declared in its room's `stage.py` as STAGE.
 
 `stage.py` loads the inputs, calls the pure functions of the room, and saves the outputs through `workspace.writing`.

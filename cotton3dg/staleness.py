@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which results are up to date, and why others are not. Content alone decides, never time."""
 
 from __future__ import annotations

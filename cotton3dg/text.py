@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text files from users, as editors and spreadsheets of all countries save them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder of one plant. Sole owner of paths, atomic saves, records and the lock.
 
 A stage writes into a private folder that replaces the stage's folder in one rename once everything is on disk; its

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Every plant below a folder, and how far their traits are from a table of the truth: RMSE, MAPE, bias and R2 of each
 # trait that both tables have, plants matched by plant_id, and a scatter plot each (examples/truth.csv shows the columns).
 #

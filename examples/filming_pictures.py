@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures of docs/filming.md: one simulated plant, filmed as it should be and as it should not.
 
 python examples/filming_pictures.py docs/filming

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Every plant below a folder, one after the other, and one table of all of them.
 #
 #   examples/many_plants.sh field_2026/ all_plants.csv

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # One plant, from its video to its row.
 #
 #   examples/one_plant.sh walk.mp4 plant_017

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # A finished plant, measured again with your own boll masks: a COCO file (polygons or RLE) of some or all of its images.
 #
 #   cotton3dg masks-export plant_017                     # plant_017/annotations: images and masks, to be corrected

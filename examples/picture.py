@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Four pictures of one view of a finished plant: photo, model, masks, and the model coloured by boll.
 
 python examples/picture.py plant_dir picture.jpg

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stages as functions: load what a run made, and make it again from the images to the traits on arrays.
 
 python examples/python_api.py plant_017

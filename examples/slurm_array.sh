@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Every plant as a task of one Slurm job array, with sbatch alone. Submit it again to go on with what is not done.
 #
 #   examples/slurm_array.sh field [options of sbatch, e.g. --partition=short]

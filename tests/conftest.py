@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which modules of the package the tests use in place of the installed ones.
 
 COTTON3DG_REPLACED names them as module=file, separated by colons. `make sanitize` and tests/hard_cases/mutations.py

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wheels for any Linux since 2019 (glibc 2.28), and the sdist: `make wheel`.
 
     python tools/build_wheels.py dist [x86_64 aarch64]

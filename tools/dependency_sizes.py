@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Disk and import time of what `pip install cotton3dg` brings, largest first: `python tools/dependency_sizes.py`.
 
 Each dependency is imported three times in a process of its own; the median of its processor time counts, less that of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of docs/csv.md and docs/compare.md, from where columns and flags are defined: `make doc-tables`.
 
 A table stands below the comment `<!-- table: NAME -->` with a name of `TABLES`; everything else on a page is written by

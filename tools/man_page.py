@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The manual page, from the help: `python tools/man_page.py cotton3dg.1`. make wheel puts it into the wheels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the site has besides docs/ (mkdocs calls these hooks): README and its like, references made from the code, the
 notebook as a page, and the reports that `make gallery` made.
 

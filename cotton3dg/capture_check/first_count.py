@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A first count: bolls seen in single images are found in space where their lines of sight meet.
 
 It does not need a model, so it takes seconds. It serves to judge a film, and is not the count that `run` gives.

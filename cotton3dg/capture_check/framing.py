@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether plant and table are whole in the images, and from which sides they were filmed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the results of a first look to a verdict: what is good, what to film again.
 
 Red is for films that `run` refuses, yellow for findings that it would flag or that would leave gaps in the row, green

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """check.html: the verdict, the walk from above, and photos with what was found, in one file."""
 
 from __future__ import annotations

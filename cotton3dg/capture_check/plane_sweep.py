@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Places on level planes where photos from all sides show the same colour: there the plane is a surface.
 
 They replace the Gaussians of a model, which show how far the table reaches where structure from motion has too few

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A first look at a film once some or all of its cameras are placed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant and its bolls in one image, by the bolls' network alone."""
 
 from __future__ import annotations

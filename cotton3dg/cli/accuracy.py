@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands about accuracy: against a truth, and against time; parse, call, print, no logic."""
 
 from __future__ import annotations

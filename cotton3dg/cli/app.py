@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line: its commands under their names, grouped by what people do, in the order of the help."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the commands share: their arguments and flags, what Tab completes, and how they report errors."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the terminal shows of results: plans, states, the four traits, comparisons."""
 
 from __future__ import annotations

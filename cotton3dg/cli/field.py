@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands on many plants besides `batch`, and what is printed for a field; parse, call, print, no logic."""
 
 from __future__ import annotations

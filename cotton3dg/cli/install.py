@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands to try the program out: a simulated plant, does the installation work; parse, call, print, no logic."""
 
 from __future__ import annotations

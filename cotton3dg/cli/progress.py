@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a command is: one line on a terminal, of any width; elsewhere a plain line every 30 s."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands on one plant: the run, its stages one by one, and what is made of them; parse, call, print, no logic."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls drawn into the images: which pixels of a view show which boll."""
 
 from __future__ import annotations

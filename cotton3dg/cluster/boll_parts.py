@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of bolls: the lint and the votes at each place where votes meet, and the measures of a pair of parts.
 
 Each Gaussian of lint and each vote belongs to the nearest part. A joined part keeps those of both parts.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Divides point sets into bolls by their shape, and numbers bolls. All lengths are relative to the plant's usual boll,
 because the scale may be unknown."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joins the masks of single views to bolls: all views together decide which masks show the same boll.
 
 Two masks show the same boll when the views that see both put both into one mask, and different bolls when they put them

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The clustering of Cotton3DGaussians: DBSCAN on the points of all views' objects.
 
 As published: objects whose convex hull is too large are left out, DBSCAN (Ester et al. 1996; Open3D's) runs over the

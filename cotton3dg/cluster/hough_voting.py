@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the middles of bolls: the places in space where the votes of all views meet.
 
 In one image touching bolls may look like one boll, and one boll like two. The votes from all sides agree only where

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joins the parts of one boll that the votes found as several: locks that hang apart, or sides that no view sees
 together.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Assigns lint to bolls: the middle of the boll is near, and the votes around the lint are for it.
 
 Bolls that lie in each other do not meet at the plane half-way between their middles. The network sees their border in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A model with how much each of its Gaussians is lint, and how views see that."""
 
 from __future__ import annotations

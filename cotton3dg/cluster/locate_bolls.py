@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls of a plant from the network's maps: votes meet in space, a score joins parts, Gaussians get labels.
 
 Each Gaussian of lint gets its boll directly; masks of single images have no part in it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The probability that two parts are one boll, by a logistic score of measures of the pair; and when a part is split.
 
 `same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.

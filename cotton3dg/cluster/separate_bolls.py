@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Separates the bolls of a plant: finds parts where the votes of all views meet, and joins those of one boll.
 
 The votes for a boll that lies deep in another make no peak of their own, only a slope of the other's peak. A second

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splits parts whose votes meet in two places rather than in one.
 
 A boll that lies deep in another makes no peak of its own among the votes, but a mixture of two middles explains them

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the bolls of the plant: by votes that meet in space, or by the masks of single views."""
 
 from __future__ import annotations

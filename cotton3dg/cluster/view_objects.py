@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects of single views: the Gaussians that one mask holds, bolls made of these, and the masks that show a boll."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls by a single view beside the bolls by all views together (Cotton3DGaussians, Fig. 9)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds white things that are not open bolls: closed bolls, and cloths, balls and mugs near the plant.
 
 The network is less sure of them than of the plant's open bolls, and it sees no bur, wood or leaf beside things that do

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One file for the developers: what happened to a plant, and on what machine; images only on request."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cards to print, one for each plant of a field book, or numbered blank ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a film will do while the plant still stands: placed frames, views, sharpness, light, table, first count.
 
 It runs the stages before the training, or the first half of them, and `run` goes on from there. If a run has made

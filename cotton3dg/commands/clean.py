@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drop what a finished plant's folder does not need: images that its stages made, and remains of killed runs.
 
 Results, records with their hashes and all files of the user stay. The stages stay up to date; before a stage runs

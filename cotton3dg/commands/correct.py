@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corrections of a plant's bolls and table: taken from the report's page or the command line, kept, and replayed."""
 
 from __future__ import annotations

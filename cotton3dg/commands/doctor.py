@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What this machine offers and lacks: each finding comes with the command that fixes it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field's tables in the formats of databases and spreadsheets."""
 
 from __future__ import annotations

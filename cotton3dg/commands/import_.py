@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder for each plant from a phone's videos, named by the cards that the videos show.
 
 The import remembers the codes of each video by the file's content, so that it continues after an interruption or after

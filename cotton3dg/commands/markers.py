@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sheet of markers to print. Not a stage of the pipeline: the user lays it on the table before filming."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The masks of a plant as COCO, for annotation tools. Not a stage of the pipeline: no stage reads it.
 
     annotations/  bolls.json (polygons)   images/ (undistorted, as the masks)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Train a network that finds bolls. Not a stage of the pipeline: it makes weights for `masks --weights`.
 
 bolls:  bolls.onnx   checkpoint.npz   scenes/   backgrounds/   training.json (images, options, accuracy on test images)

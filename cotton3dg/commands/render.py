@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A film of the trained model: a turntable, or the walk of the camera that filmed the plant.
 
 Not a stage of the pipeline: nothing depends on it.

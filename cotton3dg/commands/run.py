@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`run`: what a run ends with; and `--repeat`, how much a row depends on frames and on chance in training."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant with exact truth: video.mp4, the pipeline's only input, and beside it the true values.
 
 Not a stage of the pipeline: it makes the folder that a run starts from.

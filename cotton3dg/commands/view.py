@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pages of a plant or a field in the browser of this machine: corrections apply at once, films are added and measured.
 
 Files stay the truth. A correction is what `correct` does with the file that the report saves from disk, and leaves the

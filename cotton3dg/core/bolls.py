@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls on their way from pixels to instances: masks, selections, instances."""
 
 from __future__ import annotations

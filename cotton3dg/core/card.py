@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The layout of the printed card of a plant, cm from its top left corner, x to the right, y down."""
 
 from __future__ import annotations

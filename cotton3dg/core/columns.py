@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns of the tables, declared where the numbers are: as metadata of the fields of a dataclass."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Libraries that a default run does not need. They are imported where they are used, with a remedy if that fails."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is measured on the map of a plant, with its units: rows of branches.csv, columns of bolls.csv and traits.csv."""
 
 from __future__ import annotations

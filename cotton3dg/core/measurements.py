@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is measured on a plant, with its units: scale, boll traits, plant traits.
 
 Fields of the traits are the columns of the tables; columns.csv and docs/csv.md repeat the descriptions given here.

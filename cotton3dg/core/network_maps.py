@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the bolls' network says of each pixel of an image."""
 
 from __future__ import annotations

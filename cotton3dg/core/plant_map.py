@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a plant: its stem, its branches in order, and the place of each boll on them.
 
 Lengths are cm in the plant frame: z up from the table top, the origin where the stem meets the table.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run of a stage tells its caller: how far it is, where its time goes, its outcome and its state."""
 
 from __future__ import annotations

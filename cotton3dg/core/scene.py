@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras and Gaussians, the two halves of a splatted scene.
 
 Lengths are in su, the arbitrary scene unit of the structure-from-motion model, until `Scale` turns them into cm.

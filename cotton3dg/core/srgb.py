@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sRGB: its curve between 0 and 1 (IEC 61966-2-1), and the level at which a photo is burnt out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures from which a network of bolls learns."""
 
 from __future__ import annotations

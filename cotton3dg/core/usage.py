@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What this process has used of the machine: time of processors, and memory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The version of this cotton3dg."""
 
 from __future__ import annotations

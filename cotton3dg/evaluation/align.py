@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two films of one plant in one frame: the turn about the vertical, found from its bolls and branches.
 
 In both plant frames z is up from the table top and the stem stands at the origin. Three things are unknown: how the

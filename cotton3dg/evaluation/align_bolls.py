@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Alignment of two films of one plant by its bolls alone, if the foot of the stem is only a guess.
 
 Heights count from the table in both films. Each pair of bolls in one film with the same heights and distance as a pair

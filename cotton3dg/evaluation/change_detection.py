@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two films of one plant side by side: the change of each boll and of each trait."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Saves what changed between films of a plant: tables, pictures and a page."""
 
 from __future__ import annotations

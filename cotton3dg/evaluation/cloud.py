@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The traits of a plant from a scanner's point cloud, by the code that measures Gaussians."""
 
 from __future__ import annotations

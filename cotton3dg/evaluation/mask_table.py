@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """masks.csv: the accuracy of masks of many plants and back ends, per image, per plant and pooled over all plants.
 
 An evaluation replaces the rows of its plant and back end and keeps all others, so that a loop over plants and back

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks against true ones: precision, recall and F1 at several IoU, and mIoU, as in Table 5 of Cotton3DGaussians.
 
 In each image, true and found masks are matched one to one, the largest IoU first. At a threshold t a pair with at least

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One-to-one matching of bolls by their centres, as tests and the evaluation need it."""
 
 from __future__ import annotations

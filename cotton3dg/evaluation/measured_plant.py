@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A finished plant from its tables and its map, for comparison with another film."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One plant's tables against its truth: the error of each trait, and which bolls were found.
 
 The truth is a `truth.json` as `cotton3dg simulate` writes it (metres, origin at the table's centre, z up).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant's map against the true skeleton: branches found, their shape, and bolls on the right branch.
 
 Branches match by the place of their foot and the direction in which they leave the stem.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Films of unchanged plants: how far their traits and single bolls scatter, and whether one film is biased."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Saves the results of repeated films: tables, a picture and a page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table of many plants, or of their bolls, against a table of the truth: error measures and a plot of each trait.
 
 Plants are matched by plant_id, bolls of one plant by their places or else by boll_id, and traits by the header:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Seed-cotton weight from boll volume and from boll count, fitted to weighed plants (Cotton3DGaussians, Fig. 10 b)."""
 
 from __future__ import annotations

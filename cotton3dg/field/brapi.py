@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field in the form of the Breeding API (BrAPI 2.1): units, variables and observations, as a server answers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns of a field book: what they mean, and how a table appends them to its own."""
 
 from __future__ import annotations

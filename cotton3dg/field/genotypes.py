@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Genotypes compared: means with errors, an F test, and heritability by a mixed model."""
 
 from __future__ import annotations

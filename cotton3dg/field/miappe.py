@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field as MIAPPE 1.2 requires it: the sheets of its spreadsheet template, with columns by their code names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field in other formats: CottonGen's templates, Field Book's files, a data package and one workbook."""
 
 from __future__ import annotations

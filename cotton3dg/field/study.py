@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Facts of a study that only the lab knows, from `study.toml` in the field's folder; keys are MIAPPE's code names."""
 
 from __future__ import annotations

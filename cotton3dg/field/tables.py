@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field from the tables of its batch: rows with values, units and the field book's columns."""
 
 from __future__ import annotations

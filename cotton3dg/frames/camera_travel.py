@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the camera has gone, measured by corners that are followed from frame to frame.
 
 The unit is the longer side of the image: a phone that goes once around a plant and looks at it pans over about five.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judging a capture before any 3D: sharpness, exposure, motion, and which frames of a video to take."""
 
 from __future__ import annotations

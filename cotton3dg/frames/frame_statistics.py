@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The images taken from a capture. They are measured one by one, as they are too many to be held together."""
 
 from __future__ import annotations

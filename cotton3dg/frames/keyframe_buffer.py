@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The best frames of a film so far, held while it streams by, in bounded space.
 
 The length of the way is not known beforehand. At first every frame is held. When the room is full, the way so far is

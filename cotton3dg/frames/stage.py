@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """frames: sharp, evenly spaced images from the plant's video or photos."""
 
 from __future__ import annotations

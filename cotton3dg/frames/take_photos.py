@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images from a folder of photos."""
 
 from __future__ import annotations

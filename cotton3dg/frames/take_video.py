@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sharp images from a video, at even steps of the camera's way."""
 
 from __future__ import annotations

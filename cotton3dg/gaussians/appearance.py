@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ways to show a model other than as filmed: its bolls in colours, or how far away things are."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well renders match photos, over the whole image and over the plant."""
 
 from __future__ import annotations

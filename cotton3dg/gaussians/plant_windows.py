@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The window of each photo that shows the plant. Most fine steps of a training, and the bolls' network, use only it."""
 
 from __future__ import annotations

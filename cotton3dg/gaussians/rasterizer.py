@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The checked face of the C++ core: render, accumulate weights, take an optimiser step.
 
 Everything here is a pure function of its arguments, bit by bit independent of the number of threads, except

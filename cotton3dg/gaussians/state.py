@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state that a training keeps between steps besides the Gaussians, and the sizes of its steps."""
 
 from __future__ import annotations

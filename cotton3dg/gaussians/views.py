@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A photo together with the camera that took it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boxes around point sets of any rank: minimum-area rectangle in the plane, oriented box in space."""
 
 from __future__ import annotations

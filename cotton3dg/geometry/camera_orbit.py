@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the cameras stand around the plant, and which of them to choose."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths of a virtual camera: around the plant in an even circle, or along the walk of the real one."""
 
 from __future__ import annotations

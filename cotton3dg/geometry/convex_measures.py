@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Volume and diameter of point sets, in their unit. Degenerate sets give NaN and a reason, never a guess."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Large level planes around which the cameras walk: a table top, the floor.
 
 All lengths below are relative to the radius R of the orbit, because nothing has a unit yet.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Size and outliers of the point set of a boll, relative to the set itself: no unit of length is known yet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Curves in space as polylines: path lengths, resampling, smoothing, directions."""
 
 from __future__ import annotations

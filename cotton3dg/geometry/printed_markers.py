@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Printed square markers, ArUco and AprilTag, as OpenCV sees them in a picture."""
 
 from __future__ import annotations

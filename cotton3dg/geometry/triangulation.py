@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A point in space from its places in several photos; some of these places may be wrong."""
 
 from __future__ import annotations

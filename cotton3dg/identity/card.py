@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The printed card of a plant, drawn: markers for scale and place, a code, grey patches, text and a ruler."""
 
 from __future__ import annotations

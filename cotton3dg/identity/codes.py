@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Codes in pictures, and the vote of the codes in many frames of a video."""
 
 from __future__ import annotations

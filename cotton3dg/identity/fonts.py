@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A font for a text in any script: DejaVu Sans from matplotlib, or a font of the machine that has the letters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ids of plants: the text of their printed codes, and the names of their folders."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boll masks made elsewhere: PNG files, COCO, Labelme, or YOLO labels, fitted to a plant's images."""
 
 from __future__ import annotations

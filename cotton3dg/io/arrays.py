@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arrays in .npy and uncompressed .npz files, without pickle and with sizes checked before anything is allocated."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Point clouds from scanners: PLY, PCD or plain text, with the boll number of each point if the file has one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COCO instance annotations: https://cocodataset.org/#format-data; run lengths as in pycocotools' maskApi.c."""
 
 from __future__ import annotations

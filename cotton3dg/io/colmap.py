@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading COLMAP's binary models (https://colmap.github.io/format.html), sizes checked before anything is allocated."""
 
 from __future__ import annotations

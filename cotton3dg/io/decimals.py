@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers as people of all countries write them: decimal dots and commas, thousands set off where that is certain."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos written through ffmpeg, frame by frame as they are made."""
 
 from __future__ import annotations

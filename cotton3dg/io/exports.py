@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera poses in the formats of other programs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ffmpeg's output: about the streams in a file, and about the frames while it decodes them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lab's field book: a table with a row for each plant, as CSV of any spreadsheet or as .xlsx."""
 
 from __future__ import annotations

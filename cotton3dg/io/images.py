@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images and instance-id images on disk, with limits that are checked before a pixel is decoded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Instances that a person drew or a tool found in an image, in any of the formats."""
 
 from __future__ import annotations

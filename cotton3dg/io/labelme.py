@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labelme annotations, one JSON file per image: https://github.com/wkentaro/labelme."""
 
 from __future__ import annotations

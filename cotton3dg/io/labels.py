@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where labels of a drawing go, so that none hides another."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files that a person put into a folder, without hidden ones and those that macOS, Windows and servers leave."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A server for the browser of this machine alone. It guards the door; what lies behind it is its caller's.
 
 The standard library's http.server does: one person asks for a few files of some MB. A framework would bring routes,

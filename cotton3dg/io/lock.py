@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lock on a file that ends with the process that holds it, however the process dies.
 
 Some network drives and shared folders of virtual machines have no locks. There a file with the name of the host and the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks that were drawn as PNG files: one grey value or colour per object, or one for all objects."""
 
 from __future__ import annotations

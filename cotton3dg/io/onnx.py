@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ONNX files of feed-forward networks, written without the onnx package: the few message types that these need.
 
 The format: https://github.com/onnx/onnx/blob/main/onnx/onnx.proto.

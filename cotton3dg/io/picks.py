@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """scale_points.csv: two points of known distance, picked by hand in several images."""
 
 from __future__ import annotations

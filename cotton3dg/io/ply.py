@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians in the PLY layout of the INRIA implementation, which SuperSplat and other viewers open.
 
 Binary little-endian float32 properties in this order: x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3.

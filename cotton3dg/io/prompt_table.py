@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prompts for SAM that a person clicked: a CSV table of points or boxes, one row per boll."""
 
 from __future__ import annotations

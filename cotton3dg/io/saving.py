@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Saving without loss: files change all at once and reach the disk, and errors of the disk are explained."""
 
 from __future__ import annotations

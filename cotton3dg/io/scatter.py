@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measured against true values as a PNG: points, the 1:1 line, the regression line and the figures beside them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sheets of paper as PDF or PNG that print at their true size."""
 
 from __future__ import annotations

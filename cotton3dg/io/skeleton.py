@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The skeleton for other programs: a PLY of points and edges, and the plant map as an SVG drawing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables that a person made in a spreadsheet of any country: CSV with commas, semicolons or tabs, or an Excel file."""
 
 from __future__ import annotations

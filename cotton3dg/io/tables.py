@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV tables that a spreadsheet opens: RFC 4180, comma and dot, ASCII headers with units, blank where not measured."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """High-dynamic-range video to ordinary sRGB images."""
 
 from __future__ import annotations

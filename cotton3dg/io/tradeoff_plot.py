@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plot of accuracy against time: one dot per setting, one colour per sweep, the front of settings worth choosing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads videos through ffmpeg: their facts, the time stamp of every frame, and single frames.
 
 The module does not trust ffmpeg's exit code, frame count and duration: ffmpeg exits with 0 on a truncated file. Only

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Excel files: numbers stay numbers, text stays text whatever it looks like, and each sheet is a table."""
 
 from __future__ import annotations

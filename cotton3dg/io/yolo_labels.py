@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YOLO segmentation labels: one text file per image, one line per instance: class, then x y of its corners in shares of
 the image's width and height (https://docs.ultralytics.com/datasets/segment). An empty file is an image without any.
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames as decoders give them: brightness at full size, colour at half of it (4:2:0)."""
 
 from __future__ import annotations

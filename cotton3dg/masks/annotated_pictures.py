@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes training pictures from annotated photos: pieces at many sizes, mirrored, brightened, blurred."""
 
 from __future__ import annotations

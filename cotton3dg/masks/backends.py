@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The back ends of the stage masks. Each makes the masks of the bolls from the photos of a plant."""
 
 from __future__ import annotations

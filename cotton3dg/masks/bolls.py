@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls' network, run by OpenCV: its maps of an image (`bolls_network` describes its heads)."""
 
 from __future__ import annotations

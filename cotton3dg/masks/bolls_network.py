@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls' network: from an image to classes, and for lint to the middle, the size and the borders of its boll.
 
 EfficientNet-Lite0 (Tan and Le 2019, without squeeze and excitation, ReLU6 for swish) encodes the image; a feature

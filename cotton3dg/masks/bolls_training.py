@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Training of the bolls' network, from nothing or from given weights."""
 
 from __future__ import annotations

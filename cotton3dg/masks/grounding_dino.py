@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds boxes around the objects that a text names: Grounding DINO (Liu et al. 2023), which prompts SAM in
 Cotton3DGaussians."""
 

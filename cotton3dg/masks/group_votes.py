@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls of one image from the maps of the bolls' network.
 
 Every pixel that looks like lint votes for the middle of its boll. There is a boll where votes meet; the pixels that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Divides the pixels of an image among the proposals of a network."""
 
 from __future__ import annotations

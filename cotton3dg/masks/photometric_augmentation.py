@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes of light and colour that occur in photographs, but not in renderings; they teach a network to use shapes.
 
 Simulated pictures share a renderer's light and palette. Sunlight that falls through leaves, other white balances, other

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Segment Anything, SAM (Kirillov et al. 2023) and SAM 2 (Ravi et al. 2024), prompted by points and boxes.
 
 An image is encoded once; each prompt then costs milliseconds. Several prompts may hit one boll, and one may come out as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds open bolls in a single image, without a model that combines several images."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the bolls in images from around the plant, or imports masks."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The network sees one image at several sizes, and once more sharpened and mirrored. It knows bolls of some sizes
 better than others, and those in focus best; and the mean of two looks errs less if the looks differ more."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Training of YOLO segmentation networks through ultralytics (AGPL-3.0), and their export to ONNX."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models of Hugging Face's transformers from local folders, without network."""
 
 from __future__ import annotations

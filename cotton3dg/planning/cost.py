@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time that a run will take: seconds of each stage from the number of images, their size, steps and Gaussians.
 
 Each stage has a model of its own, in its module. Every term is work (images, pixels, pairs, steps) times the time per

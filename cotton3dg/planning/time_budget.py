@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The best settings that fit into a given time, and what they give up.
 
 The run chooses twice: before any stage, and once the cameras are known. The steps of the training then take the time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time that a run still takes: the expected times of its stages, corrected by the times of those that are done."""
 
 from __future__ import annotations

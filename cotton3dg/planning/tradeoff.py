@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cost of accuracy in time: the settings worth choosing, and durations in words."""
 
 from __future__ import annotations

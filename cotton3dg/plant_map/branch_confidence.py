@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which bolls may sit on another branch than in the map, because branches pass near each other.
 
 Where two branches touch, the model's wood is one piece, and bends alone decide which branch goes on where. On simulated

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the paths of a skeleton to the map that a breeder draws: stem, branches by rank, each boll on its branch."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The opacity of the model at which wood ends.
 
 A camera adds light, also in pixels that wood half covers, while the model mixes sRGB values. Half of dark wood and half

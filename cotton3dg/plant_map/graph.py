@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wood as a graph: near places are joined, gaps are bridged at a cost, and shortest paths lead to the clamp."""
 
 from __future__ import annotations

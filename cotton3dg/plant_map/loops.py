@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opens the loops of wood that touching branches close, so that each branch goes on straight.
 
 Shortest paths open a loop where the two ways round it are equally long, which is seldom where branches touch. The piece

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a plant from its Gaussians, or from a scanner's points: wood, skeleton, order, thickness."""
 
 from __future__ import annotations

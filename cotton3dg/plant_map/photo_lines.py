@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much of a thin line in space is covered by something of a known colour, from photos.
 
 A twig that is thinner than a pixel covers a share a of the pixels that it crosses: they are a W + (1 - a) B, with W

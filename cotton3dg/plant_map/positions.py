@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fruiting positions: the site of its branch at which a boll sits, where empty sites are scars of millimetres.
 
 A fruiting branch is a sympodium: at every node it bears a flower and turns to the other side, and its internodes

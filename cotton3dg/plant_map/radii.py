@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thickness of stem and branches: the width of the silhouette that their Gaussians show from several sides.
 
 Wood ends where the model's opacity is that of a pixel that wood half covers (`edges`).

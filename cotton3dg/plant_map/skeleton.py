@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From places of wood to a skeleton: the stem, then branch after branch, each the longest path that is left.
 
 TEASAR (Sato et al. 2000, "TEASAR: tree-structure extraction algorithm for accurate and robust skeletons"): shortest

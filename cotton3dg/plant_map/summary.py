@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The traits of a plant's map: rows for its branches and bolls, and the plant's own."""
 
 from __future__ import annotations

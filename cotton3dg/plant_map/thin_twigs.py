@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twigs that the model lacks, followed in the photos.
 
 A twig about as thin as a pixel may be missing from a trained model where it hardly differs from its background, yet

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pairs the parts of paths anew where branches touch or fork, so that each branch goes on straight.
 
 Shortest paths go from one branch into another wherever these touch, and at a fork the longest path takes the parent's

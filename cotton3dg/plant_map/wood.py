@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Places that may be wood: those along the plant's Gaussians that are neither lint nor leaf.
 
 Colour and shape decide: lint is known from the bolls, burs lie around them, and a leaf is broad where wood is a line.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality flags in words, and advice from this video on how to film the next one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plants of a batch to film, again or for the first time, with the reasons and what to do better."""
 
 from __future__ import annotations

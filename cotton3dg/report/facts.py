@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The facts in the files of a plant's folder, as far as the files still belong to its video."""
 
 from __future__ import annotations

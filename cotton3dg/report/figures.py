@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures for the pages: photos with bolls outlined and numbered, cut-outs, renders; in data URIs."""
 
 from __future__ import annotations

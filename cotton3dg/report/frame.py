@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coordinates of a plant's page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """index.html of a batch: every plant in a table that sorts, failures on top, and how the traits are distributed."""
 
 from __future__ import annotations

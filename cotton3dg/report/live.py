@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `cotton3dg view` shows: its own page, how plants do at this moment, and reports that may ask the server.
 
 Everything is read from the files of a run or a batch, which know nothing of the page.

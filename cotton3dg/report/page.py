@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """report.html of a plant: one file that opens from disk without a network.
 
 The page is closed by a Content-Security-Policy: nothing is fetched, and only the scripts whose hashes stand in it run.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parts of a plant's page that need its photos, masks and model, each read once and only if its stage is done."""
 
 from __future__ import annotations

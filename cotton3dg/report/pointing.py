@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that can be pointed at: what the page needs to find the point in space that two clicks show."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant in 3D for the page: its splats, a body for each boll, the skeleton, a picture for browsers without 3D."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's Gaussians for the page: those that images show most, in few bytes (templates/splats.js draws them)."""
 
 from __future__ import annotations

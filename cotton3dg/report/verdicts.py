@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Criteria for a film and for a row, once for all pages: `check` before the training, the report and the index after.
 
 Green is good as it is. Yellow means that `run` sets a flag, or that a value of the row is missing or less sure than

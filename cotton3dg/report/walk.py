@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The walk around the plant seen from above, for the pages: 100 = the radius of the orbit, x to the right, y down."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a plant's printed card in photos: the scale by its markers, and the grey levels of its patches.
 
 All markers of a card make one rigid body: the scale comes from distances of up to 30 cm between their corners. The

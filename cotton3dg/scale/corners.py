@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Computes the scale again after a person moved corners of the table: a table of known size is fitted to them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates the scale by the chosen reference, or by all available ones, with pictures that show them."""
 
 from __future__ import annotations

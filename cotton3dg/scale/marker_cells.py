@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the corners of a printed marker by the edges between its cells: when dark cells grow, light cells shrink.
 
 Ink that spreads, and a phone's tone curve and sharpening, move the edges of dark cells outwards or inwards, all by the

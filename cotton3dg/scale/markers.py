@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds printed markers of known size in photos and in space: ArUco and AprilTag squares, and ChArUco boards.
 
 A square's corners are refined by lines fitted to its sides, in linear light, and then by the edges between its cells

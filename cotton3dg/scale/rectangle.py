@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measures the rim of a flat rectangular table in the photos.
 
 Only silhouette views count for an edge: those whose camera stands on the inner side of it. From there the edge of the

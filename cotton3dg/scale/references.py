@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """References of known size: the scale of each, its error, and the scale of several together."""
 
 from __future__ import annotations

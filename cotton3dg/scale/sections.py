@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the scale by sections of the table's points, without photos.
 
 `scale_from_central_section` is that of Cotton3DGaussians, 2.5: an oriented box around the table's cloud, 11 sections

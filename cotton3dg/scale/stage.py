@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the metric scale and the up axis by things of known size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the table under the plant: its plane, its rectangle and, by its known size, the scale of the scene.
 
 All lengths below are relative to the radius R of the orbit, because nothing has a unit yet. The table lies inside the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scale from two points a known distance apart, picked by hand in several photos."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a folder of plants: the videos that were read for it, the outcome of each plant, and its cluster job."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lifted masks and bolls on disk: selections.npz, bolls.json and labels.npy."""
 
 from __future__ import annotations

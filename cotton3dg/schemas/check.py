@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """check/check.json: the findings of a first look at a film, and whether to film again."""
 
 from __future__ import annotations

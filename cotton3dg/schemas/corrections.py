@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """corrections.json of a plant: a person's corrections of its bolls and its table, and lengths that a person measured.
 
 The report's page or `cotton3dg correct` writes it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all JSON documents share: a frozen dataclass is written as it stands, and read back field by field."""
 
 from __future__ import annotations

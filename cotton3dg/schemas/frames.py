@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """frames/frames.json: the images that were taken from a capture, with the facts about each."""
 
 from __future__ import annotations

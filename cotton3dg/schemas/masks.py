@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """masks/masks.json: how the masks were made, and how many each image has."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """masks/<image>.npz: the bolls' network's maps of one image, rounded.
 
 Probabilities have 8 bits and form one grey PNG, class below class. Votes and diameters have half precision, in pixels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """records/ of a plant: what each stage's run did, the options that were chosen, and the files that `clean` dropped."""
 
 from __future__ import annotations

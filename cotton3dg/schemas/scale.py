@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """scale/ of a plant: the metric scale of the scene with its evidence, and the grey patches of its card."""
 
 from __future__ import annotations

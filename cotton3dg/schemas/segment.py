@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """segment/segment.json: the settings of the segmentation, and how its maps agree with the masks."""
 
 from __future__ import annotations

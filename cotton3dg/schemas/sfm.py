@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sfm/sfm.json: the quality of the model of the cameras, and what it lacks."""
 
 from __future__ import annotations

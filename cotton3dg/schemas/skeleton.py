@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """traits/skeleton.json: the map of a plant, its stem, branches and the bolls on them."""
 
 from __future__ import annotations

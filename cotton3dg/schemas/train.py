@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """train/metrics.json and train/effects.json: the quality of the model, and the effects of the camera it allows for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """truth.json and instances/frames.json: the known truth about a plant; no stage reads it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fit of seed-cotton weight to measured traits, for plants that are not weighed."""
 
 from __future__ import annotations

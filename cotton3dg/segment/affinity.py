@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Affinity features: one vector per Gaussian, alike within a boll and unlike between bolls (Cotton3DGaussians,
 Eq. 3-10, after SAGA by Cen et al. 2023).
 

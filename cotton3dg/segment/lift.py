@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lifts masks of bolls onto Gaussians: how much of each Gaussian's weight falls into which mask.
 
 Rendering is linear in the Gaussians' values, so one forward pass a view gives each Gaussian's weight, in pixels, inside

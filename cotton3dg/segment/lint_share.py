@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much each Gaussian is lint, by the network's probabilities from all views together.
 
 The network errs in the shade, on burs and on pale walls, but at other places in each view. The trained model knows

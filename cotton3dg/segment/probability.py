@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Probability of every Gaussian to be lint, fitted to the masks of many views (seed paper "binary segmentation").
 
 Each Gaussian has one p in 0..1; a view's map is P = sum of p alpha T, front to back (Eq. 2). The mean binary

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a training of probabilities: the map of a view over the steps, and the lint alone (paper on binary
 segmentation, Fig. 3 and 4)."""
 

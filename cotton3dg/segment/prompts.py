@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From affinity features and the masks of a few views to one set of Gaussians a mask (Cotton3DGaussians, Eq. 11).
 
 A mask is a prompt: its query is the mean of the rendered features in it, and Gaussians similar to the query are its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Turns masks into sets of Gaussians by any of the methods, with figures and pictures of the result."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds for each Gaussian how much it is lint, or which masks hold it."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Structure from motion: features, pairs and matches, the mapper, lost images brought back, the lens."""

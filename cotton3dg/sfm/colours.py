@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours of the points of structure from motion, with which the training begins."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the cameras of a model explain the matches of its images; those of a bent or folded model do not.
 
 The mapper leaves out matches that do not fit, so its reprojection error is small in a wrong model, too. The matches of

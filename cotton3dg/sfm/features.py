@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Places in an image that can be found again in another: SIFT (Lowe 2004), by OpenCV."""
 
 from __future__ import annotations

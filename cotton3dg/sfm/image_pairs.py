@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which images of a walk around a plant to match with each other."""
 
 from __future__ import annotations

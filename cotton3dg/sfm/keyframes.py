@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The first half of structure from motion on a film: some frames, evenly spaced, with their features, matches, cameras.
 
 They show how good a film is in less than half of the time that all frames take, and no part of this work is done twice.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A reconstruction's lens distortion: whether it is needed, and images without it."""
 
 from __future__ import annotations

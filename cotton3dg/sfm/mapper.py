@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COLMAP's mapper: cameras and points from features and matches, by one thread, the same bits each time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corners of printed markers as matches: a marker's number identifies its corners, however far apart images are.
 
 Where walls are bare, or photos few, a sheet of markers on the table may be all that images have in common.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which features of two images show the same place."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Structure from motion: features found and matched by OpenCV and the core, cameras placed by COLMAP's mapper."""
 
 from __future__ import annotations

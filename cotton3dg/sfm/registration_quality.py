@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cameras that structure from motion could place: whether they suffice, and the flags and warnings about them."""
 
 from __future__ import annotations

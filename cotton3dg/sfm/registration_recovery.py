@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The steps that follow when structure from motion places too few of the images: the cheapest first, each when needed.
 
 1. `following`: where images of a walk are lost, e.g. blurred ones, a tracker follows the features of their neighbours

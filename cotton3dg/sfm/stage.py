@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sfm: where the camera was for each image, by structure from motion, and the images without lens distortion."""
 
 from __future__ import annotations

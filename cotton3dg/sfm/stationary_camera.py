@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a camera stood still: then most of its matches stay where they are, and only a turning thing moves.
 
 Structure from motion would try for a quarter of an hour to place such cameras, which are all the same, and give up.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the features of one image lie in the next: Lucas and Kanade's tracker over a pyramid (Bouguet 2000), by OpenCV.
 
 Descriptors need corners as sharp as those of the other image. A tracker only needs images that look alike, so it

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """A procedural cotton plant filmed by a virtual smartphone, with exact truth."""

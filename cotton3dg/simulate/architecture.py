@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The axes of a plant: stem, branches and peduncles, as breeders map them.
 
 A simple plant has a branch for each boll or two (`plant.fruiting_branches`). A natural one is grown here node by node:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All textures of a room in one picture, each with its chain of prefiltered sizes (mip levels)."""
 
 from __future__ import annotations

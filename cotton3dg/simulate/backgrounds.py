@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of everything but a plant, to lay plates over: rooms, walls, curtains, boards, fields, skies, soil."""
 
 from __future__ import annotations

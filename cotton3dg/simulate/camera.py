@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One turn around the plant with a camera held by hand."""
 
 from __future__ import annotations

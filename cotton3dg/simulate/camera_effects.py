@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The video's images, with the chosen effects; an effect that is off takes no time and changes no pixel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Training pictures: plates in a mixture of light, over each other and over backgrounds, developed as phones do."""
 
 from __future__ import annotations

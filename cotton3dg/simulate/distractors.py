@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Things that may look like open bolls, as most of them are white: balls, mugs, labels, cloths, boxes, and, beside
 plants in pots and stands, pots, clamps and hands.
 

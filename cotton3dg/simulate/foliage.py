@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Leaves, closed bolls, flowers, empty bracts and wisps of lint: what a network must not take for open bolls.
 
 Lengths are metres; each grows along z from the origin.

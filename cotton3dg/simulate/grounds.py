@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of bare ground in hard sun: sand, gravel, straw, dry leaves, clods. Their bright spots look like lint.
 
 Each is a relief with colours, lit by a low or high sun whose shadows fall along the picture, and by the sky; seen from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Light that is computed once and kept in textures and vertices: all surfaces are matt and nothing moves."""
 
 from __future__ import annotations

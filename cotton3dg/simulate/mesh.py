@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coloured triangle meshes: the shapes that plants are made of.
 
 Lengths are metres, colours linear RGB albedo in 0..1.

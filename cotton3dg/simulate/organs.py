@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The organs on a plant's wood: open bolls in their burs, dry leaves.
 
 Lengths are metres.

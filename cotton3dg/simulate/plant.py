@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A defoliated cotton plant, grown from a seed.
 
 A bent stem bears fruiting branches that rise and zigzag, 3/8 of a turn apart (the phyllotaxis of Gossypium); each open

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates: small pictures of a training scene, one for each light source, to be lit and laid over backgrounds later.
 
 Light is linear, so a scene that was rendered once under each of a few lamps can be shown in any mixture of them: at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rays through triangles by Embree: by embreex, or by Open3D where embreex has no wheel; both agree up to rounding."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From plant, room and camera to an image: one ray cast, stored light, prefiltered textures."""
 
 from __future__ import annotations

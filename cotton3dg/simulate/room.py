@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A furnished room around the table: textured rectangles ("panels") and the lamps that light them.
 
 Metres, z up, z = 0 at the table top, x along the table's long side, origin at its centre; the floor is 0.75 m lower.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Procedural pictures for the surfaces of a room, rich at every scale from a metre to the pixel.
 
 A `Canvas` has the size of the surface and the fineness of the paint; every painter returns (H, W, 3) float32 sRGB in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes for training networks: a varied plant, leaves, closed bolls, and white things that are not lint.
 
 All meshes of a scene are merged; every vertex has a class, every triangle the boll whose lint it belongs to. Metres,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The truth about a simulated plant and its filming, computed from the meshes and the path of the camera."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open bolls of every kind that plants bear: with separate locks, tight, fluffy, drooping, torn by storms, half open,
 yellowed, dirty.
 

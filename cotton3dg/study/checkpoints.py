@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The models that one training passes through, each saved as if the training had ended there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LPIPS (Zhang et al. 2018): the difference of two images to a trained network, if the user has one.
 
 The network is a TorchScript file that takes two images (1, 3, H, W) in -1..1 and gives a number; docs/papers.md says

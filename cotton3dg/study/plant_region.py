@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pixels of a photo that show the plant, independent of the judged model: the same for all settings of a study."""
 
 from __future__ import annotations

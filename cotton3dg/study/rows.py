@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The row of a finished setting: its traits, time and memory, and the quality and speed of its renders."""
 
 from __future__ import annotations

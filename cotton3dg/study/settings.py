@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The settings of a sweep, and why a plant's footage rules out some of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of a study, and its picture: study.csv, Markdown in the layout of the papers with seconds, study.png."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tries the settings of a study on one plant, as far as time permits.
 
 Each setting has a plant's folder of its own below study/. It starts with the finished stages of the base setting, so

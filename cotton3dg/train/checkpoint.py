@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A training between two steps on disk, from which it goes on as if it had never stopped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adaptive density control: where the model gets more Gaussians, and which ones it drops.
 
 Kerbl et al. 2023, section 5.2, with three departures that make a fixed budget reachable in a short training:

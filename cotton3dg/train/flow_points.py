@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dense starting points: optical flow between neighbouring images, triangulated with the known cameras.
 
 Structure from motion leaves a few points on plain surfaces and thin branches. Starting from many well-placed points

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A model that another program trained on this plant's images and cameras, brought into the plant's scene.
 
 Programs that keep the cameras' frame (INRIA's, gsplat with `--no-normalize-world-space`, Brush, LichtFeld) need nothing

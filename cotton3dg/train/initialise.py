@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Gaussians that training starts from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The photos of a capture that the training uses, corrected for the effects of the camera that they show."""
 
 from __future__ import annotations

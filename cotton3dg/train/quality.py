@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How good a trained model is, by photos that it was not trained on."""
 
 from __future__ import annotations

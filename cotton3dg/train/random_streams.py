@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random numbers of the training: one seed gives each purpose a stream of its own."""
 
 from __future__ import annotations

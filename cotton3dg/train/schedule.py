@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan of a training, step by step. It follows from the views and the options alone."""
 
 from __future__ import annotations

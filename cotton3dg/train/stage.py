@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Train a Gaussian model on the undistorted images."""
 
 from __future__ import annotations

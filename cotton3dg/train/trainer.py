@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fitting Gaussians to photos: the training loop of 3D Gaussian splatting on a budget.
 
 Loss, optimiser and learning rates follow Kerbl et al. 2023. Resolution and number of Gaussians grow together (coarse

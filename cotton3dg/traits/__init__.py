@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measures a plant: finds its Gaussians, the bodies that they show, and their sizes in cm."""

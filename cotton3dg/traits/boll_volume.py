@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Volume, width and place of each boll, from its Gaussians."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Applies a person's corrections of the bolls: merged, split, deleted, added."""
 
 from __future__ import annotations

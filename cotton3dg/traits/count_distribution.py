@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The distribution of the true number of bolls, given the counted ones, and the effect of a wrong count on the volume.
 
 Each counted boll may be none, one or two in truth (a Poisson binomial distribution with three outcomes, convolved

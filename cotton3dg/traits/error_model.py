@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard errors of the traits of a plant and of its bolls, from the usual sources of error.
 
 Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, both each

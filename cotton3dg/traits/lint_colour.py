@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colour of the lint, by the grey patches of the plant's card in the same photo.
 
 The patches turn grey levels into reflectances, separately for each channel. This corrects white balance, exposure and

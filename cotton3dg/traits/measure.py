@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The traits of a plant and of its bolls, from their Gaussians."""
 
 from __future__ import annotations

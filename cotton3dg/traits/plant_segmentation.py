@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which Gaussians are the plant: not the table, the clamp, the room or a floater. Thin branches are kept.
 
 All lengths are in cm above the table, so this needs a scale.

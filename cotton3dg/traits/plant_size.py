@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Height and canopy of a plant, with flags where the end of a twig may be lost."""
 
 from __future__ import annotations

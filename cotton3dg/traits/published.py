@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traits as Cotton3DGaussians defines them, in columns of their own beside the defaults.
 
 A boll's volume is that of the convex hull of its Gaussians' means; the plant's height is the upright side of the

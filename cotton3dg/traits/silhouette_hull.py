@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The convex body that a set of Gaussians shows when it is rendered alone.
 
 Gaussians describe opacity, not surfaces: few large ones and many small ones may render alike, while the hull of their

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables: one row for the plant, one for each boll."""
 
 from __future__ import annotations

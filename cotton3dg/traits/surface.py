@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the Gaussians of a body to points on its surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the images show the plant whole, because parts that no image shows cannot be measured."""
 
 from __future__ import annotations

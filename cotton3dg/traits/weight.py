@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Seed-cotton weight of an unweighed plant by a line fitted to weighed ones (Cotton3DGaussians, Fig. 10 b)."""
 
 from __future__ import annotations

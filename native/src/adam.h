@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Adam (Kingma and Ba 2015) for the Gaussians that a view shows, each with step counters of its own: a row that is not
 // seen keeps its parameters and moments.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The Python module cotton3dg._native: rendering. Its checked interface is cotton3dg/gaussians/rasterizer.py; those for
 // matching descriptors and for thin lines in photos are cotton3dg/sfm/matching.py and plant_map/photo_lines.py.
 #include "bindings.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Checked access to numpy arrays. Nothing is converted: a wrong dtype, shape or memory order is an error.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // cotton3dg._native.for_tests: loss and gradients one by one; the package itself only uses them together in train_step.
 #include "bindings_train.h"
 #include "memory.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The Python module cotton3dg._native: the optimiser step.
 #include "bindings_train.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Code that the bindings of the training and the bindings of its parts for the tests share.
 #pragma once
 

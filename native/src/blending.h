@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Code that the forward and the backward rasterizers share, so that they agree to the last bit: the alpha of a Gaussian
 // at a vector of pixels, and the rule for which pixels take it.
 #pragma once

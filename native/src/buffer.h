@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Memory that grows and is reused: aligned for vectors, never initialised; its contents are lost when it grows.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One view of a scene: projected, binned into tiles, ready to be blended.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // From a 3D Gaussian to its 2D footprint, several Gaussians at once. Always in double: the squares and minors of
 // needle-thin or huge Gaussians leave the range of float. Zwicker et al. 2001 (EWA splatting), Kerbl et al. 2023.
 #pragma once

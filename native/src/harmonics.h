@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Real spherical harmonics of degree 0 to 3 with the signs and constants of Kerbl et al. 2023 (INRIA) and gsplat.
 #pragma once
 

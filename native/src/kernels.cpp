@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The kernels of one instruction set: this file is compiled once for each, with COTTON_ISA as the namespace.
 #include "kernels.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which tiles, and which of their blocks, a projected Gaussian reaches: the exact test of its alpha-cut ellipse.
 #pragma once
 

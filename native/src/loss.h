@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // (1 - λ) L1 + λ (1 - SSIM), the loss of Kerbl et al. 2023, of an image against a photograph.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The available memory: a process that takes more ends without an exception that it could catch.
 #pragma once
 

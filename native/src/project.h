@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Scene -> projected Gaussians: culling, footprint, colour.
 #pragma once
 

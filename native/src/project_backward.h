@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Gradient by projected Gaussians -> gradient by their parameters.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What passes from the projection to the blending and back: projected Gaussians, their pairs with tiles, and gradients.
 #pragma once
 

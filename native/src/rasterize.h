@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Front-to-back blending of one tile and its full gradient (the seeds' Eq. 1-3 are this one sum).
 #pragma once
 

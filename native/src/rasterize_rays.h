@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The blending weights themselves, at chosen pixels.
 #pragma once
 

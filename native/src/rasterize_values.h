@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Gradient by the blended values alone (geometry frozen): sums over pixels of weight * gradient. With indicator planes
 // in place of gradients the same sums are the blending weights that each Gaussian has inside a mask.
 #pragma once

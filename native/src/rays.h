@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The Gaussians and weights that blend into single pixels.
 #pragma once
 

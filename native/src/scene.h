@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The plain structs that the kernels and their callers share. `Real` is float in production and double in the tests.
 #pragma once
 

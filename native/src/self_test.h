@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Whether NaN and Inf are still recognised in this build.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Vectors of the instruction set that the including file is compiled for, by the GCC/Clang vector extensions.
 // Comparisons give integer vectors of 0 and -1; `mask ? a : b` selects.
 #pragma once

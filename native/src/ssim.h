@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The loss, forward and backward, by row bands of one channel. SSIM as in Kerbl et al. 2023: 11 x 11
 // Gaussian window of sigma 1.5, zero padding; the window is separable and symmetric, so its adjoint is itself.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A separate pool of threads (torch brings an OpenMP runtime that must not be shared). Any thread may run any task, so
 // tasks must not share sums.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Gradients and the optimiser step of one view.
 #pragma once
 

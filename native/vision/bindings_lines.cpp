@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Thin lines in photos. The Python interface is cotton3dg/plant_map/photo_lines.py.
 #include <pybind11/stl.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Matching of descriptors. The Python interface is cotton3dg/sfm/matching.py.
 #include "../src/bindings.h"
 #include "descriptors.h"

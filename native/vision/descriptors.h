@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Descriptors of image features, and their nearest neighbours in another image.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Evidence along thin lines in photos: the share of each piece that an object of known colour covers. Its purpose and
 // the equation are in cotton3dg/plant_map/photo_lines.py.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Nearest neighbours among descriptors by all products: for each row of one image the best two of the other, and the
 // reverse. All numbers are whole, so the result is exact, and the same on every processor.
 #pragma once

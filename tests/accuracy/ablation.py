@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each thing that the bolls' network says is worth: masks of `bolls` without it, on plants whose bolls are known.
 
     python tests/accuracy/ablation.py PLANT ... [--views 36] [--without offsets sizes]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often a card's id is read in one photo, by the width of its code, and how often wrongly.
 
     python tests/accuracy/card_codes.py [--photos 1000] [--decoders zxing opencv aruco] [--seed 0]

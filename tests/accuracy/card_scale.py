@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the scale that a plant's card gives is off, on simulated films with a card on the table.
 
     python tests/accuracy/card_scale.py FOLDER [--seeds 1,2,3]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Are effects of the camera found where they are, and nowhere else? Twelve simulated clips whose effects are known.
 
     python tests/accuracy/effect_decisions.py FOLDER [--only NAME ...] [--weak]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which error is whose: plants measured again with true scale, true masks and true cameras put in place, one at a time.
 
     python tests/accuracy/error_budget.py FOLDER PLANT ... [--truths scale masks cameras all]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fifty videos without names, from the phone's folder to the export: whose rows come out, and what is in doubt.
 
     python tests/accuracy/fifty_videos.py FOLDER [--seed 0]        (some 40 CPU-minutes)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Films as people make them, judged by `cotton3dg check`: eight kinds of fault, five plants each.
 
     python tests/accuracy/hard_walks.py FOLDER [--kinds half_turn,cut] [--seeds 1,2] [--run]

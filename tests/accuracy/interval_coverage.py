@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether what a row states of its own errors is true: 24 simulated plants, each filmed five times, and judged.
 
     python tests/accuracy/interval_coverage.py FOLDER [--preset draft] [--jobs 2] [--from 0] [--also RUN:TRUTH ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be said of lint by its colour alone, to compare the bolls' network with."""
 
 from __future__ import annotations

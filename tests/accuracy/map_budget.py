@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which step the plant map loses what by: true facts take the place of measured ones, one after another.
 
     python tests/accuracy/map_budget.py RUN[:TRUTH] [RUN[:TRUTH] ...]

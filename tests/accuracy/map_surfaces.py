@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant map of simulated plants without filming them: places on the true surface of their wood, and the true bolls.
 
     python tests/accuracy/map_surfaces.py 5001 5024 [--crossing 2]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of figures as Markdown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Instances found in photos of cotton beside boxes that people drew around the bolls.
 
     python tests/accuracy/photo_boxes.py FOLDER [FOLDER ...] [--backend bolls|lint-colour] [--weights FILE] ...

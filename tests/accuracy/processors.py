@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a row depends on the make of the processor: one film measured as on processors of other kinds.
 
     python tests/accuracy/processors.py PLANT FOLDER [--preset draft] [--from sfm|train|masks]

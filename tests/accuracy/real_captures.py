@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real captures of all kinds through the program: what is placed, how like the model is, what scale comes out.
 
     python tests/accuracy/real_captures.py FOLDER [--only pineapple,romi] [--preset draft]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant map of a laser scan of real cotton, beside the branches that others cut it into.
 
     python tests/accuracy/real_clouds.py FOLDER

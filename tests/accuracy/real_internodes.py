@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant map of a real plant beside its internodes, measured by hand.
 
     python tests/accuracy/real_internodes.py FOLDER

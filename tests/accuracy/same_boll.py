@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit the score that tells bolls apart (`cotton3dg/masks/same_boll.toml`) on simulated plants, and judge it on others.
 
     python tests/accuracy/same_boll.py FOLDER [--jobs 2] [--only NAME ...] [--judge RUN[:TRUTH] ...] [--dry]

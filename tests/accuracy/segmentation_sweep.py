@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From masks to bolls: methods x number of views x quality of the masks, on plants whose bolls are known.
 
     python tests/accuracy/segmentation_sweep.py FOLDER PLANT ... [--methods lift] [--masks exact found] [--minutes 25]

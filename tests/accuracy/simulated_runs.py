@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated plants, filmed and measured by the command line, side by side."""
 
 from __future__ import annotations

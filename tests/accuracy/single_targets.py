@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """mBIoU of single bolls, each the only target: the layout of Table II of the seed paper "binary segmentation".
 
     python tests/accuracy/single_targets.py PLANT [--targets 1 5 9] [--masks found] [--steps 7000]

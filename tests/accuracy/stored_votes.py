@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells the bolls of a plant apart, with the truth, in one file: so that fitting and judging take seconds.
 
 A plant is a folder where `cotton3dg train` and `cotton3dg scale` are through, with `truth.json`, `cameras.json` and

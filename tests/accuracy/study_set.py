@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated plants, made, run and compared with their truth: the twelve of the study set, twelve of touching bolls,
 twelve of other kinds of bolls in bad light, and twelve whose bolls have separate locks.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is true of a plant's filming, in the scene that structure from motion made of it."""
 
 from __future__ import annotations

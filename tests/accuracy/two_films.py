@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often two films of a plant are laid on each other rightly, and films of two plants wrongly.
 
     python tests/accuracy/two_films.py [--plants 24]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks in space on turns around varied plants: bolls of all kinds, in any light, before any background.
 
     python tests/accuracy/varied_turns.py FOLDER [--seeds 0 8] [--weights own FILE ...]

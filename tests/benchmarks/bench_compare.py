@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of a training step of the working tree against those of an earlier commit, measured in turn.
 
 python tests/benchmarks/bench_compare.py [BASE] [--rounds 5]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each guard against bad numbers costs: training steps of builds with and without it, taken in turns.
 
     python tests/benchmarks/bench_guards.py [--rounds 40] [--json FILE]

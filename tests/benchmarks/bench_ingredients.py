@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each ingredient of the training schedule gains: the training without it, beside the training with all.
 
     python tests/benchmarks/bench_ingredients.py PLANT_DIR ... [--preset draft] [--only NAME ...] [--json FILE]

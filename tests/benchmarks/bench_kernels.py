@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times of the native core; `bench_kernels.py --json FILE` keeps them.
 
 `parts`: one training step by part, with the nanoseconds that the forward and the backward kernel take for a pair of a

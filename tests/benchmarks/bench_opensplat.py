@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A training step of OpenSplat's CPU path beside one of ours, on the same trained plant in the same minutes.
 
     python tests/benchmarks/bench_opensplat.py PLANT_DIR OPENSPLAT [--steps 4] [--rounds 3]

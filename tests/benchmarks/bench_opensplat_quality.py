@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How good OpenSplat's CPU path and ours become in how much time, from the points of structure from motion on.
 
     python tests/benchmarks/bench_opensplat_quality.py PLANT_DIR OPENSPLAT [--max-side 960] [--minutes 15] [--every 100]

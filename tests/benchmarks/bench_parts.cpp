@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a training step of the core spends its time on, and how many (pixel, Gaussian) pairs it blends.
 //
 //     bench_parts SCENE INSTRUCTION_SET THREADS REPEATS

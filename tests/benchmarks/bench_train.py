@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time to quality of the train stage: held-out PSNR against training time, as JSON on standard output.
 
     python tests/benchmarks/bench_train.py PLANT_DIR [--preset draft] [--set steps=1000 ...] [--every 500]

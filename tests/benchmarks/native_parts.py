@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Builds bench_parts, the native half of the benchmarks, and runs it on a scene."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long a field takes on other machines: a simulation from one plant's records, as Markdown on standard output.
 
     python tests/benchmarks/throughput.py PLANT_DIR [--plants 50] [--cores 8 32] [--spread 0.15]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One tiny simulated plant for all tests that only need some finished plant, run by the first example."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tools that judge many plants, on the tiny one."""
 
 import csv

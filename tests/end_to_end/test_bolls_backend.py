@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks by a network of bolls that calls lint what is bright, and its training by the command."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`cotton3dg check`: a verdict, its page, its exit code; and `run` goes on from what it did."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A person's corrections: applied, marked, taken back, replayed to the same bytes, and found again after a rerun."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corrections made in the report's page in a real browser, by real input events, and replayed."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`cotton3dg demo` on a plant that is filmed already: it is run and judged, and a second call does neither again."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands of README and docs, run as written in a folder that holds what they name, on one tiny plant."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every script in examples/ does what it says, on one tiny plant."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run leaves is read by other programs' own readers, and says the same there (docs/exports.md)."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A model trained elsewhere, end to end: our own, as each program would hand it over, gives the same traits."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames stage on clips and photos, good and bad, through the pipeline."""
 
 import json

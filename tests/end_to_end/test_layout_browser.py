@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the pages lie on a phone and on paper, in a real browser."""
 
 import re

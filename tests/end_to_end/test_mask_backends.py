@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stage masks with networks, and the commands that export masks and train on them."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stage masks on a workspace made here: white balls in a room with a white wall and posters."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Films of a made plant on its table: files of the stages before in, video and images out."""
 
 import json

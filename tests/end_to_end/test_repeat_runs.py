@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`run --repeat`: other frames, another seed, and what the runs say of each other."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """report.html of plants that failed, are damaged or mean harm."""
 
 import json

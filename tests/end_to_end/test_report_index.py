@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """index.html of a batch."""
 
 import numpy as np

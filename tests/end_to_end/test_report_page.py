@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """report.html of a plant: what it tells, its size, its closedness, when it is made."""
 
 import base64

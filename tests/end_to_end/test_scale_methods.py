@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scale stage with markers, picked points, sections and several references, on photos of markers on a table."""
 
 import csv

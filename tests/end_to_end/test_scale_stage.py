@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scale stage on a made room: COLMAP model, photos and Gaussians in, scale.json and pictures out."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stages segment and cluster on a workspace made here: five bolls on a stem, rendered to exact masks."""
 
 import json

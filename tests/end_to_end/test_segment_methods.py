@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The seed papers' methods of the stage segment on a workspace made here, on to the bolls."""
 
 import json

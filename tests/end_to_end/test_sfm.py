@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a clip to cameras: a textured room with a box in it, filmed on a full turn, with exact truth."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A study of a tiny simulated plant, interrupted and resumed, and a run within a time, through the command line."""
 
 import csv

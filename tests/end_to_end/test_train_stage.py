@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The train stage on a small workspace made here: a known model, its renders and a COLMAP model of the cameras."""
 
 import json

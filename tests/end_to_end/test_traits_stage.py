@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The traits stage on a made plant: files of the stages before in, tables out."""
 
 import csv

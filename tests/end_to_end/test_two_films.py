@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The same small plant filmed twice, the second time turned, on another walk and with two bolls picked."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The turns around varied plants that judge masks in space: kept, and judged as they are."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pages of a plant and of a field as a browser gets them: the same bytes as by the commands, and nothing else."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pages of `cotton3dg view` in a real browser, by real input events."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a simulated video to traits.csv through the command line, killed once in every stage on the way."""
 
 import csv

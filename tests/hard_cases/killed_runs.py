@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of a small made plant that are looked at in every moment at which they could die, or that are killed.
 
     python tests/hard_cases/killed_runs.py look FOLDER                 at every write boundary of every stage

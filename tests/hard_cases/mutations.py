@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring back known bugs, one at a time, and show which tests notice.
 
     python tests/hard_cases/mutations.py [part of a name ...]

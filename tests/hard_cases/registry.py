@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The numbered hard cases: what each promises and which tests show it.
 
 A number never changes its meaning; new cases get new numbers. `make hard-cases` runs the tests and prints the table.

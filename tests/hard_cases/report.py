@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the tests of all hard cases and print the table: number, case, promise, tests, pass or fail, seconds.
 
 python tests/hard_cases/report.py               run (`make hard-cases`)

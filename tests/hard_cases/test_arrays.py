@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard case 46: .npy and .npz files that are not what they seem."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A video with a black, a white, a corrupted and ten equal frames, in which the plant leaves the frame for a while."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 9 to 16: blending, forward and backward."""
 
 from __future__ import annotations

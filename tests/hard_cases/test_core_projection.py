@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 2 to 8, 17, 20 and 21: from parameters to pixels."""
 
 from __future__ import annotations

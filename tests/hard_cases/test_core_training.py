@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 1, 18, 19 and 22 to 29: loss, optimiser, density control and training."""
 
 from __future__ import annotations

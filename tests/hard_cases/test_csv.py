@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard case 48: text that a spreadsheet would run as a formula."""
 
 import csv

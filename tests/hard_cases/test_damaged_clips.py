@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clips of every kind of damage and of every odd format, through the frames stage: a result that tells, or a reason."""
 
 from __future__ import annotations

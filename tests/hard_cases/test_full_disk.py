@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard case 50 on a disk that really is full: a small tmpfs, filled up but for a few kilobytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 30 to 35: degenerate point sets, boxes, clusters, planes and scales."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 44 and 52: folders with hostile names, and two processes in one folder."""
 
 from __future__ import annotations

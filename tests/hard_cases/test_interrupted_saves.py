@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 49 and 50: a process that dies, or a disk that fills up, at any step of saving a result."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard case 49: runs that die, at every write boundary and at random; and a run that has no network."""
 
 from __future__ import annotations

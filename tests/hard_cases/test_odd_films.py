@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sound films in odd containers: what a demuxer says while it opens one is no damage, and the film in it is found."""
 
 from __future__ import annotations

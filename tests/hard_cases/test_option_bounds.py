@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard case 53: options at and beyond the ends of what they accept, intervals of zero among them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every hard case has its tests, and the page that shows them is up to date."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 51 and 54: training that is interrupted, and steps that cannot be taken."""
 
 from __future__ import annotations

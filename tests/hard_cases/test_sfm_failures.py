@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hard cases 36 and 37: structure from motion that finds several models, or the wrong one, or none."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The network without one thing that it says, as the program asks it."""
 
 import numpy as np

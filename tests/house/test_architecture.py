@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Modules have a readable size. The tests are ordered as the package is, and tests/README.md tells the order."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """README and docs: every command parses, every option, link and column named in them exists."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """File systems that lack what others have: locks, dates, permissions, hard links, folders that can be synchronised."""
 
 from __future__ import annotations

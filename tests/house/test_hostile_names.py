@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folders with names that are not UTF-8, that cannot be read, or whose links lead in circles: the others are found."""
 
 from __future__ import annotations

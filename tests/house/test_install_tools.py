@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What belongs to the installation: completion, manual page, checks of wheels, workflows."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rows of `make mistakes` are whole, and what looks at them sees what is wrong."""
 
 import re

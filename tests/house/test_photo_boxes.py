@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boxes in photos beside true ones: made-up boxes whose overlaps are counted by hand."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tools that look at a machine as if it had another processor."""
 
 import math

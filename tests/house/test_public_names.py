@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Python API: what `import cotton3dg` offers, what it costs, and that stub and documentation say the same."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sets of simulated plants that judge: plants of their own, as their descriptions say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words and patterns that a reader stumbles over: none in the docs, nor in the docstrings, comments and messages.
 
 Each pattern has its reason and a better form. A sentence that needs such a word stands in `ALLOWED`, with the reason.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images and gradients of another build of the core, by another compiler or for another machine, beside this one's.
 
     python tests/native/other_builds.py write here.npz       # with one build

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Build the native core with sanitizers and run its tests under them (`make sanitize`).
 
     python tests/native/sanitize.py [address|thread] [tests ...]

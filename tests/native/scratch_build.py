@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Builds of the native core other than the installed one: with sanitizers, or with changed sources."""
 
 from __future__ import annotations

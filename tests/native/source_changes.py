@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small changes of sources, found by the function that they are in and by their code, however it is laid out.
 
 Code is given as in the source; spaces and line breaks do not matter, and `@name` stands for any one name or number, the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The native core in float64 against the torch twin and finite differences, and in float32 against float64."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What photos show along thin lines, beside the same in numpy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nearest neighbours among descriptors: exact, on every instruction set."""
 
 from __future__ import annotations

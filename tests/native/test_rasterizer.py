@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The checked face of the native core: what it refuses, weights, instruction sets, Adam."""
 
 from __future__ import annotations

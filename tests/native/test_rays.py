@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The blending weights of single pixels: the same that rendering uses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How many threads the core takes when nobody says a number."""
 
 import os

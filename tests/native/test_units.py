@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the units of the instruction sets offer to the linker."""
 
 from __future__ import annotations

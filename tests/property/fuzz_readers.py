@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Feed the readers of files with mutated files: only a result or one of our own errors may come out.
 
     python tests/property/fuzz_readers.py ply --inputs 100000 --seed 1

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bounded run of the fuzz targets. COTTON3DG_FUZZ sets the number of inputs for each; 800 unless told."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes of a scene that must not change its picture or its gradients, and determinism over threads and runs."""
 
 from __future__ import annotations

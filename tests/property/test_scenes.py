@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The poison grid and random scenes, forward and backward: what must hold for every Gaussian model there is.
 
 COTTON3DG_SCENES sets how many random scenes are drawn; 1000 unless told, 10,000 for a full run. `make test` draws the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The optimiser of cotton3dg once more, in plain float64 numpy: what native/src/adam.h computes."""
 
 from __future__ import annotations

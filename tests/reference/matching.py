@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The matching of descriptors once more, in plain numpy: all products, sorted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What photos show along thin lines, once more in plain numpy."""
 
 from __future__ import annotations

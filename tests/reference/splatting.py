@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rasterizer of cotton3dg once more, in plain float64 torch: slow, short, and differentiable by autograd.
 
 It states what native/src computes. Every Gaussian is blended over every pixel; there are no tiles, no SIMD and no

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes with known truth, made by code, and what else several kinds of tests share."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Five bolls on a stem, made of Gaussians, and twelve cameras around it; rendered to exact masks."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant of known tubes: stem, fruiting branches with kinks at known nodes, bolls with burs, a leaf; cm, foot at 0."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A network of bolls that calls lint what is bright, with weights set by hand."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos and films of a printed card that lies in front of grey clutter, by homographies, in linear light."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Headless Chromium by its DevTools protocol over a pipe: real input events, screenshots, what the console said."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loss and gradients of the native core one by one, which the package only takes together in `train_step`."""
 
 from __future__ import annotations

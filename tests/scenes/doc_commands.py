@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands in README, docs and examples, and what the command line makes of them."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Documents as stages write them, of which a test gives what it is about."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant of known bolls and branches in its plant frame, moved as another film has it, and saved as a folder."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant's folder as a whole run leaves it, made by code in seconds: all stages done, with records."""
 
 from dataclasses import replace

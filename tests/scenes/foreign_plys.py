@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models as other programs save them: the order of their columns, their comments, and nerfstudio's frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What users do by mistake, and what happens to them, on finished plants and fields: the rows of `make mistakes`.
 
 `plant_1` is finished, by its own cotton3dg.toml; `field` has two finished plants, plant_1 and plant_2, by the field's

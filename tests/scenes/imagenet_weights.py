@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random weights under the names, and in the shapes, of the published EfficientNet-Lite0."""
 
 import numpy as np

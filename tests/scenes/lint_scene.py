@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """White balls on a table in a room with a white wall, posters and a sheet of paper, ray-cast with exact ids; in m."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant's folder as the stage sfm leaves it, of the room in lint_scene."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A browser that may lie: requests to a server of this machine, header by header."""
 
 import http.client

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folders that take long to make: made once, also where several processes test."""
 
 import fcntl

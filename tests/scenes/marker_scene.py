@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of printed markers that lie on a table, by homographies of a picture of the table top, in linear light."""
 
 from __future__ import annotations

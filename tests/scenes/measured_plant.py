@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant on the table of table_scene, measured in one call."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mistake of a user or an accident of a machine: what it may end with, and what it must leave as it was."""
 
 from __future__ import annotations

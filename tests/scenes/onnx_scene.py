@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A YOLO segmentation network small enough to be worked out by hand, as an ONNX file.
 
 It sees 64 x 64 px in 16 cells: a cell is an object as sure as it is bright, in a box as large as the cell, and its mask

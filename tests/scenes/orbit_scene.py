@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A toy plant with known bolls, seen by orbiting cameras: z-buffered weights and degraded masks, without a renderer.
 
 Each Gaussian is drawn as a disc. The nearest one takes 0.8 of a pixel's weight and the next one the rest, which is

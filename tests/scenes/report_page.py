@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tests of the pages share: a parser, a hostile text, rows of a batch."""
 
 from html.parser import HTMLParser

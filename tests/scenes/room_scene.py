@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A textured room with a box in it, seen by a pinhole camera on a circle: pictures for structure from motion."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Balls of lint and what views from around would say of them, as far as bolls are told apart by it; lengths in cm."""
 
 from __future__ import annotations

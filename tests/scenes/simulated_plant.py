@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small simulated plant, its lit room and the walk around it."""
 
 from dataclasses import replace

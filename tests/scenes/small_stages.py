@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small stages in place of the real ones, for tests of what runs and why."""
 
 from collections.abc import Callable

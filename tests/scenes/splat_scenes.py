@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small made scenes for the tests of the native core."""
 
 from __future__ import annotations

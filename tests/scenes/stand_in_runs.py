@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plants whose runs are made by a stand-in that does what the plant's `behaviour` file says."""
 
 import csv

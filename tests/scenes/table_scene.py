@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table with a clamp and a plant in a room, as Gaussians and as ray-cast photos, in su of any pose and size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The workspace of the scale stage: a table filmed from around it, as COLMAP model, photos and Gaussians."""
 
 import struct

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A tiny simulated plant whose whole run takes half a minute, and commands of the shell on it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """torchvision for tests: the real one where it loads, else as much of it as ultralytics asks for with these models.
 
 An index may have torch for processors and torchvision only for CUDA, and these two do not load together.

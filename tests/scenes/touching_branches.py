@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two branches of a stem that touch, and what has to come of them."""
 
 import numpy as np

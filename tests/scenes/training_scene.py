@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ball of coloured blobs, filmed on a full turn: a small scene to train on, with a known answer."""
 
 import numpy as np

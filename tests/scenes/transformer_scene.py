@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAM, SAM 2 and Grounding DINO of a few thousand random weights, saved as transformers saves the real ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Balls of Gaussians and the masks that views have of them, lifted."""
 
 from __future__ import annotations

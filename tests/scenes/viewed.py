@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder as `cotton3dg view` serves it, and a browser that has its address."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant of five bolls and the cameras of a walk around it, as a first look at a film would find them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ARM wheel on this machine, by QEMU: `make arm-test` (Debian or Ubuntu, as root, with qemu-user-static).
 
     python tests/stress/arm_core.py results/arm dist/cotton3dg-*_aarch64.whl

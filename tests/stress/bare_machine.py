@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What docs/install.md and the README ask of a new user, in a Debian with nothing in it: `make bare-test` (as root).
 
     python tests/stress/bare_machine.py /tmp/bare [--by checkout|wheel|sdist] [--user] [--lend FOLDER ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fifty small plants in one batch, five of them broken, undisturbed and then killed again and again.
 
     python tests/stress/fifty_plants.py /tmp/fifty        (`make batch-test`; some 25 CPU-minutes)

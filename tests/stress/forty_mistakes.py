@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forty mistakes and more on finished plants: `make mistakes` (after two minutes for the plants, some seconds a row).
 
     python tests/stress/forty_mistakes.py results/mistakes [--only REGEX]

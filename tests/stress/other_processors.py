@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The quick tests as on processors of other kinds: `make test-processors`.
 
     python tests/stress/other_processors.py FOLDER [--only NAME ...] [--jobs 2] [--list] [--pytest ARGUMENTS ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Four small plants through a real Slurm of one node on the loopback: `make slurm-test` (as root).
 
     python tests/stress/slurm_cluster.py /tmp/slurm_test

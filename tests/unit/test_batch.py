@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Batches whose plants are run by a stand-in that does what the plant's `behaviour` file says."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a person chose of the options stays chosen: precedence, what is kept, what is said of it; with small stages."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors at the command line: one line, the right exit code, and a hint that helps; whatever path was named."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`measure` and `measure_many` do what the commands `run` and `batch` do, and give tables."""
 
 import html

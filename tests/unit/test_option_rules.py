@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Methods that are gone: who names one is told what replaces it, and plants that were run with one stay readable."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options: precedence, conversion, bounds and TOML."""
 
 import pytest

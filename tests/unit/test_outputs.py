@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a command saves where a person says: made again of the same, never in place of anything else."""
 
 import json

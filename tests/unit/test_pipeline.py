@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What runs, what is up to date and why: with small stages that stand in for the real ones."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a command takes for a plant, and what it says where there is none; nothing is written before."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the command line ends: by signals, with streams that are closed or full, and in a terminal of few letters."""
 
 from __future__ import annotations

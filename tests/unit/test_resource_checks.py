@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stages that the disk or the memory has no room for."""
 
 import os

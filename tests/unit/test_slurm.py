@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Jobs of a cluster, run by submitit's local executor. `make slurm-test` runs them on a real Slurm."""
 
 import csv

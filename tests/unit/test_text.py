@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text in the encodings in which editors and spreadsheets of all countries save it."""
 
 from __future__ import annotations

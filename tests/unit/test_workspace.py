@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's folder: inputs, atomic saves, foreign files, the lock."""
 
 import errno

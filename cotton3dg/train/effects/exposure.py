@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds whether the camera changed its exposure or white balance along the way, and corrects the images if it did.
 
 The colours of triangulated points in each image show it before any training. A point keeps its colour. The logarithm

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast the picture moves at the triangulated points; motion blur and a rolling shutter depend on it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the picture moved while the shutter was open, from the images alone.
 
 Motion averages the picture over a line, and along it edges become ramps as long as the way. The gradient along the

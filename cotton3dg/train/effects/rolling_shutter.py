@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds whether the sensor read its rows one after another while the camera moved, and what the model still has of it.
 
 A row read out later sees the scene from farther on. To first order a point at height y moves by its velocity times the

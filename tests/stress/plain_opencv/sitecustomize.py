@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Python that finds this file at its start has an OpenCV without optimised paths, once it imports it."""
 
 import importlib.abc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls in space, from lines of sight."""
 
 from __future__ import annotations

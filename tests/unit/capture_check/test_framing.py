@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the frame cuts, gaps in the walk, and corners that images show."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The verdict of a first look at a film, and what is said of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Places on planes at which photos agree."""
 
 from __future__ import annotations

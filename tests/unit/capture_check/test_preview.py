@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a first look seeks the scale."""
 
 from __future__ import annotations

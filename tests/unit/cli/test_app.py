@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line in processes of their own: help, exit codes, one-line errors."""
 
 import os

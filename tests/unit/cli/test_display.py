@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results for programs, and the colours of states that need somebody."""
 
 import json

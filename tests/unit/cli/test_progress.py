@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is said of progress: one line of any width on a terminal, plain lines elsewhere, nothing with --quiet."""
 
 import io

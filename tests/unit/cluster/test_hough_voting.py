@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lint and the middles of bolls in space, from what the network says in all views."""
 
 import numpy as np

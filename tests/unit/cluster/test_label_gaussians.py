@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which of two bolls that lie in each other lint is of."""
 
 import numpy as np

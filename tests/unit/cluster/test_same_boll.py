@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which parts are one boll: what is measured of them, the scores, and what joins."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts whose votes meet in two places."""
 
 from dataclasses import replace

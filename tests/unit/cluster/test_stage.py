@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long a scene unit is to the stage cluster, and when that makes its result out of date."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which masks show which boll, on a few Gaussians whose weights are added up by hand."""
 
 import numpy as np

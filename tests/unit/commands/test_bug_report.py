@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`cotton3dg bug-report`: what is packed, and that nothing personal is without being asked for."""
 
 import zipfile

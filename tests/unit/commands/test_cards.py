@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cards on paper: what is printed where, for whom, and that the card alone gives the scale."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What clean drops, what it never touches, and that nothing has to run again for it."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field in the formats of others, each judged by the published schema or template."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A phone's folder of unnamed videos: whose they are, what is in doubt, and that nothing is lost or replaced."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run ends with: the four traits in the report's words, and the same for programs."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What simulate films and writes: bare rooms, a turntable, things on the table, light from one side."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras: from pixels to rays, and back."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two films of a plant in one frame: known turns, leans and shifts; plants that cannot be aligned."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What changed between two films: bolls gone, new, moved and grown; traits with errors; tables, pictures, a page."""
 
 import math

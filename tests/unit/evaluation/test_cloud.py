@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A scanner's point cloud as truth: the same traits by the same code."""
 
 import numpy as np

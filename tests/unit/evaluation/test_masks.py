@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks beside true ones, on squares whose overlaps are counted by hand."""
 
 import math

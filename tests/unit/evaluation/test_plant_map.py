@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scores of the plant map against the truth."""
 
 from dataclasses import replace

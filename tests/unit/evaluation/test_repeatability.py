@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Films of unchanged plants: which bolls all found, scatter and bias by hand, of a plant and of fields."""
 
 import math

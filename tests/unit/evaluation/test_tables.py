@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of many plants against figures that were computed by hand."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Weight by volume: a line, its interval and what is blank, against figures computed by hand."""
 
 import math

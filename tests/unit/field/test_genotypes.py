@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Genotypes compared, against statsmodels and against what was put in."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The way of a camera that pans over a known picture."""
 
 from __future__ import annotations

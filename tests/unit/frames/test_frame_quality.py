@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the judgements of a capture answer to pictures whose state is known."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Choosing frames while a film streams by: which are held, and which are chosen of these."""
 
 from __future__ import annotations

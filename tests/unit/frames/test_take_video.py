@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How many frames of a film are looked at."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours of bolls and of depth."""
 
 import numpy as np

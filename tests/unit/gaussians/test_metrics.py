@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PSNR, SSIM and plant region, against values worked out by hand."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where in the photos the plant is, from points of structure from motion."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rectangles and boxes around sets of known shape."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Orbits and the choice of views on them."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths of a virtual camera around a made table."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Volumes and diameters of bodies with a known answer."""
 
 import numpy as np

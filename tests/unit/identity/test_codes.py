@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Codes on cards: how they are read, and what a video's codes say together."""
 
 import cv2

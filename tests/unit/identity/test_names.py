@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ids on cards: which text is one, what folder it names, and what hostile ones do."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Imported masks: PNG folders, COCO polygons and run lengths, damaged files, sizes and distortion."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COLMAP models: read as COLMAP itself reads them, and damaged files refused."""
 
 import struct

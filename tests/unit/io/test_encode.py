@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos written through ffmpeg and read back."""
 
 import cv2

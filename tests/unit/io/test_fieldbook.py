@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Field books as spreadsheets of all countries write them."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images on disk: what is written comes back, and what is not a whole image is refused."""
 
 import struct

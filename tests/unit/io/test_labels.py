@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YOLO labels, Labelme files, prompts as tables, and COCO as it is exported."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a person put into a folder, without what systems leave there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who may ask the server of this machine, and what: all else is refused before its caller hears of it."""
 
 import io

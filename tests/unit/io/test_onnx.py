@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Networks written to ONNX files, and read back."""
 
 import cv2

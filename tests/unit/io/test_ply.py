@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PLY: exact layout, round trip, hostile files."""
 
 from pathlib import Path

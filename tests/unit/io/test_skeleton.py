@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant map as PLY and as a drawing."""
 
 import re

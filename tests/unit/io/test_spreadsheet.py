@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables as spreadsheets of all countries save them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV as a spreadsheet and a parser read it."""
 
 import csv

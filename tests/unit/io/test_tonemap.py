@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HDR signal levels of the standards become the sRGB levels they should."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos read through ffmpeg. Every frame of the made clips carries its number, so that none passes for another."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pieces of annotated photos, to learn from."""
 
 import numpy as np

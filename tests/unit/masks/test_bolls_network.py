@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bolls' network: torch and OpenCV agree, weights survive a file, training goes on where it ended."""
 
 import copy

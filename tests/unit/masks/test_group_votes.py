@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls of one image from what the network says of its pixels."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a network's proposals share an image: duplicates, heaps, parts, tiles."""
 
 import numpy as np

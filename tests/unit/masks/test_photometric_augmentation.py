@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Augmented pictures differ in light and colour, and in nothing else."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAM around a segmenter that can be worked out by hand; the real classes of transformers with random weights."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open bolls in one image alone: among leaves, faint ones are not believed."""
 
 import numpy as np

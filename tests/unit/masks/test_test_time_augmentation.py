@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One image seen at several sizes, taken together."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The network that comes with the program: gone, or not what it was."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YOLO segmentation around a network that can be worked out by hand, run by OpenCV; files that are no network."""
 
 import sys

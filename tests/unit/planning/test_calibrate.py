@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measuring the machine once, and knowing when that no longer holds."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cost model, and what fits into a time."""
 
 from itertools import pairwise

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time left of a run: as expected at its beginning, by what is seen towards its end, and never below 0."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The front of settings worth choosing, and durations."""
 
 import math

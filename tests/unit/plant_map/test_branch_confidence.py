@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls whose branch may have been mixed up with one that passes near it."""
 
 from dataclasses import replace

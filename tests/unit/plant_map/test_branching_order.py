@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which branch bears what, from ways whose order is known."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where wood ends: colours of half-covered pixels by hand, and as a model shows them."""
 
 from dataclasses import fields

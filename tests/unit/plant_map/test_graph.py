@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The graph of places of wood: what is joined, and the shortest paths in it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loops of wood where branches touch: opened where both go on straight."""
 
 import numpy as np

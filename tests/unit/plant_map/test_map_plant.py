@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant map from places of wood: known tubes give known branches, angles, lengths and sites."""
 
 from dataclasses import replace

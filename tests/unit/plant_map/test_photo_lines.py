@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much of a line in photos something of a known colour covers: pixels by hand."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fruiting positions: bolls on branches whose bends are known."""
 
 import numpy as np

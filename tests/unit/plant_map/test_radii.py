@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thickness of wood, from the silhouette of its Gaussians."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ways through the wood: what is too little for one, and where a blade begins."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twigs that the model lacks, followed in photos that show them, and nothing where there is none."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ways that shortest paths led astray: what goes on straight belongs together."""
 
 import numpy as np

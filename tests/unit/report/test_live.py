@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a run is, by its log; and which pages may ask the server."""
 
 from datetime import datetime

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a report says at a glance: only a row that is as sure as usual has passed all checks."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of the page that can be pointed at."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's Gaussians for the page: which ones, and what is left of them in few bytes."""
 
 import base64

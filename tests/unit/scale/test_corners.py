@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scale after corners of the table were moved by hand."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ink that spreads: a marker's corners are where they were printed, whatever its dark cells have swallowed."""
 
 import cv2

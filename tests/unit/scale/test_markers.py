@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Printed markers in rendered photos, on paper, and what is refused."""
 
 import zlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scales from the table's sections and from picked points, triangulation, and what several references say together."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reflectances of the card's patches as the stage takes them."""
 
 import pytest

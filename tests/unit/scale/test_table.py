@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table in a made room: from points alone and with photos."""
 
 import numpy as np

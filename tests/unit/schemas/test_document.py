@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Documents between stages: what is written is read again, and what cannot be read is refused with a remedy."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Affinity features: their loss against a literal one, what training makes of them, and how sets grow."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Probabilities fitted to masks: sparse products against the rasterizer, wrong beginnings and masks without sense."""
 
 from dataclasses import replace

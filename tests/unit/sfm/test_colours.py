@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours of points, from the photos that show them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Features of images and their matches."""
 
 from __future__ import annotations

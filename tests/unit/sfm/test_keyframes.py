@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is kept of a film's keyframes is what was found."""
 
 from __future__ import annotations

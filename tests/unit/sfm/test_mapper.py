@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The database that COLMAP starts from, and the last adjustment of cameras and points."""
 
 from __future__ import annotations

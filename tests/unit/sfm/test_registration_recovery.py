@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images that structure from motion lost: which steps are tried, in which order, and what they bring back."""
 
 from pathlib import Path

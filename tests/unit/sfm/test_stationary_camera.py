@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a camera walked around what it saw, or stood while the plant turned."""
 
 from __future__ import annotations

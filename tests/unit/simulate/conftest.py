@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tests of plates and of pictures made of them share."""
 
 import pytest

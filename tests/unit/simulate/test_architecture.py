@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated plant's skeleton: plants that bear as asked, and truth that agrees with their meshes."""
 
 from dataclasses import replace

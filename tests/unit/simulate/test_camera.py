@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The walk around a simulated plant."""
 
 from __future__ import annotations

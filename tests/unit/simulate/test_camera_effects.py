@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects of the camera, one by one: exposure, blur, a rolling shutter."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures put together from plates: the same for the same number, true to their labels."""
 
 import numpy as np

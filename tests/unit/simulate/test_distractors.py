@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands about a plant and is none."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bracts around bolls and without them, and wisps of lint."""
 
 import numpy as np

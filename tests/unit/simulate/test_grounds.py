@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of sunlit ground: the same for the same number, in hard light, of many brightnesses and sharpnesses."""
 
 from __future__ import annotations

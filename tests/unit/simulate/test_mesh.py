@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes that are closed, with their normals outside."""
 
 import numpy as np

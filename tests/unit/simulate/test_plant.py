@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated plants: as many bolls as asked, as close as asked, of the kind that was asked for."""
 
 from __future__ import annotations

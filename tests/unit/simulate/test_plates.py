@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates: linear in their lights, labelled, the same from a file."""
 
 import numpy as np

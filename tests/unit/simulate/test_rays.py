@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rays of the simulator: what they hit, and that both libraries say the same."""
 
 import sys

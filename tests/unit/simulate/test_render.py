@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of a simulated plant against its cameras and bolls."""
 
 import cv2

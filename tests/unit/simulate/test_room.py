@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The room of a simulated plant: table, lamps, things, markers and the card."""
 
 from __future__ import annotations

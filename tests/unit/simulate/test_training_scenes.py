@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes that networks learn from: the same for the same number, their parts named."""
 
 from dataclasses import replace

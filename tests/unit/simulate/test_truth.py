@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The truth of a simulated plant, recomputed by other means."""
 
 import cv2

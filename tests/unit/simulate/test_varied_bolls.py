@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bolls of all kinds: where they stand, how their locks lie."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LPIPS of a study, by a network of one's own."""
 
 import math

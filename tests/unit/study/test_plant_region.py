@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's pixels that a study judges models by."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of a study: which there are, and what the footage does not allow."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of a study: errors, fronts, Markdown, and a busy machine."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings side by side: what is shared, skipped, resumed and told; with small stages in place of the real ones."""
 
 import csv

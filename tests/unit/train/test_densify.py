@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Density control: budget, splitting, pruning, spoilt statistics."""
 
 import numpy as np

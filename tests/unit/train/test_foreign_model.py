@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models that other programs trained: their columns, their frame, and what is said of files that are none."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starting Gaussians and dense points."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a training does what: images, resolutions, density, rates, windows."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The training loop on small scenes with a known answer."""
 
 import dataclasses

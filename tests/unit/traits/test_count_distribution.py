@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stated distributions of count and volume against draws from their own model."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What traits may be off by, against hand-computed cases and draws."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The card's patches in photos under several lights, and the colours that they make of grey levels."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The measured plant: its bolls, sums and errors, and what is flagged."""
 
 from dataclasses import replace

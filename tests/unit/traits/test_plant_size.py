@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Height and canopy of what is known to be the plant."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traits as published, on bodies whose hull and box are known by hand."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The convex body that Gaussians show."""
 
 import numpy as np

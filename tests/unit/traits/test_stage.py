@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The colour of lint in the tables of a plant whose card was seen, and blank cells where it was not."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From Gaussians to points on the surface of a body."""
 
 from dataclasses import replace

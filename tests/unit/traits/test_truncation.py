@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plant that the frame cuts is told, one that now and then touches it is not."""
 
 from __future__ import annotations

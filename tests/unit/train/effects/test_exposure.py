@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gains of images, found from what the same points look like in each."""
 
 import numpy as np

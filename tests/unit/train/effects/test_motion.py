@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What motion does to images: a rolling shutter of known read-out time is found again."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Blur of known length is found again."""
 
 import cv2

@@ -331,9 +331,9 @@ class Batch:
 
 
 def save_tables(folder: Path) -> None:
-    """Save the tables and the page of a field as its plants are now; no plant is run. What a batch said of a failure
-    stays as long as the plant has no result."""
-    work, said = Batch(folder), saved_results(folder) if (folder / TABLE).is_file() else {}
+    """Save the tables and the page of a field as its plants are now, without a run. A plant without a result keeps the
+    failure that the last batch recorded."""
+    work, saved = Batch(folder), saved_results(folder) if (folder / TABLE).is_file() else {}
     for plant in plants_in(folder):
         name = plant.relative_to(folder).as_posix()
         try:
@@ -345,10 +345,10 @@ def save_tables(folder: Path) -> None:
             work.results[name] = Result(name, State.DONE, 0)
         elif due.state == State.FAILED:
             work.results[name] = Result(name, State.FAILED, due.record.exit_code if due.record else None, due.reason)
-        elif name not in said or said[name].state == State.DONE:
+        elif name not in saved or saved[name].state == State.DONE:
             work.results[name] = Result(name, State.WAITING, None, f"{due.stage}: {due.reason}")
         else:
-            work.results[name] = said[name]
+            work.results[name] = saved[name]
     work.check_plants()
     work.save()
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options: one frozen dataclass a stage, and one for each of its methods; read from the command line and from TOML.
 
-What is known of an option is written once here; the command line, `cotton3dg.toml` and the records all derive from it.
-What is given where, and what wins: `choices.py`.
+Each option is written once, here; the command line, `cotton3dg.toml` and the records derive from it. `choices.py`
+decides which of several given values wins.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .option_rules import Retired, given_values, option, options_of, resolved
 FINER_PRESETS: Final = ("draft", "standard", "paper")
 """Coarse to fine."""
 USUAL_TABLE_CM: Final = (120.0, 60.0)
-"""What a table is taken for that nobody measured: the published one."""
+"""Size of the published table. The program assumes it where nobody measured the table."""
 PRESETS: Final = (*FINER_PRESETS, "paper1", "paper2")
 STANDARD: Final = "standard"
 """All defaults."""

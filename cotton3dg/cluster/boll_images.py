@@ -14,13 +14,13 @@ from .label_gaussians import LintOwners
 from .lint_in_space import LintInSpace
 
 SHOWN: Final = 0.5
-"""Share of lint, rendered, from which a pixel shows lint."""
+"""A pixel shows lint if its rendered share of lint is more than this."""
 SPECK: Final = 9
-"""Pixels of the smallest piece of a boll in an image."""
+"""Least number of pixels of a piece of a boll in an image."""
 
 
 def draw_bolls(camera: Camera, lint: LintInSpace, owners: LintOwners) -> NDArray[np.uint16]:
-    """Ids (H, W) of the bolls in a view, 1 ... B in the order of the middles, 0 = no lint."""
+    """(H, W) ids of the bolls in a view: 1 ... B in the order of the middles, 0 = no lint."""
     share, places = lint.seen(camera)
     shown = share > SHOWN
     ids = np.zeros(share.shape, np.uint16)

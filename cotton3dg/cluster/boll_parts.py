@@ -35,20 +35,20 @@ class Part:
     diameter: float
     """Diameter of its boll by the votes, su."""
     support: float
-    """Bolls seen whole, summed over views."""
+    """Sum of the votes of all views; a view that sees the boll whole adds 1."""
     views: int
     """Number of views with votes for it."""
     lint: Float32
     """(n, 3) places of its Gaussians, su."""
     places: Float32
     rays: Float32
-    """(m, 3) middles of its boll by some of the votes, su, and the rays of these votes."""
+    """(m, 3) su each: the middles that some of its votes are for, and the rays of these votes."""
     weights: Float32
     """(m,) weights of these votes; their sum is 1."""
 
 
 def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> dict[int, Part]:
-    """The parts with these middles, by row; a part without a vote of its own is left out."""
+    """Row of `middles` -> its part. Middles without a vote of their own have no part."""
     places = lint.gaussians.means[lint.rows]
     owners = middles.nearest(places)
     owned = np.concatenate([middles.nearest(view.surfaces) for view in votes])
@@ -101,7 +101,7 @@ def measure_pair(one: Part, other: Part, cm_per_su: float) -> PairMeasures:
 
 
 def gain_of_two(one: Part, other: Part) -> float:
-    """Gain of a vote's mean log likelihood when the middles of both explain their votes, instead of one middle."""
+    """By how much the mean log likelihood of the votes grows when two middles explain them instead of one."""
     share = one.support / (one.support + other.support)
     votes = PlacedVotes.of(
         np.concatenate([one.places, other.places]),
@@ -116,7 +116,7 @@ def gain_of_two(one: Part, other: Part) -> float:
 
 
 def mean_width(places: Float32) -> float:
-    """Mean width of points (N, 3) over all directions, without the ends; 0 without any points."""
+    """Mean width of points (N, 3) over all directions, without the share `TAIL` at either end; 0 without points."""
     if not len(places):
         return 0.0
     low, high = np.quantile((places - places.mean(axis=0)) @ _directions().T, [TAIL, 1 - TAIL], axis=0)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bolls in a point set, by the sizes and distances of bolls beside each other: no unit of length is known yet."""
+"""Divides point sets into bolls by their shape, and numbers bolls. All lengths are relative to the plant's usual boll,
+because the scale may be unknown."""
 
 from __future__ import annotations
 
@@ -20,20 +21,20 @@ SEPARATION: Final = 0.75
 0.5 for the halves of one ball. Open bolls of few, large Gaussians reach 0.9, so only wide sets are tested."""
 
 CLOSE: Final = 0.85
-"""Distance, in usual widths, below which two bolls may be one: such halves were 0.7 and 0.8 apart, two bolls 0.9."""
+"""Distance, in usual widths, below which two bolls may be one: halves of a boll were 0.7 and 0.8 apart, bolls 0.9."""
 
 MOST_PIECES: Final = 8
 """Largest number of bolls into which a set is divided. In larger heaps the inner bolls show too little."""
 SEEDINGS: Final = 6
-"""Starts for each number of pieces, because now and then one of a heap's farthest points is not a good start."""
+"""Number of starts for each number of pieces. A single start is now and then a bad one."""
 
 
 def split_heap(points: Float64, usual_width: float) -> NDArray[np.int64] | None:
     """Divide a set that is several bolls in a row or heap.
 
-    Gaussians lie on the surface of bolls, which shows the number of bolls. A number of pieces is possible if each piece
-    has an ordinary size and they lie as far apart as touching bolls do. Among these numbers the one whose pieces are
-    the roundest shells is taken. Too few pieces hold two bolls each, too many are caps.
+    Gaussians lie on the surfaces of bolls. A number of pieces is possible if all pieces have an ordinary size and lie
+    as far apart as touching bolls do. Among the possible numbers the function takes the one whose pieces are the
+    roundest shells: with too few pieces some hold two bolls, with too many some are caps of a ball.
 
     Args:
         points: (n, 3).
@@ -74,7 +75,7 @@ def flag_close(bolls: list[BollInstance]) -> list[BollInstance]:
 
 
 def _most_pieces(points: Float64, usual_width: float) -> int:
-    """Largest number of bolls in a set: as many as its hull has room for, and half as many again."""
+    """Largest number of bolls in a set: one and a half times as many as its hull has room for."""
     # Three balls are at least 1.9 times as wide as one; the quarters of one large ball would pass for bolls.
     if measure_extent(points)[1][0] <= 1.7 * usual_width:
         return 2
@@ -106,7 +107,7 @@ def _roughness(points: Float64, labels: NDArray[np.int64]) -> float:
 
 
 def _part(points: Float64, count: int) -> NDArray[np.int64]:
-    """The tightest of the parts that Lloyd's algorithm makes from several seedings; a pair needs but one."""
+    """The tightest of the parts that Lloyd's algorithm makes from several seedings; a pair needs only one."""
     outermost = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[::-1]
     firsts = outermost[np.linspace(0, len(points) // 2, SEEDINGS if count > 2 else 1).astype(int)]
     trials = [_lloyd(points, _seed(points, count, int(first)), sized=False) for first in firsts]
@@ -120,7 +121,7 @@ def _spread(points: Float64, labels: NDArray[np.int64]) -> float:
 
 
 def _seed(points: Float64, count: int, first: int) -> NDArray[np.int64]:
-    """Nearest seed of each point; the seeds are each farthest from those before, so nothing is left to chance."""
+    """Nearest seed of each point. Each seed is the point farthest from the seeds before it; nothing is random."""
     seeds = [first]
     while len(seeds) < count:
         seeds.append(int(cdist(points, points[seeds]).min(axis=1).argmax()))
@@ -131,8 +132,8 @@ def _seed(points: Float64, count: int, first: int) -> NDArray[np.int64]:
 def _lloyd(points: Float64, labels: NDArray[np.int64], *, sized: bool) -> NDArray[np.int64]:
     """Lloyd's algorithm from given pieces.
 
-    Plain, it distinguishes one ball from two. Sized, with distances in units of each piece's radius, it puts the cut
-    between balls of different size where they touch, but would also cut a cap off a single ball.
+    The plain form tells one ball from two. The sized form measures distances in radii of each piece. It cuts balls of
+    different size where they touch, but it would also cut a cap off a single ball.
     """
     for _ in range(30):
         parts = [points[labels == k] for k in range(labels.max() + 1)]

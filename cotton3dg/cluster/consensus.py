@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the masks of single views to bolls: all views together decide which masks show the same boll.
+"""Joins the masks of single views to bolls: all views together decide which masks show the same boll.
 
 Two masks show the same boll when the views that see both put both into one mask, and different bolls when they put them
 into two. This is the view consensus of MaskClustering (Yan et al. 2024). Departures: the views' evidence for and
@@ -36,12 +36,12 @@ FIT_WIDTH: Final = 1.3
 """Two groups fit into one boll when together they are no wider than this many usual widths; touching bolls are 1.4 to
 2."""
 FIT_EVIDENCE: Final = 1.0
-"""Evidence of a fit: as much as three views for it, or somewhat more than one against."""
+"""Evidence of a fit. It equals three views in favour, or somewhat more than one view against."""
 
 CORE_SHARE: Final = 0.5
 """Share of its weight in a boll's masks that makes a Gaussian the boll's."""
 EDGE_SHARE: Final = 0.3
-"""... and the share that suffices when no boll has so much, because masks often stop short of the shaded side."""
+"""... and the share that suffices where no boll has so much: masks often miss the shaded side."""
 WIDE: Final = 1.5
 """Bolls this many times as wide as the usual one are divided if their shape is that of several; touching pairs are 1.4
 to 2 times as wide, large bolls up to 1.3 times."""
@@ -66,7 +66,7 @@ class _Votes:
         position = {view: row for row, view in enumerate(lifted.views)}
         views = np.array([position[s.view] for s in lifted.selections], np.int64)
         rows = [np.searchsorted(lifted.candidates, s.indices) for s in lifted.selections]
-        # Mask ids are arbitrary; height makes the order, and with it the breaking of ties, independent of them.
+        # Mask ids are arbitrary. An order by height makes the breaking of ties independent of them.
         heights_of = np.array(
             [np.average(heights[r], weights=s.weights) for r, s in zip(rows, lifted.selections, strict=True)]
         )
@@ -160,7 +160,8 @@ def contract(evidence: Float32) -> NDArray[np.int64]:
 
 
 def move_nodes(evidence: Float32, groups: NDArray[np.int64], rounds: int = 20) -> NDArray[np.int64]:
-    """Move each node to the group with the strongest evidence for it, until none moves; this repairs early greed."""
+    """Move each node to the group with the strongest evidence for it, until none moves. This repairs early mistakes of
+    the greedy contraction."""
     np.fill_diagonal(evidence, 0)
     groups = groups.copy()
     n_groups = int(groups.max(initial=-1)) + 1
@@ -208,7 +209,7 @@ def merge_views(lifted: LiftedMasks, means: Float32, up: Float64) -> list[BollIn
 
 
 def _holds_several(votes: _Votes, verdicts: NDArray[np.int64], points: Float64) -> NDArray[np.bool_]:
-    """(M,) masks that hold more than one boll: most other views split them, or some do and they are large as well."""
+    """(M,) masks that hold more than one boll: most other views split them, or some do and the mask is large, too."""
     splits = (verdicts == -2).sum(axis=1)
     others = np.maximum((verdicts != -1).sum(axis=1) - 1, 1)
     rate = splits / others
@@ -272,13 +273,13 @@ def _reconcile(
 
 
 def _claim(votes: _Votes, nodes: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(F,) group of each candidate, -1 = none: first the sure ones of each group, then the rest at their edges."""
+    """(F,) group of each candidate, -1 = none. Sure candidates are claimed first, then those at the edges of groups."""
     labels, edge = (_vote(votes, nodes, groups, share) for share in (CORE_SHARE, EDGE_SHARE))
     return np.where((labels < 0) & np.isin(edge, labels[labels >= 0]), edge, labels)
 
 
 def _find_fitting(parts: list[Float64]) -> NDArray[np.bool_]:
-    """(C, C) which pairs of point sets together are no wider than an ordinary boll."""
+    """(C, C) which pairs of point sets are together at most as wide as an ordinary boll."""
     widths = np.array([measure_extent(part)[1][0] for part in parts])
     order = np.argsort(widths)
     counts = np.cumsum([len(parts[k]) for k in order])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cross-view clustering of Cotton3DGaussians: DBSCAN on the points of the views' objects, never two of one view.
+"""The clustering of Cotton3DGaussians: DBSCAN on the points of all views' objects.
 
 As published: objects whose convex hull is too large are left out, DBSCAN (Ester et al. 1996; Open3D's) runs over the
 points of all others with eps = 0.3 and min_samples = 10, and only objects of different views become one boll. A boll
@@ -81,7 +81,7 @@ class Member:
 
 
 def find_clusters(objects: list[ViewObject], points: Float64, eps_su: float, min_samples: int) -> list[Member]:
-    """DBSCAN over the points of all objects; objects that are all noise are left out."""
+    """DBSCAN over the points of all objects, without the objects whose points are all noise."""
     o3d = import_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate([points[item.rows] for item in objects])))
     labels = np.array(cloud.cluster_dbscan(eps_su, min_samples), np.int64)
@@ -95,7 +95,7 @@ def find_clusters(objects: list[ViewObject], points: Float64, eps_su: float, min
 
 
 def part_cluster(objects: list[ViewObject], points: Float64, eps_su: float) -> list[list[ViewObject]]:
-    """One group if all objects come from different views, else several groups without two objects of a view."""
+    """One group if all objects come from different views; else several groups, each with one object a view at most."""
     view_of = np.array([item.view for item in objects])
     if len(np.unique(view_of)) == len(objects):
         return [objects]

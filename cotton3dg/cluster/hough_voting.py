@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the votes of all views meet in space: every image predicts the middles of the bolls, and these separate them.
+"""Finds the middles of bolls: the places in space where the votes of all views meet.
 
-In one image touching bolls may look like one, and one boll like two. The middles that the network sees from all sides
-agree only where there is a boll. The lint in space gives the depth of each pixel's lint, so that its vote is a place:
-the middle of the boll lies deeper than the surface that is seen. How much deeper is a guess, so each middle moves to
-the point that the rays of its votes pass nearest, which does not depend on any depth.
+In one image touching bolls may look like one boll, and one boll like two. The votes from all sides agree only where
+there is a boll. A vote is a place in space: the lint of the model gives the depth of the pixel, and the middle of the
+boll lies somewhat deeper. How much deeper is a guess. Therefore each middle moves to the point that the rays of its
+votes pass nearest; this point does not depend on any depth.
 """
 
 from __future__ import annotations
@@ -28,19 +28,18 @@ SPREAD: Final = 0.12
 PITCH: Final = 0.06
 """Side of the cells in which votes are counted, in diameters."""
 APART: Final = 0.4
-"""Least distance, in mean diameters, of the middles of two parts: those of bolls that touch are 0.65 to 1 apart, of
-locks of one boll 0.4 to 0.8. Parts that are not separated here are lost; parts of one boll are joined later."""
+"""Least distance, in mean diameters, of the middles of two parts. Bolls that touch are 0.65 to 1 apart, locks of one
+boll 0.4 to 0.8. Later steps join the parts of one boll; they cannot separate parts that are one here."""
 LEAST_VIEWS: Final = 3
-"""Views whose votes a middle needs ..."""
+"""Least number of views that vote for a middle ..."""
 LEAST_SUPPORT: Final = 0.02
-"""... and their sum, in bolls seen whole, a view."""
+"""... and least sum of their votes per view; a boll that is seen whole has 1."""
 BLOCK: Final = 64
 """Cells along a side that are smoothed at a time; at least twice as many as the smoothing reaches."""
-SEEN: Final = 0.4
-"""Least share of lint, by all views, in a pixel that votes ..."""
-HEARD: Final = 0.2
-"""... and least probability of lint by its own view: the network predicts no boll for pixels that it does not take
-for lint."""
+LEAST_SHARE: Final = 0.4
+"""Least share of lint, rendered from the model, in a pixel that votes ..."""
+LEAST_PROBABILITY: Final = 0.2
+"""... and least probability of lint by the network: elsewhere its votes mean nothing."""
 DEEPER: Final = 0.6
 """Depth of a boll's middle behind its visible lint, in the depths of a ball: the middles of Gaussians lie below the
 surface that they show."""
@@ -50,13 +49,13 @@ AGREES: Final = 0.15
 """Distance, in diameters, from a middle at which a ray has half of its weight."""
 ROUNDS: Final = 4
 FAINT: Final = 0.08
-"""Sum of the votes for a boll, in bolls seen whole, a view, below which it is not a boll ..."""
+"""A middle is not a boll if the sum of its votes per view is at most this ..."""
 UNSURE: Final = 0.62
-"""... if the views' mean probability that it is lint is as low as this, too. Segments of a pineapple had 0.07 and 0.58
-at most; of true bolls those of the densest heap had 0.07 but 0.68, those of a leafy plant 0.63 but 0.13."""
+"""... and the views' mean probability of lint there is at most this. Segments of a pineapple had at most 0.07 and 0.58.
+True bolls of the densest heap had 0.07 but 0.68, those of a leafy plant 0.13 but 0.63."""
 FARTHEST: Final = 1.2
-"""Distance, in diameters, from its middle of the farthest lint of a boll. It would be at most half a diameter if the
-network were right about sizes, but it takes bolls for smaller than they are, large ones most."""
+"""Largest distance of a boll's lint from its middle, in diameters. Half a diameter is not enough, because the network
+underestimates sizes, those of large bolls most."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Votes:
     probabilities: Float32
     """(N,) of lint, by the view alone."""
     weights: Float32
-    """(N,) 1 in all for a boll that is seen whole."""
+    """(N,) their sum is 1 for a boll that the view sees whole."""
 
     def take(self, chosen: NDArray[np.bool_]) -> Votes:
         """Some of its rows (N,)."""
@@ -93,12 +92,12 @@ class Middles:
     diameters: Float32
     """(B,) su, median of the views' votes."""
     support: Float32
-    """(B,) bolls seen whole, summed over views."""
+    """(B,) sum of the votes of all views; a view that sees the boll whole adds 1."""
     views: NDArray[np.int64]
     """(B,) views with votes for it."""
 
     def nearest(self, places: Float32) -> NDArray[np.uint16]:
-        """The boll that lint at (N, 3) places belongs to, from 1; 0 = no boll is near."""
+        """(N,) number of the boll nearest to each of (N, 3) places, from 1; 0 = no boll is near."""
         return find_nearest(places, self.centres, self.diameters, FARTHEST)
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
@@ -121,7 +120,7 @@ def cast_votes(maps: Maps, camera: Camera, lint: LintInSpace) -> Votes:
     height, width = maps.lint.shape
     small = camera.resized(width, height)
     share, seen = lint.seen(small)
-    rows, columns = np.nonzero((share > SEEN) & (maps.lint > HEARD))
+    rows, columns = np.nonzero((share > LEAST_SHARE) & (maps.lint > LEAST_PROBABILITY))
     surfaces = seen[rows, columns]
     depths = (surfaces @ camera.rotation.T + camera.cam_from_scene[:, 3])[:, 2]
     votes_px = maps.votes[:, rows, columns].T / np.float32(maps.scale)
@@ -198,11 +197,13 @@ def find_middles(votes: Sequence[Votes]) -> Middles:
 
 
 def _find_peaks(places: Float32, weights: Float32, usual: float, least: float) -> tuple[NDArray[np.bool_], Float64]:
-    """Which votes (N,) were counted, in a grid around nearly all of them; and where many meet, (P, 3), the most first.
+    """Count the votes in a grid around nearly all of them.
 
     Args:
         usual: width of a boll, su.
         least: support of a boll.
+    Returns:
+        (N,) which votes the grid holds, and (P, 3) places where many meet, those with the most votes first.
     """
     low, high = _extent(places, weights, usual)
     inside = np.all((places >= low) & (places < high), axis=1)
@@ -217,8 +218,8 @@ def _peaks_of_cells(
 ) -> tuple[NDArray[np.int64], Float32]:
     """Cells (P, 3) where the smoothed sum of the weights has a maximum of more than `least`, and its values (P,).
 
-    Only blocks with votes are smoothed, each with a margin as wide as the smoothing reaches: memory does not depend on
-    the size of the plant, nor does what is found depend on the blocks.
+    Only blocks with votes are smoothed, so memory does not depend on the size of the plant. Each block has a margin as
+    wide as the smoothing reaches, so the result does not depend on the blocks.
 
     Args:
         cells: (N, 3) of each vote. sigma: standard deviation of the smoothing, in cells.
@@ -226,7 +227,7 @@ def _peaks_of_cells(
     # Smoothing reaches 4 standard deviations far, and a maximum is compared with the next cells.
     radius = int(4 * sigma + 0.5)
     margin = radius + 1
-    # Scaled so that votes that agree give their sum at the peak; spread as far as they may be, a fifth is left.
+    # The scale makes the peak of votes that agree their sum. Votes spread as far as is allowed keep a fifth of it.
     kernel = cv2.getGaussianKernel(2 * radius + 1, sigma, cv2.CV_32F) * np.float32(np.sqrt(2 * np.pi) * sigma)
     # A vote is in its own block and reaches into the next one.
     blocks = cells.max(axis=0, initial=0) // BLOCK + 3
@@ -261,10 +262,10 @@ def _is_apart(place: Float64, size: float, others: Sequence[tuple[Float64, float
 
 
 def meet_rays(eyes: Float64, rays: Float32, weights: Float32, place: Float64, size: float) -> Float64:
-    """The point (3,) that rays (N, 3) from eyes (N, 3) pass nearest: least squares, far rays counting less (Cauchy).
+    """The point (3,) that rays (N, 3) from eyes (N, 3) pass nearest, by least squares. Far rays count less (Cauchy).
 
     Args:
-        place: (3,) about where; it stays where it is along directions that no ray crosses.
+        place: (3,) start. The point does not move along a direction that no ray crosses.
         size: of the boll, su.
     """
     across = np.eye(3) - rays[:, :, None].astype(np.float64) * rays[:, None, :]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joins the parts of one boll that the votes took for several: locks that hang apart, sides that no view sees together.
+"""Joins the parts of one boll that the votes found as several: locks that hang apart, or sides that no view sees
+together.
 
-The likeliest pair joins first, and its measures are taken anew. A pair that is left over is likelier two bolls than
-one, and keeps its probability.
+The likeliest pair joins first; then the pairs of the joined part are measured again. A pair that is left is rather two
+bolls than one, and its probability is kept.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ Pairs = dict[tuple[int, int], float]
 
 @dataclass(frozen=True)
 class Joined:
-    """The parts with those of one boll made one."""
+    """The parts after the joins."""
 
     parts: dict[int, Part]
     pairs: Pairs
-    """The pairs that are left."""
+    """The pairs that were not joined."""
     joins: dict[int, float]
-    """For each part that others joined, the least probability that one of them belongs there."""
+    """Joined part -> the least of the probabilities by which others joined it."""
 
     def one_boll(self, part: int) -> float:
-        """The probability that a part is all of one boll and of no other."""
+        """The probability that a part is a whole boll and nothing else."""
         apart = math.prod(1 - likely for pair, likely in self.pairs.items() if part in pair)
         return self.joins.get(part, 1.0) * apart
 
 
 def join_parts(parts: Mapping[int, Part], cm_per_su: float, likely: Callable[[PairMeasures], float]) -> Joined:
-    """Join while any pair is likelier one boll than two.
+    """Join parts while any pair is rather one boll than two.
 
     Args:
         parts: by number.

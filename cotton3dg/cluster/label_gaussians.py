@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The boll that each piece of lint belongs to: its middle is near, and the votes around the lint are for it.
+"""Assigns lint to bolls: the middle of the boll is near, and the votes around the lint are for it.
 
-Where bolls lie in each other, one does not end at the plane half-way between their middles. The network sees that in
-each image, and the mean of all images' votes is sharper than the votes of one image.
+Bolls that lie in each other do not meet at the plane half-way between their middles. The network sees their border in
+each image, and the mean of all images' votes shows it more sharply than one image does.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FARTHEST_VOTE: Final = 1.0
 
 @dataclass(frozen=True)
 class LintOwners:
-    """The votes' evidence for the boll that lint belongs to."""
+    """The votes by which lint finds its boll."""
 
     middles: Middles
     samples: cKDTree

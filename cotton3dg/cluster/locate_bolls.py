@@ -27,16 +27,16 @@ from .separate_bolls import Bolls, Separated, separate_bolls
 from .white_things import find_white_things, measure_surroundings
 
 FAINT_IS_BOLL: Final = 0.25
-"""Share of what is left out as faint that is a boll all the same: one of four on twenty simulated plants. Two were
-things, and one was a part of a boll. ..."""
+"""Probability that something left out as faint is a boll. On twenty simulated plants four were left out: one boll, two
+things and a part of a boll."""
 THING_IS_BOLL: Final = 0.1
-"""... The same for a white thing. These plants had too few of them to measure it."""
+"""The same of a white thing. This is a guess: these plants had too few white things."""
 FEWEST_TO_HALVE: Final = 12
-"""Least number of views whose halves are compared. Halves of fewer views do not measure the whole."""
+"""Least number of views for counts by halves of them. With fewer views a half sees too little."""
 LEAST_GAUSSIANS: Final = 5
 """Least number of Gaussians of a boll; a small boll of a coarse model has at most twenty."""
 FEW_VIEWS: Final = 3
-"""Bolls that fewer images show have a flag."""
+"""A boll has a flag if fewer images than this show it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Located:
     images: dict[str, NDArray[np.uint16]]
     """Image name -> (H, W) boll ids, 0 = none."""
     halves: tuple[int, int] | None
-    """Counts by every second image alone, and by the others; None with too few images."""
+    """Counts of bolls by every second image, and by the others; None with too few images."""
     left_out: tuple[LeftOut, ...]
 
 
@@ -97,8 +97,9 @@ def locate_bolls(
 
 
 def separate_all(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> list[Separated]:
-    """The bolls from all votes, and, if there are enough views, those from every second view and those from the other
-    half: what other images would have given. All of them take the places of lint from all views."""
+    """The bolls by all votes; then, with enough views, those by every second view and those by the others.
+
+    The halves show how much a result depends on the choice of images. All use the lint of the whole model."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]

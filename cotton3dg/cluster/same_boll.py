@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The probability that two parts are one boll: a logistic score of the measures of the pair, and what splits a part.
+"""The probability that two parts are one boll, by a logistic score of measures of the pair; and when a part is split.
 
 `same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.
 Further measures were tried and add nothing (docs/notes/same_boll.md).
@@ -26,7 +26,7 @@ class PairMeasures(NamedTuple):
     joined_cm: float
     """Width of the lint of both together, mean over all directions."""
     two_middles: float
-    """Gain of a vote's mean log likelihood when two middles explain the votes of both, instead of one."""
+    """By how much the mean log likelihood of their votes grows when two middles explain them instead of one."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Term:
     usual: float
     """The value that is evidence neither for one boll nor against it."""
     weight: float
-    """Log odds of one boll for each unit beyond."""
+    """Log odds of one boll for each unit above `usual`."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,10 @@ class Calibration:
     slope: float = 1.0
 
     def probability(self, stated: float) -> float:
-        """The calibrated probability for a stated one. A boll states 1 if nothing was joined to it and no other part is
-        near: nothing was measured, so there is nothing to calibrate."""
+        """The calibrated probability for a stated one.
+
+        1 stays 1: nothing was joined to such a boll and no part is near, so there is nothing to calibrate.
+        """
         if stated == 1:
             return 1.0
         return logistic(self.constant + self.slope * log_odds(stated))
@@ -57,14 +59,14 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Score:
-    """Log odds that add up, for the parts that a split leaves."""
+    """The fitted score: its log odds are a constant plus one summand for each term."""
 
     constant: float
     terms: tuple[Term, ...]
     split_gain: float
-    """Gain of the mean log likelihood of a vote by two middles instead of one, from which a part is split."""
+    """A part is split if two middles raise the mean log likelihood of its votes by more than this."""
     one_boll: Calibration = Calibration()
-    """Calibration of the probability that joined parts are one boll, as pairs are not independent of each other."""
+    """Calibration of the probability that joined parts are one boll; pairs are not independent of each other."""
 
     def probability(self, measures: PairMeasures) -> float:
         """Probability that both parts are one boll, 0..1."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Separates the bolls of a plant: finds parts where the votes of all views meet, and joins those of one boll.
 
-The votes for a boll that lies deep in another make a slope of the other's peak rather than a peak of their own, so a
-second search takes only the votes that no middle explains. It also finds the locks of large bolls; a fitted score
-decides which parts are one boll (`same_boll`).
+The votes for a boll that lies deep in another make no peak of their own, only a slope of the other's peak. A second
+search therefore takes only the votes that no middle explains. It also finds locks of large bolls; afterwards a fitted
+score decides which parts are one boll (`same_boll`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .same_boll import Score, read_score
 from .split_parts import split_parts
 
 EXPLAINED: Final = 0.15
-"""Distance, in diameters, from a middle up to which this middle explains a ray. Three times this distance would explain
-most votes for a boll next to it."""
+"""A middle explains the rays that pass it within this distance, in diameters. With three times this distance it would
+explain most votes for a neighbouring boll."""
 USUAL_CM: Final = 4.0
-"""Median size of bolls by the votes; it gives a scene without a scale its centimetres."""
+"""Usual median diameter of bolls by the votes. It gives a length to a scene without a scale."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Bolls(Middles):
     """Bolls, those with the most votes first."""
 
     one_boll: Float32
-    """(B,) probability that each is one boll: not several, and not one with another."""
+    """(B,) probability that each is one boll: neither several bolls nor a part of one."""
 
 
 class Separated(NamedTuple):
@@ -44,7 +44,7 @@ class Separated(NamedTuple):
 
     bolls: Bolls
     faint: Bolls
-    """What hardly looks like lint."""
+    """Candidates that hardly look like lint."""
 
 
 def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Separated:
@@ -52,7 +52,7 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
 
     Args:
         votes: of each view.
-        cm_per_su: None = the plant's usual boll is taken for one of usual size.
+        cm_per_su: None = unknown; then the median boll has the size `USUAL_CM`.
     """
     score = read_score()
     parts = gather_parts(find_parts(votes, score.split_gain), votes, lint)
@@ -62,7 +62,7 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float |
 
 
 def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:
-    """Join the parts that a score takes for one boll."""
+    """Join parts that are one boll by the score."""
     joined = join_parts(parts, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
@@ -82,12 +82,12 @@ def guess_scale(votes: Sequence[Votes]) -> float:
 
 
 def find_parts(votes: Sequence[Votes], split_gain: float) -> Middles:
-    """The middles of what may be bolls or parts of them, split where two middles explain the votes much better."""
+    """The middles of bolls or parts of bolls, split where two middles explain the votes much better."""
     return split_parts(find_peaks(votes), votes, split_gain)
 
 
 def find_peaks(votes: Sequence[Votes]) -> Middles:
-    """The middles where votes meet, and those where the votes meet that none of the others explains."""
+    """The middles where votes meet; then those where the votes meet that none of the first explains."""
     middles = find_middles(votes)
     others = find_middles([view.take(~find_explained(view, middles)) for view in votes])
     away = np.linalg.norm(others.centres[:, None] - middles.centres, axis=2)
@@ -96,7 +96,7 @@ def find_peaks(votes: Sequence[Votes]) -> Middles:
 
 
 def find_explained(view: Votes, middles: Middles) -> NDArray[np.bool_]:
-    """Which rays (N,) pass near a middle whose boll their lint may belong to."""
+    """(N,) which rays pass near the middle of a boll that their lint may belong to."""
     explained = np.zeros(len(view.rays), bool)
     for centre, diameter in zip(middles.centres, middles.diameters, strict=True):
         near = np.flatnonzero(np.linalg.norm(view.surfaces - centre, axis=1) < FARTHEST * diameter)

@@ -4,7 +4,7 @@
 A boll that lies deep in another makes no peak of its own among the votes, but a mixture of two middles explains them
 better than one middle does. Votes have heavy tails, so the mixture is one of t distributions, fitted by expectation
 maximisation (Peel and McLachlan 2000, Robust mixture modelling using the t distribution). A vote is `DEPTH_SPREAD`
-times less sure along its ray than across it, and both middles have one spread.
+times less sure along its ray than across it. Both middles have the same spread.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ LEAST_VOTES: Final = 60
 """Least number of a part's votes for a split; fewer do not determine two places."""
 DEPTH_SPREAD: Final = 2.5
 SHARPEST: Final = 0.01
-"""Least standard deviation of votes, in diameters: votes that agree to the last digit would be infinitely likely."""
+"""Least standard deviation of votes, in diameters. It keeps the likelihood of equal votes finite."""
 EMPTY: Final = 1e-9
-"""Share of all votes that a middle has at least, so that it is somewhere."""
+"""Least share of each vote that a middle gets, so that a middle without votes has a place."""
 FREEDOM: Final = 3.0
 """Degrees of freedom of the t distributions: the fewer, the heavier their tails."""
 ITERATIONS: Final = 12
 _ALONG: Final = 1 - DEPTH_SPREAD**-2
 START: Final = 0.3
-"""Distance from the one middle, in diameters, of the two that the fit starts with."""
+"""Distance, in diameters, between the single middle and each of the two that the fit starts with."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class PlacedVotes:
 
     @classmethod
     def of(cls, places: Float32, rays: Float32, weights: Float32) -> PlacedVotes:
-        """With weights in any unit."""
+        """From weights in any unit."""
         whole = weights.astype(np.float64)
         return cls(places.astype(np.float64), rays.astype(np.float64), whole / whole.sum().clip(min=1e-12))
 
@@ -125,7 +125,7 @@ def fit_two(votes: PlacedVotes, diameter: float) -> tuple[Mixture, float]:
 
 
 def split_parts(middles: Middles, votes: Sequence[Votes], least_gain: float) -> Middles:
-    """The middles, with two in place of each whose votes two explain much better; but none where another is already.
+    """Replace each middle by two if two explain its votes much better, except where another middle is near already.
 
     Args:
         least_gain: of a vote's mean log likelihood.

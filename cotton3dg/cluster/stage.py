@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find the bolls of the plant: by votes that meet in space, or by the masks of single views, lifted and reconciled."""
+"""Finds the bolls of the plant: by votes that meet in space, or by the masks of single views."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ NO_LINT: Final = (
     "should stand in the middle of the orbit with its lint lit; or draw masks and use masks --backend import"
 )
 SIZE_STEP: Final = 1.05
-"""Ratio of the steps to which the length of a scene unit is rounded. Bolls differ by far more, and a new measurement of
-the scale changes by less, so that it does not make the bolls outdated."""
+"""Ratio of the steps to which the length of a scene unit is rounded. A new measurement of the scale usually changes it
+by less, and then the bolls are still up to date; bolls differ in size by far more."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:

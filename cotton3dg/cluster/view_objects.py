@@ -19,8 +19,8 @@ from .boll_shape import number_bolls
 OTHER_WEIGHT: Final = 0.5
 """A mask belongs to a boll whose weight in it is more than this many times the weight of all that is not a boll."""
 LEAST_CONFIDENCE: Final = 0.2
-"""Least share of the views that find a boll among those that could. Crumbs of halved and hidden masks gather, too; a
-group that fewer views find is not a boll."""
+"""Least share of views that find a boll among those that could. Groups that fewer views find are crumbs of halved and
+hidden masks."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ViewObject:
 
 
 def find_objects(lifted: LiftedMasks, points: Float64) -> list[ViewObject]:
-    """One object for each mask: the Gaussians with half of their weight in it, without stragglers, if there are 10.
+    """One object for each mask with at least 10 Gaussians: those with half of their weight in it, without stragglers.
 
     Args:
         points: (N, 3) su, of all Gaussians.
@@ -90,8 +90,8 @@ def bolls_of_groups(
     """One boll for each group, numbered from the top downwards.
 
     A Gaussian that several groups claim goes to the one with the most weight. The confidence is the share of the views
-    that see the boll and show it. Left out are groups with less confidence than `LEAST_CONFIDENCE`, and those left with
-    fewer than 10 Gaussians.
+    that see the boll and show it. Groups with less confidence than `LEAST_CONFIDENCE`, or with fewer than 10 Gaussians,
+    are left out.
 
     Args:
         points: (N, 3) su. up: (3,) roughly upwards in the scene; only the numbering depends on it.

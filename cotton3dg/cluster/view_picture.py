@@ -21,7 +21,7 @@ WIDTH_PX: Final = 640
 def draw_views(
     gaussians: Gaussians, cameras: Sequence[Camera], view: Camera, ids: NDArray[np.uint16], labels: NDArray[np.int32]
 ) -> NDArray[np.uint8]:
-    """(H, 2 W, 3) bolls as one view shows them, and as all views do, both seen from a quarter turn further on.
+    """(H, 2 W, 3) the bolls by one view and by all views, both seen from a quarter turn further on.
 
     A boll has the same colour on both sides.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""White things that are not open bolls: cloths, balls and mugs that hang or stand about, closed bolls.
+"""Finds white things that are not open bolls: closed bolls, and cloths, balls and mugs near the plant.
 
 The network is less sure of them than of the plant's open bolls, and it sees no bur, wood or leaf beside things that do
 not grow on a plant.
@@ -22,14 +22,14 @@ BESIDE: Final = 0.3
 """Width of the surroundings of a boll, relative to the root of its area in the image."""
 LITTLE: Final = 0.12
 ENOUGH: Final = 0.25
-"""Limits of the probability of a plant beside a boll. Below the lower one there is no plant; above the upper one there
-is one, as beside most bolls."""
+"""Limits of the probability of a plant beside a boll. Values outside are clipped: below the lower one there is no
+plant, above the upper one there surely is."""
 LESS: Final = 0.06
-"""How much less sure than usual a thing is, with the plant beside it added. A boll that lies half in the shade falls
-short by up to 0.045."""
+"""A thing is not a boll if the sum of its probabilities, of lint and of a plant beside it, is this much below the usual
+one of lint. Bolls that lie half in the shade are up to 0.045 below."""
 SILENT: Final = 0.05
-"""A network that usually sees less of a plant beside bolls does not know plants, e.g. because it learnt from other
-pictures."""
+"""A network that usually sees less than this of a plant beside bolls does not know plants, e.g. because it learnt from
+other pictures. Then only the probability of lint counts."""
 FEWEST: Final = 12
 """Least number of a boll's pixels in the maps of an image for its surroundings to be measured there."""
 
@@ -64,8 +64,10 @@ def measure_surroundings(maps: Maps, ids: NDArray[np.uint16], bolls: int) -> Flo
 
 
 def find_white_things(sums: Float64, support: Float32) -> NDArray[np.bool_]:
-    """Which of the bolls (B,) are not bolls. Their probability of lint, plus that of a plant beside them (within
-    limits), is clearly below the usual one of lint alone.
+    """(B,) which of the bolls are not bolls.
+
+    The sum of their probability of lint and of a plant beside them (within limits) is clearly below the usual
+    probability of lint.
 
     Args:
         sums: (B, 4) of `measure_surroundings`, over all images.

@@ -67,7 +67,7 @@ def view(
     port: int = 0,
     browser: bool = True,
 ) -> None:
-    """Serve the pages of a plant or a field until Ctrl-C; what is being saved then is saved whole.
+    """Serve the pages of a plant or a field until Ctrl-C; a save that has begun is finished first.
 
     Args:
         save_tables: saves the tables of a field anew. port: 0 = any that is free. browser: open it.
@@ -82,7 +82,7 @@ def view(
         try:
             server.serve_forever()
         except KeyboardInterrupt:
-            tell("ended; all that was said is in the plants' folders")
+            tell("ended; all changes are saved in the plants' folders")
         finally:
             desk.close()
 
@@ -99,7 +99,7 @@ class Desk:
         self.root = Workspace(given).root.resolve()
         self.is_field = not _is_plant(self.root)
         self._save_tables = save_tables
-        self._said: dict[Path, str] = {}
+        self._messages: dict[Path, str] = {}
         """Folder of a plant -> the outcome of its last correction."""
         self._saving = threading.Lock()
         """One change at a time: the log of a run is the whole program's."""
@@ -146,7 +146,7 @@ class Desk:
             return self._file(self.root, name, OF_FIELD[name])
         workspace, rest = self._find(parts)
         if rest == CORRECTIONS:
-            return as_json({"kept": kept_texts(workspace), "said": self._said.get(workspace.root, "")})
+            return as_json({"kept": kept_texts(workspace), "message": self._messages.get(workspace.root, "")})
         if rest == "report.html":
             self._renew(workspace)
         if rest in OF_PLANT:
@@ -212,11 +212,11 @@ class Desk:
             try:
                 outcome = correct(workspace, asked)
             except Cotton3dgError as error:
-                self._said[workspace.root] = f"Not done: {error}"
+                self._messages[workspace.root] = f"Not done: {error}"
                 raise
-            said = f"Bolls: {outcome.before:g} → {outcome.after:g}"
-            self._said[workspace.root] = "; ".join([said, *outcome.refused])
-            return as_json({"said": self._said[workspace.root]})
+            change = f"Bolls: {outcome.before:g} → {outcome.after:g}"
+            self._messages[workspace.root] = "; ".join([change, *outcome.refused])
+            return as_json({"message": self._messages[workspace.root]})
 
     def _take_film(self, request: Request) -> str:
         """Save a film in a new plant's folder, whose name it returns.
@@ -231,7 +231,7 @@ class Desk:
             raise BadUsage(f"{problem}; give the plant another name")
         folder = self.root / folder_name(plant)
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-            raise BadInput(f"{folder.name} is no folder of this field; give the plant another name")
+            raise BadInput(f"{folder.name} is not a folder of this field; give the plant another name")
         with self._taking:
             if folder.exists() and is_plant(Workspace(folder)):
                 raise BadUsage(f"{folder.name} has a film already; give the plant another name")

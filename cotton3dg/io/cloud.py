@@ -42,7 +42,7 @@ def read_cloud(path: Path, cm_per_unit: float) -> tuple[NDArray[np.float64], NDA
         raise MissingInput(f"{path.name} is missing; give a point cloud ({', '.join(SUFFIXES)})")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise BadInput(f"{path.name} is no {', '.join(SUFFIXES)}; export the cloud as one of them")
+        raise BadInput(f"{path.name} is not one of {', '.join(SUFFIXES)}; export the cloud as one of them")
     try:
         points, labels = _read_scanner_file(path) if suffix in (".ply", ".pcd") else _read_text(path)
     except (OSError, ValueError, RuntimeError, IndexError) as error:

@@ -74,7 +74,7 @@ class _Reader:
             raise self.bad("has a name that is not UTF-8") from error
 
     def bad(self, what: str) -> BadInput:
-        return BadInput(f"{self.path.name} is no COLMAP model: it {what}; run `cotton3dg sfm --force`")
+        return BadInput(f"{self.path.name} is not a COLMAP model: it {what}; run `cotton3dg sfm --force`")
 
 
 def read_cameras(model_dir: Path) -> list[Camera]:

@@ -103,7 +103,7 @@ class LocalServer(ThreadingHTTPServer):
 
     Args:
         port: 0 = any that is free.
-        answer: gives the answer to a request, in a thread of its own; a Cotton3dgError is told to the browser.
+        answer: gives the answer to a request, in a thread of its own; the browser gets the text of a Cotton3dgError.
         most_bytes: the largest content that a request with these names in its path may have.
     Raises:
         BadUsage: the port cannot be had.
@@ -145,16 +145,16 @@ class _Guard(BaseHTTPRequestHandler):
             request.left = self._announced(request.parts) if posts else 0
             answer = self.server.answer(request)
         except Refused as refused:
-            answer = as_json({"said": str(refused)}, refused.status)
+            answer = as_json({"message": str(refused)}, refused.status)
         except Cotton3dgError as error:
-            answer = as_json({"said": str(error)}, HTTPStatus.CONFLICT)
+            answer = as_json({"message": str(error)}, HTTPStatus.CONFLICT)
         except (ConnectionError, TimeoutError):
             return  # the browser has left
         except OSError as error:
-            answer = as_json({"said": str(explained(error, Path("the folder")))}, HTTPStatus.CONFLICT)
+            answer = as_json({"message": str(explained(error, Path("the folder")))}, HTTPStatus.CONFLICT)
         except Exception:
             log.exception("an answer to the browser")
-            answer = as_json({"said": "a fault of the program; the terminal has the details"}, HTTPStatus(500))
+            answer = as_json({"message": "a fault of the program; the terminal has the details"}, HTTPStatus(500))
         try:
             if request:
                 for _ in request.chunks():  # a browser reads no answer before it has sent all
@@ -189,11 +189,11 @@ class _Guard(BaseHTTPRequestHandler):
         """Bytes of the content.
 
         Raises:
-            Refused: its length is not said or too large, or its kind is one that any page can send.
+            Refused: its length is missing or too large, or any page could send content of its kind.
         """
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdecimal()):
-            raise Refused(HTTPStatus.LENGTH_REQUIRED, "the length is not said")
+            raise Refused(HTTPStatus.LENGTH_REQUIRED, "the length is missing")
         if self.headers.get("Content-Type") not in SENT:
             raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "another kind of content")
         if len(length) > 18 or int(length) > self.server.most_bytes(parts):

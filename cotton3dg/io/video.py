@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Videos read through ffmpeg: what they are, every frame's time stamp, and the frames that are wanted.
+"""Reads videos through ffmpeg: their facts, the time stamp of every frame, and single frames.
 
 The module does not trust ffmpeg's exit code, frame count and duration: ffmpeg exits with 0 on a truncated file. Only
 the decoded frames count, and ffmpeg's messages about them.

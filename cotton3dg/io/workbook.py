@@ -75,7 +75,7 @@ def workbook_cells(content: bytes, name: str) -> list[list[str]]:
     try:
         values, formulas = (_sheet(content, data_only) for data_only in (True, False))
     except Exception as error:  # openpyxl and its parsers raise all kinds of errors on unexpected files
-        raise BadInput(f"{name} is no Excel file that can be read ({error}); save it as CSV in UTF-8") from error
+        raise BadInput(f"{name} cannot be read as an Excel file ({error}); save it as CSV in UTF-8") from error
     cells = []
     for row, written in zip(values, formulas, strict=True):
         for value, source in zip(row, written, strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated photos as pictures to learn from: pieces of them at many sizes, mirrored, brightened, blurred."""
+"""Makes training pictures from annotated photos: pieces at many sizes, mirrored, brightened, blurred."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class AnnotatedPhoto:
     image: NDArray[np.uint8]
     """(H, W, 3) sRGB, as large as the network is to see it."""
     ids: NDArray[np.uint16]
-    """(H, W) a number a boll, 0 = none."""
+    """(H, W) number of the boll, 0 = none."""
 
 
 def cut_picture(rng: np.random.Generator, photos: Sequence[AnnotatedPhoto], size: int) -> TrainingPicture:
     """A square piece of one of the photos; more often than not around a boll.
 
-    The middle of a boll is taken for that of its mask's box: where the annotation ends is all that is known of it.
+    The middle of a boll is that of its mask's box, because an annotation holds nothing else about the boll.
     """
     photo = photos[int(rng.integers(len(photos)))]
     height, width = photo.ids.shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The back ends of the stage masks: each from a plant's photos to the masks of its bolls."""
+"""The back ends of the stage masks. Each makes the masks of the bolls from the photos of a plant."""
 
 from __future__ import annotations
 
@@ -67,17 +67,17 @@ class Plant:
 
 @dataclass(frozen=True)
 class Found:
-    """Masks and how they came about."""
+    """Masks, and how a back end made them."""
 
     masks: MaskSet
     notes: tuple[str, ...] = ()
-    """What the user should know."""
+    """Messages to the user."""
     maps: Mapping[str, Maps] = field(default_factory=dict)
-    """Image name -> the bolls' network's maps, where it made the masks."""
+    """Image name -> maps of the bolls' network, if it made the masks."""
 
 
 def by_bolls(plant: Plant, options: MasksOptions, progress: Progress) -> Found:
-    """Maps of the bolls' network, on views evenly spaced around the plant, and the masks that each alone shows."""
+    """Maps of the bolls' network for views evenly spaced around the plant, with the masks of each view alone."""
     own = options.bolls.weights
     return _find_bolls(plant, options.views, open_bolls(plant.file(own) if own else None), progress)
 

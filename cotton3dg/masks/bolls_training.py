@@ -29,15 +29,15 @@ LEARNING_RATE: Final = 2e-3
 ENCODER_RATE: Final = 0.15
 """Learning rate of the pretrained encoder, relative to that of the decoder."""
 FROZEN_BLOCKS: Final = 3
-"""Number of the encoder's blocks, beside its stem, that stay fixed: the first filters suit all images, and cost most to
-train."""
+"""Number of the encoder's blocks that stay fixed, besides its stem. The first filters suit all images and are the most
+expensive to train."""
 WARM_UP: Final = 100
 FALL: Final = 0.3
 """Share of the steps in which the learning rate falls."""
 WEIGHT_DECAY: Final = 1e-4
 MEMORY: Final = 0.998
 """Share of the mean of the weights that a step keeps. The result is the mean of some 500 steps, which is better than
-any of them (Polyak averaging)."""
+any single step (Polyak averaging)."""
 TERMS: Final = {"classes": 1.0, "middles": 1.5, "borders": 0.3, "sizes": 0.3}
 BORDER_PX: Final = 2
 """Distance from another boll within which a pixel of lint is on the border."""
@@ -59,9 +59,9 @@ class TrainingSettings:
     frozen_norms: bool = False
     """Whether normalisation stays as it is, for weights that were read from a file and for small sets."""
     pretrained: bool = True
-    """Whether the encoder knows images already: its normalisation and its first blocks stay, the rest learns slowly."""
+    """Whether the encoder is pretrained: its normalisation and first blocks stay, the rest learns slowly."""
     bfloat16: bool = False
-    """Whether convolutions are computed in half the digits: as good, and twice as fast on processors made for it."""
+    """Whether convolutions run in 16 bits: as good, and twice as fast on processors with such instructions."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def losses(maps: Tensor, classes: Tensor, wanted: Tensor, border: Tensor) -> dic
 def train(
     network: BollsNetwork, draw: Draw, settings: TrainingSettings, checkpoint: Path | None = None
 ) -> Iterator[TrainingReport]:
-    """Train in place; a report every `CHECKPOINT_STEPS` steps, when the state of things is also saved.
+    """Train in place; every `CHECKPOINT_STEPS` steps the function yields a report and saves the state of the training.
 
     At the end the network has the mean of its weights over the last steps.
 
@@ -171,7 +171,7 @@ def train(
 
 
 def _make_optimiser(network: BollsNetwork, settings: TrainingSettings) -> torch.optim.Optimizer:
-    """AdamW; of a pretrained encoder the first blocks are frozen, the rest learns slowly and without decay."""
+    """AdamW. The first blocks of a pretrained encoder are frozen; its other blocks learn slowly and without decay."""
     rate = settings.learning_rate
     if not settings.pretrained:
         return torch.optim.AdamW([{"params": list(network.parameters()), "peak": rate}], weight_decay=WEIGHT_DECAY)
@@ -190,7 +190,7 @@ def _make_optimiser(network: BollsNetwork, settings: TrainingSettings) -> torch.
 
 @torch.no_grad()
 def _follow(mean: dict[str, Tensor], network: BollsNetwork, step: int) -> None:
-    """Let the mean of the weights follow a step; early on it is that of all steps."""
+    """Update the mean of the weights after a step. Early on it is the mean of all steps."""
     share = 1 - min(MEMORY, step / (step + 10))
     for name, values in network.state_dict().items():
         if values.is_floating_point():
@@ -225,7 +225,7 @@ def restore_norms(network: BollsNetwork, draw: Draw, pictures: int = 72) -> None
 def _batches(
     draw: Draw, steps: range, settings: TrainingSettings
 ) -> Iterator[tuple[int, tuple[Tensor, Tensor, Tensor, Tensor]]]:
-    """The images and `targets` of each step, made ahead of it."""
+    """The images and `targets` of each step, prepared in advance."""
 
     def made(step: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         numbers = range((step - 1) * settings.batch, step * settings.batch)
@@ -257,7 +257,7 @@ def _rate(step: int, steps: int) -> float:
 def _save(
     path: Path, network: BollsNetwork, mean: dict[str, Tensor], optimiser: torch.optim.Optimizer, step: int
 ) -> None:
-    """Weights, their mean, statistics and the optimiser's state as plain arrays: reading them back can run nothing."""
+    """Save weights, their mean, statistics and the optimiser's state as plain arrays, which cannot hold code."""
     arrays = {f"network/{name}": values.cpu().numpy() for name, values in network.state_dict().items()}
     arrays |= {f"mean/{name}": values.cpu().numpy() for name, values in mean.items()}
     for number, state in optimiser.state_dict()["state"].items():
@@ -268,7 +268,7 @@ def _save(
 
 
 def _resume(path: Path, network: BollsNetwork, mean: dict[str, Tensor], optimiser: torch.optim.Optimizer) -> int:
-    """Take over what `_save` wrote; the step that it was written after.
+    """Take over what `_save` wrote, and return the step after which it was written.
 
     Raises:
         BadInput: the file is damaged, or of another network.

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes around what a text names: Grounding DINO (Liu et al. 2023), the prompter of SAM in Cotton3DGaussians."""
+"""Finds boxes around the objects that a text names: Grounding DINO (Liu et al. 2023), which prompts SAM in
+Cotton3DGaussians."""
 
 from __future__ import annotations
 
@@ -21,9 +22,9 @@ SHORT_SIDE_PX: Final = 800
 LONG_SIDE_PX: Final = 1333
 """Size of the images it was trained on."""
 SAME_BOX: Final = 0.7
-"""IoU of two boxes that are one box: queries answer more than once."""
+"""IoU from which two boxes are one: several queries may find the same object."""
 LARGEST: Final = 0.5
-"""Share of the image above which a box is the plant or the scene, not one boll."""
+"""A box larger than this share of the image is the plant or the scene, and not a boll."""
 
 Finder = Callable[[NDArray[np.uint8]], tuple[Float64, Float64]]
 """From an image (H, W, 3) to boxes (n, 4) left, top, right, bottom px and scores (n,)."""

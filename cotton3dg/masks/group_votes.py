@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bolls of one image from the maps of the bolls' network.
 
-Every pixel that looks like lint votes for where the middle of its boll lies; where votes meet is a boll, and the pixels
-that voted for it are its mask (Hough voting).
+Every pixel that looks like lint votes for the middle of its boll. There is a boll where votes meet; the pixels that
+voted for it are its mask (Hough voting).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ SURE: Final = 0.32
 VOTE_SPREAD: Final = 0.10
 """Standard deviation, in diameters of the boll, over which votes for one middle are gathered."""
 APART: Final = 0.55
-"""Least distance, in diameters, of the middles of two bolls in an image: one may stand partly before the other."""
+"""Least distance, in diameters, of the middles of two bolls in an image, as one may stand partly before the other."""
 LEAST_SHARE: Final = 0.06
 """Share of its disc that a boll must show."""
 REACH: Final = 0.7
-"""Farthest distance, in diameters, from a middle of a vote for it."""
+"""Farthest distance, in diameters, between a middle and a vote for it."""
 MARGIN: Final = 48
-"""Width, in pixels of the maps, of the frame around them in which middles are looked for, too."""
+"""Width, in pixels of the maps, of a frame around them. The search for middles includes the frame."""
 OCTAVES: Final = range(-2, 4)
 """Sizes of bolls, as powers of two of `OFFSET_PX`, whose votes are gathered together."""
 
@@ -49,7 +49,7 @@ def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float
     """(B, 2) places where enough votes meet, most first, and (B,) the mean size by these votes; px."""
     # The middle of a boll that the image's edge cuts may lie beyond it.
     shape = (maps.lint.shape[0] + 2 * MARGIN, maps.lint.shape[1] + 2 * MARGIN)
-    # A boll seen whole gives votes of weight 1 in all.
+    # The votes for a boll that is seen whole sum to 1.
     weights = (maps.scale**2 / (np.pi / 4 * diameters**2)).astype(np.float32)
     heat, sized = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     octaves = np.round(np.log2(diameters / (OFFSET_PX * maps.scale / 2))).clip(OCTAVES[0], OCTAVES[-1])
@@ -73,7 +73,7 @@ def _find_middles(votes: Float32, diameters: Float32, maps: Maps) -> tuple[Float
 
 
 def _gather(cells: NDArray[np.intp], values: Float32, shape: tuple[int, int], sigma: float) -> Float32:
-    """Values summed over their neighbourhood, (H, W): those that agree give their sum at the peak."""
+    """(H, W) values summed over their neighbourhood. Values that agree give their sum at the peak."""
     part = np.bincount(cells, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
     gathered: Float32 = cv2.GaussianBlur(part, (0, 0), sigma) * np.float32(2 * np.pi * sigma**2)
     return gathered
@@ -99,7 +99,7 @@ def suppress_non_maxima(places: Float32, sizes: Float32) -> NDArray[np.intp]:
 
 
 def draw_ids(ids: NDArray[np.uint16], maps: Maps) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Ids at the size of the image, edged where the probability of lint, interpolated, is `SURE`; and scores."""
+    """Ids at the size of the image, and scores. Masks end where the interpolated probability of lint is `SURE`."""
     height, width = maps.image_shape
     size = (width, height)
     large = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A network's proposals for one image, and how they share its pixels."""
+"""Divides the pixels of an image among the proposals of a network."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def crop(mask: NDArray[np.bool_], top: int, left: int, score: float) -> Candidat
 
 
 def resolve_overlaps(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates that stand for an object each, the surest first.
+    """The candidates that each stand for one object, the surest first.
 
-    Of duplicates the surest is kept. A mask that several others fill by half or more is a heap of objects and goes; any
-    other mask that contains one keeps it as its part, and the contained one goes.
+    Of duplicates the surest one stays. A mask that several others fill by half or more is a heap of objects and is
+    removed. If any other mask contains a smaller one, the smaller one is a part of it and is removed.
     """
     kept: list[Candidate] = []
     for candidate in sorted(candidates, key=lambda item: -item.score):

@@ -26,12 +26,12 @@ CLASSES: Final = {"sam": "SamModel", "sam2": "Sam2Model", "sam2_video": "Sam2Mod
 """Class of transformers by `model_type`; SAM 2 is published with the type of its video model."""
 PROMPTS_AT_ONCE: Final = 32
 MARGIN: Final = 0.05
-"""Share by which boxes around masks are larger on each side, as the masks may lack the fringe of a boll."""
+"""Share by which a box is larger than its mask on each side, because masks may lack the fringe of a boll."""
 
 
 @dataclass(frozen=True)
 class Prompts:
-    """What to segment in one image, px; a row a boll."""
+    """The prompts for one image, px; one row for each boll."""
 
     points: Float64 | None = None
     """(n, 2) x, y inside."""
@@ -75,7 +75,7 @@ def detect_sam(
     squares = tiles(height, width, tile_px)
     middles = np.array([[(left + right) / 2, (top + bottom) / 2] for top, left, bottom, right in squares])
     found: list[Candidate] = []
-    # Each prompt goes to the tile that it is most amid.
+    # Each prompt goes to the tile whose middle is nearest.
     owners = np.argmin(np.abs(prompts.centres[:, None] - middles).max(axis=2), axis=1)
     for number, (top, left, bottom, right) in enumerate(squares):
         rows = np.flatnonzero(owners == number)
@@ -90,7 +90,7 @@ def detect_sam(
 
 
 def prompts_around(ids: NDArray[np.uint16]) -> Prompts:
-    """For each mask of an image the box around it and its point farthest from any border."""
+    """For each mask of an image: the box around it, and its point farthest from the border."""
     import cv2
 
     points, boxes = [], []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open bolls in one image alone, where no model of the plant combines the evidence of several images."""
+"""Finds open bolls in a single image, without a model that combines several images."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .group_votes import group_votes
 from .test_time_augmentation import predict_with_augmentation
 
 IN_LEAF: Final = 0.02
-"""Share of an image's pixels that are leaf from which much may only look like lint: bracts, flowers, shine. All of 100
-images of living cotton without open bolls had more."""
+"""If leaf covers more than this share of an image, other things may look like lint: bracts, flowers, shine. All of 100
+images of living cotton without open bolls had more leaf."""
 EVIDENCE: Final = 1.5
-"""Least evidence of all bolls of such an image (`weigh_evidence`); with less it shows none. Of these 100 images one had
-more, of 160 photographs of open cotton none with so much leaf had less."""
+"""Such an image shows bolls only if their evidence (`weigh_evidence`) is at least this. One of the 100 images had more;
+of 160 photographs of open cotton, none with so much leaf had less."""
 MOST_OF_ONE: Final = 1.5
-"""Most evidence of one boll, in its own discs: a boll may be larger than the network takes it for."""
+"""Most evidence of one boll, in discs of its predicted size: the network may underestimate its size."""
 
 
 def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[np.uint16], dict[int, float]]:
-    """Masks of the bolls in one image; none if it shows leaves and nothing that surely is an open boll.
+    """Masks of the bolls in one image; none if it shows leaves and too little evidence of open bolls.
 
     Args:
         image: (H, W, 3) sRGB.
@@ -42,8 +42,9 @@ def find_bolls(image: NDArray[np.uint8], network: BollNetwork) -> tuple[NDArray[
 
 
 def weigh_evidence(ids: NDArray[np.uint16], maps: Maps) -> float:
-    """Evidence of an image for open bolls: the sum over its bolls of the square of the part that is surely seen,
-    which is 1 for a boll seen whole without a doubt. Thanks to the square a few clear bolls outweigh many faint ones.
+    """Evidence of an image for open bolls: the sum over its bolls of the square of the part that is surely seen.
+
+    A boll that is seen whole and without a doubt counts 1. By the square a few clear bolls outweigh many faint ones.
 
     Args:
         ids: (H, W) of the image.

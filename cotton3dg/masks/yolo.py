@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instance segmentation by YOLO networks: YOLOv8, YOLO11 and their kin (https://docs.ultralytics.com/tasks/segment).
+"""Instance segmentation by YOLO networks: YOLOv8, YOLO11 and similar ones (https://docs.ultralytics.com/tasks/segment).
 
 A network sees an image fitted into a frame and answers with predictions, a column an anchor (box centre and size, a
 score a class, mask coefficients), and with prototype masks; a mask is the sum of the prototypes weighted by its
@@ -84,8 +84,8 @@ def detect_yolo(
 def fit_image(image: NDArray[np.uint8], size: int) -> tuple[Float32, Fit]:
     """(1, 3, s, s) as a network sees an image (H, W, 3): scaled so that the longer side is `size`, grey around it.
 
-    s is `size` rounded up to a multiple of `STRIDE`. ultralytics itself leaves most of the grey out, which is quicker;
-    but the network's attention takes in the whole frame, so masks would differ from those of an ONNX export, which is
+    s is `size` rounded up to a multiple of `STRIDE`. ultralytics itself leaves out most of the grey, which is quicker.
+    But the network's attention covers the whole frame, so masks would differ from those of an ONNX export, which is
     made for squares.
     """
     import cv2

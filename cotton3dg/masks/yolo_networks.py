@@ -36,7 +36,7 @@ class Network:
     class_names: Mapping[int, str] = field(default_factory=dict)
     """Names of the classes, where the file holds them."""
     notice: str = ""
-    """What the user has to know about the software that runs the network."""
+    """Message to the user about the software that runs the network."""
 
 
 def open_network(weights: Path, *, trusted: bool) -> Network:
@@ -66,7 +66,7 @@ def onnx_network(weights: Path) -> Network:
     try:
         net = cv2.dnn.readNetFromONNX(str(weights))
     except cv2.error as error:
-        raise BadInput(f"{weights.name} is no ONNX model that OpenCV can read; export it again") from error
+        raise BadInput(f"{weights.name} is not an ONNX model that OpenCV can read; export it again") from error
     outputs = net.getUnconnectedOutLayersNames()
     if len(outputs) != 2:
         raise BadInput(

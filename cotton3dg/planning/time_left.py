@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The time that a run still takes: what its stages are expected to take, corrected by what the finished ones took."""
+"""The time that a run still takes: the expected times of its stages, corrected by the times of those that are done."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unit of length: from the table, printed markers or two known points to cm per scene unit."""
+"""Finds the scale, cm per scene unit, by the table, printed markers or two known points."""

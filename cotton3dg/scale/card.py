@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plant's printed card in the photos: the scale by its markers, and the grey levels of its patches.
+"""Reads a plant's printed card in photos: the scale by its markers, and the grey levels of its patches.
 
 All markers of a card make one rigid body: the scale comes from distances of up to 30 cm between their corners. The
 patches give the white balance and the exposure.
@@ -30,11 +30,11 @@ from .references import NoReference
 CARD_MARKERS: Final = MarkerKind(MARKER_DICTIONARY, MARKER_CM)
 LEAST_MARKERS: Final = 2
 INNER: Final = 0.55
-"""Share of a patch's sides that is measured; the rest is blurred into its rim."""
+"""Share of a patch's sides that is measured, because its rim is blurred."""
 LEAST_PX: Final = 4.0
 """Least height of a patch in the photo."""
 PLACES: Final = 9
-"""Places along a side of a patch."""
+"""Number of places along a side of a patch."""
 DARKER: Final = 2.0
 """Least difference in grey levels between a patch and the brighter one before it. With less, something lies on the
 card."""
@@ -65,8 +65,8 @@ def scale_from_card(
 def read_patches(photo: NDArray[np.uint8], corners: Mapping[Corner, Float64]) -> Float64 | None:
     """(6, 3) RGB, 0..255, of the card's levels from white to black; a burnt-out level is NaN.
 
-    Both columns of patches count alike: they have the levels in opposite order, so light that falls off evenly
-    across the card is the same for the mean of every level.
+    Both columns of patches count alike. They have the levels in opposite order, so light that falls off evenly across
+    the card is the same, on average, for every level.
 
     Args:
         photo: (H, W, 3).

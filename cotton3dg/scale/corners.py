@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scale after a person moved corners of the table: the table of known size is laid through them."""
+"""Computes the scale again after a person moved corners of the table: a table of known size is fitted to them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ ALONG_X: Final = (1, 0, 3, 2)
 ALONG_Y: Final = (3, 2, 1, 0)
 """Corner -> the one at the other end of its long edge, which has the same y, and of its short edge, of the same x."""
 OFF_TABLE: Final = 0.05
-"""Largest distance of a picked corner from the table top or from a rectangle, in widths of the table. A pick farther
-off is not a corner of the table."""
+"""Largest distance of a picked corner from the table top or from a rectangle, in widths of the table. Picks farther off
+are not corners of the table."""
 
 Moves = Sequence[Mapping[str, NDArray[np.float64]]]
 """For each moved corner, image -> (2,) px."""
@@ -109,8 +109,8 @@ def fit_table_to_corners(
     """The table of known size that fits the moved corners best, in the plane of the table as it was found.
 
     A move belongs to the corner nearest to the point where its picks meet; the last move of a corner counts. A moved
-    corner takes its two edges with it, unless the corner at their other end was moved, too. The table is laid through
-    the four corners by least squares over position, turn and size.
+    corner takes its two edges with it, unless the corner at their other end was moved, too. Position, turn and size of
+    the table are fitted to the four corners by least squares.
     """
     axes, origin = scale.table_frame, scale.corners.mean(axis=0)
     width_su = width_cm / scale.cm_per_su
@@ -167,5 +167,5 @@ def fit_table_to_corners(
 
 
 def _complex(places: Float64) -> NDArray[np.complex128]:
-    """Places on the table as complex numbers, so that a turn and a growth are one factor."""
+    """Places on the table as complex numbers; turning and scaling them is then a multiplication."""
     return np.asarray(places[:, 0] + 1j * places[:, 1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scale by the chosen reference, or by all available ones, with pictures that show it."""
+"""Estimates the scale by the chosen reference, or by all available ones, with pictures that show them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .table import NoTable, TableFit, find_table, outline_table, scale_from_tabl
 from .two_points import scale_from_distance
 
 VIEWS: Final = 40
-"""Photos in which the rim of the table is measured."""
+"""Number of photos in which the rim of the table is measured."""
 PICTURES: Final = 3
 TABLE_SOURCES: Final = frozenset(("table", "sections", "all-sections", "corners"))
 """References that the table gives."""
@@ -73,7 +73,7 @@ class _Scene:
     """Photos of the chosen cameras."""
     table: TableFit | NoTable
     ground: Rectangle | None
-    """The table top, or else the highest large level plane."""
+    """The table top, else the highest large level plane."""
 
     @cached_property
     def card_views(self) -> list[tuple[dict[Corner, NDArray[np.float64]], NDArray[np.float64] | None]]:
@@ -94,7 +94,7 @@ def estimate_scale(plant: Plant, options: ScaleOptions, progress: Progress = sil
     """Search the references that the method names, and reconcile their scales.
 
     Args:
-        views: photos in which the rim of the table is measured, at most.
+        views: largest number of photos in which the rim of the table is measured.
     """
     wanted = [options.method]
     if options.method == "all":
@@ -274,7 +274,7 @@ def table_of(together: Reconciled, options: ScaleOptions) -> dict[str, Any]:
 
 
 def summary_of(info: ScaleInfo, evidence: dict[str, Any]) -> dict[str, Any]:
-    """Figures of a scale for the record."""
+    """Figures of a scale for the record of the stage."""
     found = {"cm_per_su": info.cm_per_su, "error_pct": 100 * (info.relative_error or 0.0)}
     return found | ({"table": info.table_words.removeprefix("table ")} if info.table_words else {}) | evidence
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corners of a printed marker by the edges between its cells: when dark cells grow, light cells shrink.
+"""Finds the corners of a printed marker by the edges between its cells: when dark cells grow, light cells shrink.
 
 Ink that spreads, and a phone's tone curve and sharpening, move the edges of dark cells outwards or inwards, all by the
 same distance. In the outer square alone this looks like a larger or smaller marker (1.5 % on a real sheet of 33 mm
-markers, seen 100 px wide). The inner edges distinguish the two, because one half of them leads from dark to light and
-the other half back. The outer edges are left out, because beside the white margin they are off by more than the others
-(0.7 % there with them; 0.1 % without).
+markers, seen 100 px wide). The inner edges show the difference: spread moves those from dark to light one way, and
+those from light to dark the other way. The outer edges are not used, because beside the white margin they are off by
+more than the others (an error of 0.7 % with them, 0.1 % without).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ACROSS: Final = (0.25, 0.5, 0.75)
 """Positions across a cell at which edges are searched."""
 LEAST_EDGES: Final = 12
 LARGEST_SPREAD: Final = 0.3
-"""Largest spread of the dark cells, in cells. A square that seems to have spread farther is not a print."""
+"""Largest spread of the dark cells of a print, in cells."""
 OUTLIER: Final = 3.0
 
 
@@ -91,8 +91,8 @@ def _find_edges(
 
 
 def _fit(should: Float64, off: Float64, signs: Float64) -> Float64 | None:
-    """(3,) offsets of the cells, as a plane over their places, without the spread of the dark cells; None if the spread
-    is not that of a print."""
+    """(3,) offsets of the cells without the spread of the dark ones, as a plane over their places; None if the spread
+    is too large for a print."""
     design = np.column_stack([np.ones(len(off)), should, signs])
     kept = np.ones(len(off), bool)
     for _ in range(3):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Printed markers of known size: ArUco and AprilTag squares, and ChArUco boards, found in photos and in space.
+"""Finds printed markers of known size in photos and in space: ArUco and AprilTag squares, and ChArUco boards.
 
 A square's corners are refined by lines fitted to its sides, in linear light, and then by the edges between its cells
 (`marker_cells`), because ink, lens and tone curve make dark squares larger or smaller. A board's corners lie between
@@ -27,9 +27,9 @@ INNER: Final = 0.75
 """Side of a ChArUco board's markers in squares of the board."""
 LEAST_VIEWS: Final = 6
 MAX_ERROR: Final = 0.02
-"""Largest relative error; markers that scatter more are not a reference."""
+"""Largest relative error. Markers that scatter more are not used."""
 PLACES: Final = 24
-"""Places along a side of a square at which its edge is searched."""
+"""Number of places along a side of a square at which its edge is searched."""
 
 Corner = tuple[str, int, int]
 """Kind (`marker` or `board`), id of the marker, number of the corner; for a board, 0 and the number of its corner."""
@@ -83,7 +83,7 @@ def charuco_board(kind: MarkerKind) -> Any:
 
 
 def find_markers(image: NDArray[np.uint8], kind: MarkerKind) -> dict[Corner, Float64]:
-    """Corners in a (H, W, 3) photo, (2,) px each; ids that the photo shows twice are left out."""
+    """Corners in a (H, W, 3) photo, (2,) px each, without ids that the photo shows twice."""
     import cv2
 
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -117,7 +117,7 @@ def marker_cells(dictionary: str, number: int) -> NDArray[np.bool_]:
 
 
 def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
-    """(4, 2) corners where lines through the sides of a dark square on bright paper meet; the first ones if in doubt.
+    """(4, 2) corners where lines through the sides of a dark square on bright paper meet; `quad` if they are unsure.
 
     Args:
         light: (H, W) linear light.
@@ -160,7 +160,7 @@ def refine_quad(light: NDArray[np.float32], quad: Float64) -> Float64:
 
 
 def _fit_line(points: Float64) -> tuple[Float64, Float64]:
-    """A point of the line through (N, 2) points and its direction, without those far off."""
+    """A point of the line through (N, 2) points, and its direction; points far off do not count."""
     kept = np.ones(len(points), bool)
     for _ in range(3):
         middle = points[kept].mean(axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rim of a flat rectangular table, measured in the photos.
+"""Measures the rim of a flat rectangular table in the photos.
 
 Only silhouette views count for an edge: those whose camera stands on the inner side of it. From there the edge of the
 top hides the side face, so the top edge, and never the bottom one, stands against the background.
@@ -18,13 +18,13 @@ from ..core.scene import Camera, Float64
 
 EDGES: Final = (0, 1, 2, 3)
 PLACES: Final = 64
-"""Places along an edge at which it is searched."""
+"""Number of places along an edge at which it is searched."""
 SEARCH: Final = 0.12
-"""How far an edge may lie from its first estimate, in widths of the table."""
+"""Largest distance of an edge from its first estimate, in widths of the table."""
 TURN: Final = np.radians(3.0)
-"""How far the first rectangle may be turned against the table."""
+"""Largest angle between the first rectangle and the table, rad."""
 PLANE_PRIOR: Final = 0.004
-"""Standard error of the plane, in widths of the table, where nothing better is known; the edges may move it by this."""
+"""Standard error of the plane, in widths of the table, if nothing better is known; the edges may move it so far."""
 CAUCHY: Final = 2.385
 """Distance from an edge, in robust standard deviations, at which a maximum's pull begins to weaken. With normal errors
 least squares lose 5 % of their efficiency by it (Holland and Welsch 1977)."""
@@ -35,11 +35,11 @@ ROUNDS: Final = ((6.0, 1e-3), (3.0, 1e-4))
 table, below which a round ends."""
 MOST_ROUNDS: Final = 8
 ALONG: Final = 0.3
-"""Quantile along an edge by which its contrast is judged: a sheet of paper beside it is brighter, but shorter."""
+"""Quantile along an edge that stands for its contrast. Paper beside an edge has more contrast, but is shorter."""
 STRONG: Final = 0.75
 """Contrast of an edge relative to the strongest line beside it ..."""
 WEAK: Final = 0.3
-"""... and the contrast where a line beside it is known to be stronger."""
+"""... and the same where a stronger line lies beside it."""
 MIN_VIEWS: Final = 3
 
 
@@ -112,14 +112,13 @@ class RimFit:
     """Median distance of each edge from what the photos show, in the order of `Rectangle.sides`."""
     support: tuple[float, ...]
     """Share of the searched places, over all views of each edge, at which the photos show it within 2 px. In a narrow
-    fit it is within 1 px, and weaker evidence: the nearest maximum was taken, and those of a mere texture would mostly
-    lie there."""
+    fit it is within 1 px. That is weaker evidence, because a mere texture has maxima so near, too."""
     views: tuple[int, ...]
-    """Photos that show each edge as a silhouette."""
+    """Number of photos that show each edge as a silhouette."""
 
 
 def smoothed(images: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
-    """(H, W, 3) photos without the finest noise, which would pass for edges."""
+    """(H, W, 3) photos without the finest noise, which looks like edges."""
     import cv2
 
     return [cv2.GaussianBlur(image, (0, 0), 0.8) for image in images]
@@ -143,8 +142,7 @@ def fit_rim(
         first: the rectangle as points give it.
         images: (H, W, 3) of the cameras, as `smoothed` makes them.
         plane_error: standard error of the plane of `first`, in widths of the table.
-        narrow: a line beside an edge misleads, so search edges only a quarter as far from `first`, and take weaker
-            ones.
+        narrow: for edges beside a stronger line; search only a quarter as far from `first`, and accept weaker edges.
     Returns:
         None when an edge shows in fewer than `MIN_VIEWS` views, at too few places, or nowhere near.
     """
@@ -255,7 +253,7 @@ def _contrast_map(rectangle: Rectangle, edge: int, views: list[_View], steps: Fl
 
 
 def _find_outermost(profile: Float64, least: float) -> int:
-    """Index of the outermost of the strong maxima, because lines inside the table (seams, tape) are not its rim."""
+    """Index of the outermost strong maximum. Lines farther inside (seams, tape) are not the rim."""
     base = np.median(profile)
     strong = profile - base >= least * (profile.max() - base)
     peaks = strong & (profile >= np.roll(profile, 1)) & (profile >= np.roll(profile, -1))
@@ -313,7 +311,7 @@ def _adjust(
     for _ in range(2):
         here = _residuals(rectangle, anchor, cameras, seen)
         sigma_px = max(1.4826 * float(np.median(np.abs(here[:-3]))), SHARPEST_PX)
-        # Neighbouring places of a photo err alike. They count eight times too often, so the prior has to, too.
+        # Neighbouring places of a photo err alike, so they count eight times too often. The prior gets the same factor.
         prior_weight = 8 * (sigma_px / plane_error) ** 2
         nudges = 1e-6 * np.eye(8)
         slopes = [(_residuals(rectangle.moved(n * unit), anchor, cameras, seen) - here) / 1e-6 for n in nudges]
@@ -379,5 +377,5 @@ def _difference(image: NDArray[np.uint8], pixels: Float64, normals: Float64) -> 
 
 
 def _along() -> Float64:
-    """Places along an edge, 0..1; the corners are left out, where two edges meet."""
+    """Places along an edge, 0..1, without the corners, where two edges meet."""
     return np.linspace(0.03, 0.97, PLACES)

@@ -32,12 +32,12 @@ class Reference:
     relative_error: float
     evidence: dict[str, Any] = field(default_factory=dict)
     assumed: bool = False
-    """Whether its size is the usual one of such things, and not measured."""
+    """Whether its size is the usual one and was not measured."""
 
 
 @dataclass(frozen=True)
 class NoReference:
-    """Why a reference gives no scale, in a few words."""
+    """The reason why a reference gives no scale, in a few words."""
 
     reason: str
 
@@ -81,7 +81,7 @@ def reconcile(references: Sequence[Reference]) -> Reconciled:
 
 
 def scale_on(ground: Rectangle, cm_per_su: float, relative_error: float, source: str) -> Scale:
-    """A scale whose table top, or the plane in its place, is `ground`."""
+    """A scale with `ground` as its table top, or as the plane in its place."""
     up = ground.axes[2]
     plane = np.append(up, -up @ ground.origin)
     return Scale(cm_per_su, relative_error, source, up, plane, ground.corners)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scale from the table's points alone, cut into sections.
+"""Finds the scale by sections of the table's points, without photos.
 
 `scale_from_central_section` is that of Cotton3DGaussians, 2.5: an oriented box around the table's cloud, 11 sections
-along it, a second oriented box around the central section. Its length L is the table's width, so that
-β = L / 60 cm; the 120 cm of the other side are not used. The paper does not say how the cloud of the table was cut out
-of the scene (here: the points on its plane, inside its rectangle and a rim), which oriented box it takes (here: the
-tightest), nor what the error of β is (here: the scatter of all sections' lengths, and no less than 1 %).
+along it, a second oriented box around the central section. Its length L is the table's width, so that β = L / 60 cm;
+the 120 cm of the other side are not used. The paper leaves three things open. Here the cloud of the table consists of
+the points on its plane, inside its rectangle and a rim; the oriented box is the tightest one; and the error of β is the
+scatter of all sections' lengths, at least 1 %.
 
 `scale_from_all_sections` also uses the rest: medians over sections along both sides, and both known lengths.
 """
@@ -35,7 +35,7 @@ TRIM: Final = 0.002
 MAX_ERROR: Final = 0.05
 POINT_PX: Final = 3
 LEAST_ERROR_OF_ONE: Final = 0.01
-"""Least relative error of the central section: no other length checks it, and points end short of an edge or lie beyond
+"""Least relative error of the central section. No other length checks it, and points end before an edge or lie beyond
 it."""
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metric scale and up axis from things of known size."""
+"""Finds the metric scale and the up axis by things of known size."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def parts(workspace: Workspace, _: ScaleOptions) -> dict[str, str]:
-    """A person's corrections of the table; other corrections do not change the scale."""
+    """The corrections of the table. Other corrections do not change the scale."""
     if not workspace.corrections_json.exists():
         return {}
     name = f"{workspace.corrections_json.name}#{CORNER}"
@@ -79,7 +79,7 @@ def run(workspace: Workspace, options: ScaleOptions, progress: Progress = silent
 
 
 def _reflectances(text: str) -> tuple[float, ...]:
-    """Reflectances of the card's patches from white to black, 0..1: as measured, in per cent, or of a usual print.
+    """Reflectances of the card's patches from white to black, 0..1: those of `text`, in per cent, or of a usual print.
 
     Raises:
         BadUsage: not as many falling numbers as there are patches.
@@ -98,7 +98,7 @@ def _reflectances(text: str) -> tuple[float, ...]:
 def _moved(
     workspace: Workspace, found: FoundScale, plant: Plant, options: ScaleOptions, corrections: tuple[Correction, ...]
 ) -> FoundScale:
-    """The scale with the corners that a person moved, as far as the photos are still those with the picks."""
+    """The scale with the corners that a person moved, if the photos are still those with the picks."""
     placed = {camera.name for camera in plant.cameras}
     moves, refused = [], []
     for correction in corrections:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table under the plant: its plane, its rectangle, and from its known size the scale of the scene.
+"""Finds the table under the plant: its plane, its rectangle and, by its known size, the scale of the scene.
 
 All lengths below are relative to the radius R of the orbit, because nothing has a unit yet. The table lies inside the
-orbit and below the cameras. The floor is larger, so the highest of the large level planes is tried first.
+orbit and below the cameras. The floor is larger, so the search begins with the highest of the large level planes.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from .rectangle import CAUCHY, EDGES, PLANE_PRIOR, SEARCH, Rectangle, RimFit, fi
 
 ASPECT_TOLERANCE: Final = 0.05
 USUAL_ASPECT_ERROR: Final = 0.01
-"""Error of the aspect above which another fit, with edges closer to where the points end, is tried and is taken if it
-is nearer to the known shape."""
+"""With a larger error of the aspect another fit is tried, with edges closer to the end of the points. The fit nearer to
+the known shape is taken."""
 MIN_FILL: Final = 0.8
 LEAST_TRACKS: Final = 30
 LEAST_PLANE_ERROR: Final = 2e-4
 """Least standard error of the plane, in widths of the table: 0.1 mm, about how flat a table is."""
 MIN_SUPPORT: Final = 0.4
-"""Least share of the places along an edge that show it; a third would show it by chance."""
+"""Least share of the places along an edge that show it. A third would show it by chance."""
 CLEAR_SUPPORT: Final = 0.5
 """The same share for the two edges that alone give the scale when a third one is unclear."""
 LEAST_ERROR: Final = 2e-3
-"""Least relative error of the scale. A plane that lies a millimetre too high makes both sides too short alike, so they
-do not disagree."""
+"""Least relative error of the scale. The two sides do not show every error: a plane that lies a millimetre too high
+makes both too short by the same share."""
 LEAST_ERROR_OF_POINTS: Final = 1e-2
-"""The same without photos: points end short of an edge, floaters lie beyond it."""
+"""The same without photos, because points end before an edge and floaters lie beyond it."""
 LEAST_ERROR_OF_ONE_SIDE: Final = 1e-2
-"""The same where one edge is unclear: no second side checks the first."""
+"""The same with one unclear edge, because no second side checks the first."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TableFit:
 
     rectangle: Rectangle
     fill: float
-    """Share of the rectangle that is covered by points of the plane."""
+    """Share of the rectangle that points of the plane cover."""
     inliers: int
     """Points on the plane inside the rectangle."""
     rim: RimFit | None
@@ -73,7 +73,7 @@ class TableFit:
 
 @dataclass(frozen=True)
 class NoTable:
-    """Why no table was found, in a few words."""
+    """The reason why no table was found, in a few words."""
 
     reason: str
 
@@ -98,7 +98,7 @@ def find_table(
             centimetre below the surface that they show, so the plane is taken from these where there are enough.
         aspect: length by width.
     Returns:
-        The first table from above whose evidence suffices, else the reason why the most likely one was refused.
+        The highest table with enough evidence, else the reason why the most likely one was refused.
     """
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]
@@ -164,7 +164,7 @@ def scale_from_table(fit: TableFit, length_cm: float, width_cm: float) -> Scale:
 
 
 def outlines_table(points: NDArray[Any], orbit: Orbit, aspect: float) -> bool:
-    """Whether the points alone, without a look at the photos, show a level rectangle of a shape near the known one."""
+    """Whether the points alone, without the photos, show a level rectangle of about the known shape."""
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     found = [find_first_rectangle(points, plane, orbit) for plane in level_planes(points, orbit)]
@@ -237,7 +237,7 @@ def _level(first: Rectangle, tracks: NDArray[Any], radius: float) -> tuple[Recta
 
 
 def _complete(first: Rectangle, aspect: float) -> list[Rectangle]:
-    """Possible tables of known shape when points cover only a part: the short side is prolonged to either end."""
+    """Possible tables of known shape if the points cover only a part: the short side is extended at either end."""
     length, width = first.length, first.width
     if length > aspect * width * (1 - ASPECT_TOLERANCE):
         # The points cover the whole length, so a part of the width is missing.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From masks to Gaussians: which of them each mask of each view shows."""
+"""From images to Gaussians: the share of lint of each Gaussian, or the Gaussians that each mask shows."""

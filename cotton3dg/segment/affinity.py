@@ -86,7 +86,7 @@ def sample_rays(
 
 
 def _draw(rng: np.random.Generator, shares: NDArray[Any], count: int) -> NDArray[np.int64]:
-    """At most `count` different flat indices, likely in proportion to their shares."""
+    """At most `count` different flat indices, drawn with probabilities in proportion to their shares."""
     able = np.flatnonzero(shares)
     # The smallest of exponential times, see Efraimidis and Spirakis 2006.
     times = rng.exponential(size=len(able)) / shares.ravel()[able]
@@ -94,7 +94,7 @@ def _draw(rng: np.random.Generator, shares: NDArray[Any], count: int) -> NDArray
 
 
 def find_heaviest_weights(gaussians: Gaussians, camera: Camera, pixels: NDArray[Any]) -> sparse.csr_matrix:
-    """(R, N) blending weights at (R, 2) pixels, of each ray the 16 largest."""
+    """(R, N) the 16 largest blending weights of the rays at (R, 2) pixels."""
     rays = ray_weights(gaussians, camera, pixels)
     ray = np.repeat(np.arange(len(pixels)), np.diff(rays.starts))
     order = np.lexsort((-rays.weights, ray))
@@ -120,7 +120,7 @@ def train_features(
     """Unit features for the masks of many views.
 
     Args:
-        views: those without a mask ray are left out.
+        views: views without a ray in a mask do not count.
         n: number of Gaussians.
     Returns:
         (n, channels) features before smoothing, zero for Gaussians on no ray; and the loss of each step.
@@ -212,7 +212,7 @@ def _mean(values: torch.Tensor, weights: torch.Tensor, dim: int | None = None) -
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """One thread of torch: its pool costs more than a step's small operations, and more yet on a busy machine."""
+    """Run torch in one thread. Its pool costs more than the small operations of a step, most on a busy machine."""
     import torch
 
     before = torch.get_num_threads()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lifting 2D boll masks onto Gaussians: how much of each Gaussian's weight falls into which mask.
+"""Lifts masks of bolls onto Gaussians: how much of each Gaussian's weight falls into which mask.
 
 Rendering is linear in the Gaussians' values, so one forward pass a view gives each Gaussian's weight, in pixels, inside
 every mask. A vote over the views then does not need an optimisation. Idea: FlashSplat (Shen et al. 2024), Eq. 5-7.
@@ -21,11 +21,10 @@ from ..core.scene import Float32
 RIM_ID: Final = 65535
 """Mask id of the pixels that count neither for nor against a mask."""
 FOREGROUND_SHARE: Final = 0.25
-"""Least share of a candidate's weight inside masks: a boll that every third view finds is still a candidate, while the
-stem, which masks cover here and there, is not. Each boll's Gaussians are voted on again later, at one half."""
+"""Least share of a candidate's weight inside masks. A boll that every third view finds is a candidate; the stem, which
+masks cover here and there, is not. A later vote decides on each boll's Gaussians, at one half."""
 LEAST_WEIGHT_PX: Final = 0.05
-"""Weight that a Gaussian has to reach in some view. Those below it are never seen: they are hidden inside, or far below
-one grey level."""
+"""Least weight of a Gaussian in some view. Others are invisible: hidden inside, or far below one grey level."""
 
 
 class ViewWeights(NamedTuple):

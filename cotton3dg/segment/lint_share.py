@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much each Gaussian is lint, by the network's probabilities from all views together.
 
-A view errs in the shade, on burs and on pale walls, each view elsewhere. The trained model knows which pixels of
-different views show the same thing. Each Gaussian takes the mean probability of the pixels that it is drawn on,
-weighted by its part in each. (FlashSplat, Shen et al. 2024, votes in this way with masks. Here the votes are
+The network errs in the shade, on burs and on pale walls, but at other places in each view. The trained model knows
+which pixels of different views show the same thing. Each Gaussian takes the mean probability of the pixels that it is
+drawn on, weighted by its part in each. (FlashSplat, Shen et al. 2024, votes in this way with masks. Here the votes are
 probabilities, and no threshold applies before all views have voted.)
 """
 
@@ -25,7 +25,7 @@ from ..core.scene import Camera, Float32, Float64, Gaussians
 from ..gaussians.rasterizer import accumulate_weights
 
 LEVELS: Final = 64
-"""Steps in which probabilities are counted: the core sums weights by whole numbers."""
+"""Number of steps of a probability, because the core sums weights by whole numbers."""
 LINT_FILE: Final = Path(__file__).with_name("lint_share.toml")
 
 

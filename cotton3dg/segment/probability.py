@@ -27,7 +27,7 @@ from ..gaussians.rasterizer import ray_weights
 LEARNING_RATE: Final = 0.0005
 MAP_MARGIN: Final = 0.01
 """Least distance of P from 0 and 1 in the loss. Adam's steps stay short for thousands of steps after a large gradient,
-so rays that no p can explain, or a wrong start, would stop all Gaussians that they touch."""
+so rays that no p can explain, or a wrong start, would stop all Gaussians that they cross."""
 ADAM_EPSILON: Final = np.float32(1e-15)
 """Adam's ε. A Gaussian's share of the gradient may be 1e-9 or less, see Kerbl et al.; torch's 1e-8 would slow it
 down."""
@@ -49,7 +49,7 @@ class TrainingView(NamedTuple):
 
 
 def sample_pixels(width: int, height: int, spacing_px: int, seed: int) -> NDArray[np.int64]:
-    """(R, 2) pixels (x, y): one at random in each square of `spacing_px` px; 1 = all."""
+    """(R, 2) pixels (x, y): one at random in each square of `spacing_px` px; a spacing of 1 takes all pixels."""
     corners = np.stack(np.meshgrid(np.arange(0, width, spacing_px), np.arange(0, height, spacing_px)), axis=-1)
     drawn = corners + np.random.default_rng(seed).integers(0, spacing_px, corners.shape)
     pixels = drawn.reshape(-1, 2)
@@ -101,7 +101,7 @@ def train_probabilities(
 
 
 def cross_entropy_gradient(probability_map: Float32, targets: Float32) -> Float32:
-    """Gradient of the mean binary cross-entropy by a map of probabilities; those beyond the margin count as at it."""
+    """Gradient of the mean binary cross-entropy by a map of probabilities, which are clipped to the margin first."""
     held = np.clip(probability_map, MAP_MARGIN, 1 - MAP_MARGIN)
     return (held - targets) / (held * (1 - held) * np.float32(max(len(targets), 1)))
 
@@ -114,7 +114,7 @@ def mean_binary_ious(maps: Iterable[Float32], masks: Iterable[NDArray[np.bool_]]
     Args:
         maps: (H, W, C) a view, C maps to be judged. masks: (H, W) union of its masks.
     Returns:
-        (C, T) for the maps above each of `THRESHOLDS`, over the views where anything is; NaN where nothing is anywhere.
+        (C, T) for the maps above each of `THRESHOLDS`, over the views with anything in them; NaN without such a view.
     """
     total, count = 0.0, 0.0
     for image, inside in zip(maps, masks, strict=True):

@@ -4,7 +4,7 @@
 A mask is a prompt: its query is the mean of the rendered features in it, and Gaussians similar to the query are its
 boll. Departures: similarity alone cannot separate two bolls that no view shows together, because nothing pushes their
 features apart. So a set starts from the Gaussians that have most of their weight in the mask and grows over close
-neighbours within a ball. The least similarity is 0.75 or, where it is more, the value that 90 % of the mask's own
+neighbours within a ball. The least similarity is 0.75 or, if that is more, the value that 90 % of the mask's own
 Gaussians reach (the features of pixels agree far better than those of the Gaussians behind them, and cannot set it).
 Sets of fewer than 10 Gaussians, and those whose convex hull is far larger than the others', are dropped (the paper's
 cap of 25,000 has no unit).
@@ -30,7 +30,7 @@ from .lift import LEAST_WEIGHT_PX, RIM_ID, ViewWeights
 
 LEAST_SIMILARITY: Final = 0.75
 FAINT: Final = 0.1
-"""Opacity below which a Gaussian belongs to nothing."""
+"""Fainter Gaussians belong to no boll."""
 EDGE_SPACINGS: Final = 3.0
 """Longest step of growing, in median spacings of the seeds."""
 BALL: Final = 1.5
@@ -101,7 +101,7 @@ def lift_prompts(
 
 
 def grow(means: NDArray[Any], seeds: NDArray[np.int64], alike: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The seeds and all that is alike and connected to one of them by short steps within a ball; ascending rows.
+    """The seeds and all similar Gaussians that short steps within a ball connect with a seed; ascending rows.
 
     Args:
         means: (N, 3) su.

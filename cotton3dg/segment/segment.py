@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From masks to sets of Gaussians by any of the methods, with figures and pictures of the result."""
+"""Turns masks into sets of Gaussians by any of the methods, with figures and pictures of the result."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ SHOWN_VIEWS: Final = 4
 
 @dataclass(frozen=True)
 class Segmented:
-    """Which Gaussians the masks hold, with the evidence for it."""
+    """The Gaussians that the masks hold, with the evidence for it."""
 
     lifted: LiftedMasks
     info: SegmentInfo
     probabilities: NDArray[np.float32] | None = None
-    """probability: (N,) of each Gaussian to be lint."""
+    """Method probability: (N,) probability that each Gaussian is lint."""
     features: NDArray[np.float32] | None = None
-    """affinity: (N, C), alike within a boll."""
+    """Method affinity: (N, C), alike within a boll."""
     maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    """probability: image -> (H, W) rendered probabilities, of a few views."""
+    """Method probability: image -> (H, W) rendered probabilities, of a few views."""
     over_training: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
-    """probability: image -> picture of its map over the steps, of the same views."""
+    """Method probability: image -> picture of its map over the steps, of the same views."""
     lint_alone: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
-    """probability: image -> picture of the lint alone."""
+    """Method probability: image -> picture of the lint alone."""
 
 
 def segmented(
@@ -90,7 +90,7 @@ def _weights(
     rim_px: int,
     progress: Progress,
 ) -> list[ViewWeights]:
-    """Blending weights over each view and inside each of its masks, which end `rim_px` before their edges."""
+    """Blending weights over each view, and inside each of its masks without a rim of `rim_px`."""
     views = []
     for done, (camera, ids) in enumerate(zip(cameras, id_images, strict=True)):
         progress(done, len(cameras), camera.name)
@@ -110,7 +110,7 @@ def _by_probabilities(
     progress: Progress,
     info: SegmentInfo,
 ) -> Segmented:
-    """Trained probabilities, their maps of a few views, and mBIoU by steps and threshold beside that of the vote.
+    """Train probabilities; with maps of a few views, and mBIoU by steps and threshold beside that of the vote.
 
     Every `holdout`-th view neither trains nor votes; these views have an mBIoU of their own.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Say of each Gaussian what the images show there: how much it is lint, or which masks hold it."""
+"""Finds for each Gaussian how much it is lint, or which masks hold it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .lint_share import LINT_FILE, gather_lint
 from .segment import segmented
 
 LEAST_LIFTED: Final = 0.75
-"""Least share of the masks that hold Gaussians which other views' masks hold, too; nearly all do if they are right."""
+"""Least share of masks that agree with those of other views about a Gaussian. Nearly all right masks do."""
 
 
 def inputs(workspace: Workspace) -> list[Path]:
@@ -38,11 +38,13 @@ def inputs(workspace: Workspace) -> list[Path]:
 
 
 def run(workspace: Workspace, options: SegmentOptions, progress: Progress = silent) -> StageOutcome:
-    """Writes lint_share.npz, how much each Gaussian is lint by the network's maps; or, of masks without maps or by
-    another method, selections.npz: which Gaussians each mask holds, with their weights in each view. And segment.json.
+    """Writes segment.json and the Gaussians' part in lint or masks.
 
-    The method `probability` also writes probabilities.npy, lint.ply (the Gaussians above the threshold), and of a few
-    views the rendered map, its way over the training and the lint alone; `affinity` writes features.npy.
+    With the network's maps the stage writes lint_share.npz: how much each Gaussian is lint. From masks without maps, or
+    by another method, it writes selections.npz: the Gaussians of each mask, with their weights in each view.
+
+    The method `probability` also writes probabilities.npy and lint.ply (the Gaussians above the threshold), and for a
+    few views pictures of the map, of the map over the training, and of the lint alone. `affinity` writes features.npy.
     """
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))

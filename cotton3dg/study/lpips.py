@@ -42,7 +42,7 @@ def measure_lpips(weights: Path | None, gaussians: Gaussians, views: Sequence[Vi
             return float(np.mean([_distance(network, gaussians, view, gains) for view in chosen]))
     except (RuntimeError, ValueError, TypeError) as error:
         raise BadInput(
-            f"{weights.name} is no LPIPS network ({str(error).splitlines()[0]}); see docs/papers.md"
+            f"{weights.name} is not an LPIPS network ({str(error).splitlines()[0]}); see docs/papers.md"
         ) from error
 
 

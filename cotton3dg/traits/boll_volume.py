@@ -27,7 +27,7 @@ from .silhouette_hull import opaque_hull
 from .surface import sample_surface_of_volume, surface_rows
 
 ALPHA: Final = 0.25
-"""Radius of the ball that rolls over a boll, in diameters. It enters between boll and branch, not between locks."""
+"""Radius of the ball that rolls over a boll, in diameters. It fits between boll and branch, but not between locks."""
 NEAR_CLAMP: Final = 1.5
 """Height of a boll, in heights of the clamp, below which it may be the clamp's gleam."""
 LIKELY_CM: Final = (2.5, 7.0)

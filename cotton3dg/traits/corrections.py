@@ -34,9 +34,9 @@ class Corrected:
     """Bolls after the corrections."""
 
     bolls: list[BollInstance]
-    """Bolls without a correction keep their numbers; of merged bolls the smallest number stays."""
+    """Bolls without a correction keep their numbers. Merged bolls get the smallest of their numbers."""
     origins: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    """Corrected boll -> the bolls that it was before; none for an added boll."""
+    """Number of a corrected boll -> those of the bolls that it comes from; none for an added boll."""
     words: dict[int, str] = field(default_factory=dict)
     """Corrected boll -> the correction in words."""
     applied: int = 0
@@ -49,7 +49,7 @@ class Corrected:
 
 
 def still_left_out(left_out: Sequence[LeftOut], bolls: Sequence[BollInstance]) -> list[LeftOut]:
-    """What is not among the bolls after the corrections either."""
+    """The items of `left_out` that no boll contains after the corrections either."""
     return [
         thing
         for thing in left_out
@@ -190,7 +190,7 @@ def _added(
     frame: PlantFrame | None,
     boll_id: int,
 ) -> BollInstance | str:
-    """A boll of the usual size at a place, from Gaussians of no other boll; or the reason why there cannot be one."""
+    """A boll of the usual size at a place, from Gaussians without a boll; or the reason why there cannot be one."""
     if not places or not (bolls or frame):
         return "neither another boll nor a scale tells how large it may be" if places else "its place is not known"
     usual_su = USUAL_CM / frame.scale.cm_per_su if frame else np.nan

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The distribution of the true number of bolls, given what was counted, and what miscounting does to their volume.
+"""The distribution of the true number of bolls, given the counted ones, and the effect of a wrong count on the volume.
 
-What was found for one boll is none, one or two (Poisson binomial with three outcomes, convolved exactly). The bolls of
-a plant err alike: where a kind of boll is new to the network, all that are not one boll are two, or all are parts of
-one, and all are less sure than they say, or surer. So the distribution is a mixture over such common states, a logistic
-normal model with its integral by Gauss and Hermite. Bolls that no image shows and the difference between halves of the
-images are further independent counts. The constants marked "fitted" are those of tests/accuracy
-(docs/notes/stated_errors.md says which films, and how well).
+Each counted boll may be none, one or two in truth (a Poisson binomial distribution with three outcomes, convolved
+exactly). The bolls of a plant err alike: where their kind is new to the network, all doubtful ones are two, or all are
+parts of one, and all confidences are too high, or all too low. The distribution is therefore a mixture over such common
+states: a logistic normal model, integrated by Gauss-Hermite quadrature. Two further counts are independent: the bolls
+that no image shows, and the difference between the counts by two halves of the images. The constants marked "fitted"
+are those of tests/accuracy (docs/notes/stated_errors.md lists the films and the results).
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from .error_model import IS_TWO, UNROUND_FLAG, WELL_FILMED, Filming
 TAIL: Final = 0.025
 """Probability beyond either end of a 95 % interval."""
 COMMON_DEVIATION: Final = 0.5
-"""Standard deviation between plants of the log odds of one boll. Chosen with fifty counts of kinds that the score was
-not fitted with in view (docs/notes/stated_errors.md); no command repeats that yet."""
+"""Standard deviation between plants of the log odds of one boll. Chosen by fifty counts of plants whose kinds the score
+was not fitted with (docs/notes/stated_errors.md); no command repeats the choice yet."""
 NODES: Final = 5
-"""Of the integral over plants."""
+"""Number of nodes of the integral over plants."""
 MAY_BE_NONE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "few_views", "disputed"))
-"""Flags of bolls that may be none, which is then taken to be as likely as not."""
+"""Flags of bolls that may be none; the probability of that is then one half."""
 MAY_BE_TWO: Final = frozenset(("too_large", "large"))
-"""Flags of bolls that may be two, which is then taken to be as likely as not."""
+"""Flags of bolls that may be two; the probability of that is then one half."""
 AS_LIKELY_AS_NOT: Final = 0.5
 HULL_OF_TWO: Final = 0.2
-"""Share of the convex hull of two equal balls that touch which is in neither."""
+"""Share of the convex hull of two equal touching balls that neither ball fills."""
 MISCOUNTED: Final = 0.03
 """Probability that a touching boll is lost, or counted twice. Fitted."""
 BEHIND: Final = 0.03
-"""Probability that others hide a boll all along a walk that lacks 280 degrees, so that it is not counted. Of two
-simulated plants filmed so, one lost one of 16 bolls. Walks that lack 160 degrees lost none of 77."""
+"""Probability that other bolls hide a boll in all images of a walk that lacks 280 degrees. Of two simulated plants
+filmed like this, one lost one of 16 bolls. Walks that lack 160 degrees lost none of 77."""
 
 
 class Outcomes(NamedTuple):
-    """Probabilities of what was found for one boll; they sum to 1."""
+    """Probabilities of what one counted boll is in truth; they sum to 1."""
 
     none: float
-    """It adds no boll: it is none, or a part of one that is counted already."""
+    """It adds nothing to the count: it is not a boll, or it is a part of another counted boll."""
     one: float
     two: float
 
@@ -60,7 +60,7 @@ class Moments(NamedTuple):
 
 
 class Possible(NamedTuple):
-    """What was left out, and may be a boll."""
+    """Something that was not counted, and may be a boll."""
 
     probability: float
     volume_cm3: float
@@ -87,14 +87,14 @@ class CountDistribution:
 
 
 class Common(NamedTuple):
-    """What the bolls of a plant may have in common."""
+    """A state that the bolls of a plant may share."""
 
     weight: float
     """Probability."""
     shift: float
     """Of the log odds of one boll."""
     are_two: bool
-    """Whether those that are not one boll are two; else they are parts of one."""
+    """Whether those that are not one boll are two bolls; else they are parts of one."""
 
 
 def common_states(deviation: float) -> tuple[Common, ...]:
@@ -123,7 +123,7 @@ def distribute_count(
     left_out: Sequence[Possible] = (),
     common: Sequence[Common] = COMMON,
 ) -> CountDistribution | None:
-    """The distribution of the true count; None without anything found, and for a plant that no image shows whole.
+    """The distribution of the true count; None if nothing was found, or if no image shows the plant whole.
 
     Args:
         bolls: all that were found, also those that do not count.
@@ -156,7 +156,7 @@ def distribute_count(
 def outcomes(boll: BollTraits, touches: bool, common: Common) -> Outcomes:
     """What a boll may be, by its confidence, its flags and its neighbour.
 
-    Two parts of one boll are both not one boll and only one of them is too many, so a part counts in half.
+    Where two parts of one boll are counted, the count is too high by one, so each part counts one half.
     """
     # Odds, not log odds, as a boll may be certain.
     unsure = (1 - boll.confidence) / (1 - boll.confidence + boll.confidence * math.exp(common.shift))
@@ -182,8 +182,10 @@ def miscounted_volume(
     left_out: Sequence[Possible] = (),
     common: Sequence[Common] = COMMON,
 ) -> Moments:
-    """What the true total volume has more than the sum of the counted bolls', because some of these may be none or two,
-    others have no volume, hang on nothing, or are hidden. A part of a boll has its volume in the sum.
+    """The difference of the true total volume from the sum over the counted bolls.
+
+    Counted bolls may be none or two, or have no volume; others hang on nothing or are hidden. A part of a boll adds
+    nothing to the difference, because its volume is in the sum.
 
     Args:
         bolls, touching, filming, left_out, common: as for `distribute_count`.
@@ -222,12 +224,12 @@ def _miscounted(
 
 
 def _with_probability(probability: float, mean: float, variance: float = 0.0) -> Moments:
-    """Moments of a variable that is 0 but with some probability."""
+    """Moments of a variable that differs from 0 only with some probability."""
     return Moments(probability * mean, probability * variance + probability * (1 - probability) * mean**2)
 
 
 def hidden_probability(filming: Filming) -> float:
-    """Probability of a further boll, for each that was counted, that no image shows."""
+    """Expected number of bolls that no image shows, for each counted boll."""
     return BEHIND * max(filming.gap_deg - 180, 0.0) / 100
 
 

@@ -3,8 +3,8 @@
 
 Lengths err with the scale and by a part of a pixel. Volumes err with the scale; with the edges of the masks, both each
 view's own error and the common one of all views; with a boll's shape; and, where bolls touch, with the border between
-them. What a wrong count does to count and volume is in count_distribution.py. The constants marked "fitted" were chosen
-so that intervals hold the truth of films of tests/accuracy/interval_coverage.py and of path-traced plants
+them. count_distribution.py has the effects of a wrong count. The constants marked "fitted" were chosen so that
+intervals hold the truth of films of tests/accuracy/interval_coverage.py and of path-traced plants
 (docs/notes/stated_errors.md says which, and how well).
 """
 
@@ -27,8 +27,8 @@ SIZE_PX: Final = 0.25
 SMEARED_SIZE: Final = 0.04
 """Standard error of canopy, as a share of the motion blur, because a walk around a plant smears it sideways. Fitted."""
 SHAPE: Final = 0.33
-"""Relative standard error of a boll's volume, whatever its size in the images, for each share by which its hull falls
-short of a ball of its diameter: the less round it is, the more of the hull is lint that no image shows. Fitted."""
+"""Relative standard error of a boll's volume for each unit of 1 - roundness, where roundness is the volume of its hull
+by that of a ball of its diameter. Of a less round boll the images show a smaller part of the hull. Fitted."""
 EDGE_PX: Final = 0.1
 """Standard error of a boll's diameter in one view. Fitted."""
 ALIKE: Final = 8
@@ -51,13 +51,13 @@ PARTED: Final = 1.3
 nearer than `NEIGHBOUR` they are: 0.05 where they only just touch, 0.3 deep in each other. Fitted."""
 UNROUND_FLAG: Final = "unround"
 UNROUND: Final = 0.045
-"""A touching boll is perhaps two in one if the ratio of its volume to a ball of its diameter is this much less than the
-median of the plant's bolls, ..."""
+"""A touching boll is perhaps two in one if its roundness (volume by that of a ball of its diameter) is this much below
+the median of the plant's bolls, ..."""
 IS_TWO: Final = 0.45
-"""... and is so with this probability: 16 of 36 on films of tests/accuracy/interval_coverage.py, where 12 of 543 other
+"""... and it is two with this probability: 16 of 36 on films of tests/accuracy/interval_coverage.py; 12 of 543 other
 touching bolls were. ..."""
 AS_IF_NEAR: Final = 0.8
-"""... Its volume errs as if a neighbour were no farther away."""
+"""... Its volume errs as if a neighbour were at this distance."""
 PARTED_IN_SUM: Final = 0.5
 """Share of that error that counts in the plant's volume: one of two bolls gains what the other loses, and a part of a
 lost boll's volume remains. Fitted."""
@@ -116,8 +116,8 @@ def find_unround(nearest: Float64, roundness: Float64) -> NDArray[np.bool_]:
 
 
 def parted_error(nearest: Float64) -> Float64:
-    """(B,) relative standard error of volumes from the border with the neighbour at this distance; 0 for bolls that
-    stand apart."""
+    """(B,) relative standard error of volumes by the border with a neighbour at this distance; 0 for bolls that stand
+    apart."""
     return PARTED * np.maximum(NEIGHBOUR - nearest, 0.0) ** 2
 
 
@@ -171,8 +171,8 @@ def plant_volume_error_cm3(
     pixel_cm: float,
     filming: Filming = WELL_FILMED,
 ) -> float:
-    """Standard error of the sum of the bolls' volumes, if each is one boll: shared errors add up, the others add in
-    squares.
+    """Standard error of the sum of the volumes, if each is one boll: shared errors add up, the others add in squares.
+
 
     Args:
         nearest: (B,) from `nearest_neighbours`.
@@ -190,14 +190,14 @@ def plant_volume_error_cm3(
 
 
 def _shared(diameter: float, pixel: float, filming: Filming) -> float:
-    """Relative error that a volume has in common with the others of the plant, from edges that lie too far out all
-    around and from sides that were not filmed. Both lengths in one unit."""
+    """The part of a volume's relative error that all bolls share: edges of masks that lie too far out, and sides that
+    were not filmed. Both lengths are in one unit."""
     by_edges = 6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * filming.blur_px) * pixel / diameter
     return float(np.hypot(by_edges, UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100))
 
 
 def blurs_bolls(blur_px: float, pixel: float, diameters: Float64) -> bool:
-    """Whether the images are so blurred, relative to the width of the bolls, that the plant has a flag.
+    """Whether the plant has a flag for motion blur, relative to the width of the bolls.
 
     Args:
         pixel, diameters: in one unit; NaN where a boll has none.
@@ -207,7 +207,7 @@ def blurs_bolls(blur_px: float, pixel: float, diameters: Float64) -> bool:
 
 
 def halves_disagree(halves: tuple[int, int] | None) -> bool:
-    """Whether the halves of the images count so differently that the plant has a flag."""
+    """Whether the plant has a flag because the counts by two halves of the images differ."""
     return halves is not None and abs(halves[0] - halves[1]) > max(1.0, HALVES_DIFFER * max(halves))
 
 
@@ -215,8 +215,8 @@ def interval(value: float, error: float, missing: float = 0.0) -> tuple[float, f
     """Ends of the 95 % interval of a trait that is never negative; None where value or error is NaN.
 
     Args:
-        missing: what the true value is expected to have more. The interval lies about that value, and holds the stated
-            one.
+        missing: expected difference of the true value from `value`. The interval lies around the sum of both, and it
+            also holds `value`.
     """
     if not np.isfinite(value + error + missing):
         return None

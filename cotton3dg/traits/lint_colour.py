@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Colour of the lint, by the grey patches of the plant's card in the same photo.
 
-The patches turn grey levels into reflectances, separately for each channel: that corrects white balance, exposure and
-the camera's curve at once. Reflectances are those of a matt surface that lies beside the card; lint that turns away
-from the light, or shades itself, is darker accordingly.
+The patches turn grey levels into reflectances, separately for each channel. This corrects white balance, exposure and
+the camera's curve at once. The reflectances hold for a matt surface that lies beside the card. Lint that faces away
+from the light, or shades itself, therefore comes out darker than it is.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Calibration:
     """(L,) reflectances of these to the power 1/2.2; grey levels are nearly proportional to them."""
 
     def reflectance(self, values: NDArray[Any]) -> Float64:
-        """(N, 3) of (N, 3) grey levels; straight on beyond the brightest and the darkest patch."""
+        """(N, 3) reflectances of (N, 3) grey levels, extrapolated beyond the brightest and the darkest patch."""
         from scipy.interpolate import PchipInterpolator
 
         found = np.empty(np.shape(values), np.float64)
@@ -58,7 +58,7 @@ class Calibration:
 
 
 def calibrate(patches: Float64, reflectances: Sequence[float]) -> Calibration | None:
-    """The calibration by a photo's patches; None if too few are usable.
+    """The calibration by the patches of a photo; None if too few are usable.
 
     Args:
         patches: (L, 3) grey levels from white to black, NaN where burnt out. reflectances: of these, 0..1.

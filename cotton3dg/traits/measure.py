@@ -36,9 +36,9 @@ from .surface import dilate_gaussians
 from .truncation import check_truncation
 
 MAY_LACK: Final = 0.25
-"""Expected number of bolls among what was left out, from which the plant has a flag."""
+"""The plant has a flag if the expected number of bolls among the things left out is at least this."""
 DOUBTFUL_SHARE: Final = 0.1
-"""Share of flagged bolls from which the plant has a flag of its own."""
+"""The plant has a flag if at least this share of its bolls has flags."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Measured:
     """A plant with its traits, flags and warnings."""
 
     plant: Plant | None
-    """Among the Gaussians; None without a scale, or where nothing stands on the table."""
+    """None without a scale, or where nothing stands on the table."""
     bolls: list[BollTraits]
     traits: PlantTraits
     flags: tuple[str, ...]
@@ -58,12 +58,12 @@ class Parts:
     """A plant and its bolls, before its size is measured."""
 
     plant: Plant | None
-    """Among the Gaussians; None without a scale, or where nothing stands on the table."""
+    """None without a scale, or where nothing stands on the table."""
     bolls: list[BollTraits]
     boll_rows: NDArray[np.bool_]
     """(N,) Gaussians of bolls."""
     drawn: Gaussians
-    """All, as wide as they are drawn."""
+    """All Gaussians, as wide as they are drawn."""
     scale: Scale | None
     pixel_su: float
     clamp_cm: float
@@ -88,7 +88,7 @@ def measure_parts(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         cameras: of the images, to decide whether they show the plant whole; none for a model that came without images.
-        filming: how the plant was filmed; this function finds whether it is whole.
+        filming: how the plant was filmed; this function sets its `whole`.
         added: ids of bolls that a person added; they belong to the plant wherever they are.
     """
     concerns: dict[str, str] = {}
@@ -129,7 +129,7 @@ def measure_whole(
 
     Args:
         halves: counts of bolls by either half of the images, where they are known.
-        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
+        thin_ends: (K, 3) su each, places of twigs that the photos show and the model lacks.
         left_out: what may be further bolls.
     """
     plant, scale, filming = parts.plant, parts.scale, parts.filming

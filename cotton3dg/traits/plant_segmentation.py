@@ -26,18 +26,17 @@ MAX_HEIGHT_CM: Final = 250.0
 VOXEL_CM: Final = 0.8
 """Gaussians in the same or touching voxels are connected: about the thickness of a branch."""
 BRIDGE_CM: Final = 3.0
-"""Gap, where a thin branch was not reconstructed, over which a part still belongs to the plant."""
+"""Largest gap between the plant and a part of it, where the model lacks a thin branch."""
 BOLL_BRIDGE_CM: Final = 6.0
 """The same gap for a boll."""
 STANDING_CM: Final = 10.0
-"""A boll beyond such a gap does not belong to the plant if it reaches down this near to the table, or is not above it:
-it is something white beside the plant, or a boll that fell. Higher up the model only lacks the branch."""
+"""A boll beyond such a gap belongs to the plant only if all of it is higher than this above the table; then the model
+only lacks its branch. A lower one, or one beside the table, is a fallen boll or another white thing."""
 MIN_PART: Final = 4
 """Least number of Gaussians of a part beyond a gap; smaller parts are floaters."""
 LOST_REACH_CM: Final = 12.0
-"""Distance from the plant up to which solid specks in the air may be the rest of a twig whose middle the model lacks.
-Where no twig is missing there is hardly a speck: of 35 models of plants they changed the size of one, which had lost a
-twig of 20 cm."""
+"""Largest distance from the plant of solid specks in the air that may be the rest of a twig. Models that lack no twig
+have hardly a speck: among 35 models of plants, specks changed the size of one, which lacked a twig of 20 cm."""
 LOST_OPACITY: Final = 0.3
 LOST_BREADTH_CM: Final = 0.5
 """Largest breadth of such specks. Twigs are covered by needles of a millimetre; floaters are as thick as a finger."""
@@ -59,7 +58,7 @@ class Plant:
     foot: Float64
     """(3,) su, where the stem meets the table."""
     stem_found: bool
-    """Whether a stem rises from the clamp; else the foot is below the middle of the plant."""
+    """Whether a stem rises from the clamp. If not, the foot is the point below the middle of the plant."""
     apart: NDArray[np.bool_]
     """(N,) Gaussians of bolls that are not connected with the stem, and do not belong to the plant."""
 
@@ -133,7 +132,8 @@ def fit_stem_axis(places: Float64, floor_cm: float) -> tuple[Float64, Float64] |
     """Where the stem's axis meets the table and where it leaves the layers above the clamp.
 
     Only the stem goes up through all layers: it is the place (within `STEM_RADIUS_CM`) where most layers of 1 cm have
-    Gaussians, among equal ones the fullest. Its axis is fitted to the layers' medians and continued down.
+    Gaussians. Among equal places the one with the most Gaussians counts. Its axis is fitted to the layers' medians and
+    continued down.
 
     Args:
         places: (N, 3) cm.

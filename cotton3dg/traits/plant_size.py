@@ -23,21 +23,20 @@ TIP_OPACITY: Final = 0.2
 """Opacity at which twigs end. A twig thinner than a pixel is drawn fainter than a thing that half covers the pixel.
 With this value heights and canopies of 58 rendered plants are right on average; docs/notes/stated_errors.md."""
 FAINT_OPACITY: Final = 0.1
-"""Opacity below which Gaussians are haze as a rule. Yet the end of a twig of half a pixel may be as faint ..."""
+"""Fainter Gaussians are haze as a rule. Yet they may be the end of a twig of half a pixel: the plant has a flag ..."""
 FAINT_SHARE: Final = 0.02
-"""... where the plant would be larger by this share with it."""
+"""... if it is larger by more than this share where it ends at this opacity."""
 TOP_RANK: Final = 2
 """Rank of the Gaussian whose height is the plant's: the second highest, because the highest may be a floater."""
 LOST_SHARE: Final = 0.01
-"""Share of height or canopy from which on the plant has a flag, when ends of twigs that the model lacks make it larger
-by as much."""
+"""The plant has a flag if twigs that the model lacks make its height or canopy larger by more than this share."""
 END_CM: Final = 1.0
-"""Standard error of where a twig ends that only the photos show (plant_map/thin_twigs.py)."""
+"""Standard error of the end of a twig that only the photos show (plant_map/thin_twigs.py)."""
 END_SPACING_CM: Final = 0.25
 TURNED_AREA: Final = 0.01
-"""Share by which the areas of two rectangles around the plant may differ if both may be the least one, ..."""
+"""Two rectangles around the plant may both be the least one if their areas differ by at most this share. ..."""
 TURNED_CANOPY: Final = 0.01
-"""... and share by which their canopies then differ if either may be the plant's: one may be long, the other square."""
+"""... The canopy is then doubtful if theirs differ by more than this share: one may be long, the other square."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class PlantSize:
     width_cm: float = nan
     hull_volume_cm3: float = nan
     turned_canopy_cm: float = nan
-    """Canopy of the rectangle that may also be the least and differs most; `canopy_cm` without such a rectangle."""
+    """The canopy that differs most from `canopy_cm`, among rectangles about as small; `canopy_cm` without any."""
     published: PublishedSize = NO_PUBLISHED_SIZE
 
     @property
@@ -69,7 +68,7 @@ class Sized:
     size: PlantSize | None = None
     """None if no part of the plant is opaque."""
     other: PlantSize | None = None
-    """Another size that it may have; its difference is an error."""
+    """Another possible size; the difference counts as an error."""
     concerns: dict[str, str] = field(default_factory=dict)
     """Flag -> its reason."""
 
@@ -82,7 +81,7 @@ def size_plant(
     Args:
         drawn: all Gaussians, as wide as they are drawn (`dilate_gaussians`).
         clamp_cm: height of the clamp that holds the plant.
-        thin_ends: (K, 3) su each, where photos show that twigs go on beyond the model.
+        thin_ends: (K, 3) su each, places of twigs that the photos show and the model lacks.
     """
     modelled = measure_silhouette(drawn, plant, scale)
     if modelled is None:
@@ -134,7 +133,7 @@ def measure_places(places: Float64, tops: Float64, middles: Float64, unsure_cm: 
     Args:
         places: (N, 3) cm, z above the table top, from the foot of the stem. tops: (M,) cm, heights of its bodies.
         middles: (M, 3) cm, places of these.
-        unsure_cm: by how much an end of a twig may lie elsewhere.
+        unsure_cm: how far the end of a twig may lie from its place.
     """
     box = oriented_box(np.vstack([places, np.zeros(3)]))
     upright = int(np.abs(box.axes[:, 2]).argmax())
@@ -158,7 +157,7 @@ def _turned_canopy_cm(places: Float64, canopy_cm: float, area: float) -> float:
 def _with_ends(
     drawn: Gaussians, plant: Plant, scale: Scale, thin_ends: Sequence[Float64], cut_cm: float
 ) -> PlantSize | None:
-    """The size with ends of twigs that the model lacks, `cut_cm` of each left out."""
+    """The size with the twigs that the model lacks, without the last `cut_cm` of each."""
     spacing = END_SPACING_CM / scale.cm_per_su
     cut = round(cut_cm / END_SPACING_CM)
     places = [along[: len(along) - cut] for along in (resampled(end, spacing) for end in thin_ends)]
@@ -168,7 +167,7 @@ def _with_ends(
 def _with_lost_tips(
     drawn: Gaussians, plant: Plant, scale: Scale, clamp_cm: float, silhouette: PlantSize
 ) -> PlantSize | None:
-    """The size with specks beside the plant, or else with its faint parts, where that makes a difference."""
+    """The size with specks beside the plant, else with its faint parts; None if neither makes a difference."""
     tips = find_lost_tips(drawn, plant, scale, clamp_cm)
     for rows, opaque, share in ((plant.rows | tips, TIP_OPACITY, LOST_SHARE), (plant.rows, FAINT_OPACITY, FAINT_SHARE)):
         size = measure_silhouette(drawn, replace(plant, rows=rows), scale, opaque)

@@ -3,8 +3,8 @@
 
 Gaussians describe opacity, not surfaces: few large ones and many small ones may render alike, while the hull of their
 centres, or of ellipsoids of a fixed number of standard deviations, differs by half of the volume. The training fitted
-silhouettes to the photos. So the body is viewed from all sides, as if nothing else were there, and the planes that
-touch its silhouettes bound it.
+silhouettes to the photos. Therefore this module renders the body alone from all sides; the planes that touch its
+silhouettes bound it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RAYS: Final = 24
 STEPS: Final = 40
 """Places along a ray."""
 FAINT: Final = 1e-7
-"""Opacity anywhere on a ray below which a Gaussian does not matter there."""
+"""A Gaussian does not matter for a ray if its opacity is below this all along it."""
 
 
 def opaque_hull(gaussians: Gaussians) -> Float64:
@@ -58,7 +58,7 @@ def opaque_hull(gaussians: Gaussians) -> Float64:
     support = np.concatenate(supports)
     if support.max() <= 0:
         return np.zeros((0, 3))
-    # The middle has to be inside, also of a body that is so thin that it is not.
+    # The half-spaces need a point inside; the middle of a very thin body may lie outside.
     support = np.maximum(support, 1e-3 * support.max())
     half_spaces = np.column_stack([np.concatenate(directions), -support])
     try:

@@ -121,7 +121,7 @@ def _measure(
     scale_info: ScaleInfo,
     pixel_su: float,
 ) -> tuple[Measured, Corrected | None, PlantMap]:
-    """The measures, a person's corrections, and the map, up to the ends of twigs that only the photos show."""
+    """The measures, a person's corrections, and the map, with the twigs that only the photos show."""
     scale, found = scale_info.scale, (scale_info.found or scale_info).scale
     if masks := MasksInfo.load_if_there(workspace.masks_json):
         recorded("masks", {"backend": masks.backend})  # refuses those of a back end that is gone
@@ -255,7 +255,7 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
 
 
 def _filming(workspace: Workspace, cameras: list[Camera]) -> Filming:
-    """Blur where the trainer found it, and the gap of the walk; neither for a model that came without images."""
+    """Motion blur as the trainer found it, and the gap of the walk; neither for a model that came without images."""
     effects = Effects.load_if_there(workspace.effects_json)
     found = effects.motion_blur if effects else None
     blur_px = found.median_px if found and found.found else 0.0
@@ -271,7 +271,7 @@ def _cameras(workspace: Workspace) -> list[Camera]:
 def _evidence(
     workspace: Workspace, scale: Scale | None, metrics: TrainMetrics, flags: tuple[str, ...]
 ) -> PlantEvidence:
-    """The facts about capture and cost from earlier stages, None where they lack; `flags` are added to theirs."""
+    """The facts about capture and cost from earlier stages, None where one is missing; `flags` are added to theirs."""
     sfm = SfmInfo.load_if_there(workspace.sfm_json)
     records = [record for record in map(workspace.read_record, EARLIER_STAGES) if record]
     return PlantEvidence(

@@ -14,7 +14,7 @@ from ..geometry.boxes import fibonacci_directions
 from ..geometry.convex_measures import convex_volume
 
 MIN_OPACITY: Final = 0.1
-"""Fainter Gaussians carry haze, not surface."""
+"""Fainter Gaussians are haze and not surface."""
 SAMPLES: Final = 32
 """Points on each ellipsoid."""
 DILATION_PX2: Final = 0.3
@@ -24,8 +24,8 @@ DILATION_PX2: Final = 0.3
 def dilate_gaussians(gaussians: Gaussians, pixel_su: float) -> Gaussians:
     """Gaussians as wide as the images show them.
 
-    The training fits the drawn image, and everything is drawn half a pixel wider than it is. A body of the saved
-    Gaussians is therefore too small by 10 % of a boll's volume at 960 px and by 15 % at 480 px.
+    The training fits the drawn image, and the renderer draws everything half a pixel wider than it is. A body of the
+    saved Gaussians is therefore too small by 10 % of a boll's volume at 960 px and by 15 % at 480 px.
 
     Args:
         pixel_su: width of a pixel of the training images at the plant.
@@ -50,7 +50,7 @@ def surface_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
 
 
 def sample_surface(gaussians: Gaussians, sigmas: float | NDArray[Any], samples: int = SAMPLES) -> NDArray[np.float64]:
-    """(N * samples, 3) su: points on the ellipsoids of `sigmas` (one or one each) standard deviations."""
+    """(N * samples, 3) su: points on the ellipsoids at `sigmas` standard deviations, one number for all or one each."""
     on_sphere = fibonacci_directions(samples)
     extents = gaussians.scales * np.reshape(sigmas, (-1, 1))
     offsets = np.einsum("nij,nsj->nsi", rotations(gaussians.quats), extents[:, None, :] * on_sphere)
@@ -59,7 +59,7 @@ def sample_surface(gaussians: Gaussians, sigmas: float | NDArray[Any], samples: 
 
 
 def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.float64]:
-    """Points (P * SAMPLES, 3) where each Gaussian alone falls to the opacity `opaque`; fainter ones have none. su."""
+    """(P * SAMPLES, 3) su: points where each Gaussian alone has the opacity `opaque`; fainter Gaussians have none."""
     opacities = gaussians.opacities.astype(np.float64)
     rows = opacities > opaque
     return sample_surface(gaussians[rows], np.sqrt(2 * np.log(opacities[rows] / opaque)))
@@ -68,7 +68,7 @@ def sample_visible_surface(gaussians: Gaussians, opaque: float) -> NDArray[np.fl
 def sample_surface_of_volume(gaussians: Gaussians, volume: float) -> NDArray[np.float64]:
     """Points on the ellipsoids at the size at which their common convex hull has the given volume, su."""
     low, high = 0.0, 4.0
-    # To 4 / 2^8 standard deviations.
+    # Bisection, to 4 / 2^8 standard deviations.
     for _ in range(8):
         middle = (low + high) / 2
         inside = convex_volume(sample_surface(gaussians, middle)).value < volume

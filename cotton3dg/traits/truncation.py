@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from ..core.scene import Camera
 
 EDGE: Final = 0.01
-"""Width of the frame's edge, in longer sides of the image. A part that lies there ends there, as the model has nothing
-beyond."""
+"""Width of the frame's edge, relative to the longer side of the image. A part that reaches it is cut there, as the
+model has nothing beyond."""
 LEAST_SHARE: Final = 0.003
-"""Share of a plant that lies outside of an image or on its edge when the frame cuts it."""
+"""The frame cuts a plant if more than this share of it lies outside the image or on its edge."""
 OFTEN: Final = 0.25
-"""Share of the images from which on the cut matters: bolls lose views, and parts cut off by all images are unknown."""
+"""Share of cut images from which on it matters: bolls lose views, and parts that no image shows are unknown."""
 
 NEARLY_ALWAYS: Final = 0.9
-"""Share of the images from which on no size is stated, because none of them shows where the plant ends."""
+"""Share of cut images from which on the plant has no size, because too few images show where it ends."""
 
 
 def find_cut(plant: NDArray[Any], cameras: Sequence[Camera]) -> list[str]:

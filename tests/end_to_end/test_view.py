@@ -58,22 +58,22 @@ def test_corrections_leave_the_bytes_that_correct_leaves_and_undo_takes_them_bac
     by_command = Workspace(shutil.copytree(reported_copy.root, tmp_path / "again" / "plant_017"))
     before = bytes_of(reported_copy)
     page = page_of(reported_copy.root)
-    assert page.json("plant_017/corrections") == {"kept": [], "said": ""}
-    assert page.posts("plant_017/corrections", MERGE) == (HTTPStatus.OK, {"said": "Bolls: 4 → 3"})
+    assert page.json("plant_017/corrections") == {"kept": [], "message": ""}
+    assert page.posts("plant_017/corrections", MERGE) == (HTTPStatus.OK, {"message": "Bolls: 4 → 3"})
     saved = tmp_path / "corrections.json"
     saved.write_text(json.dumps(MERGE))
     correct(by_command, Asked(file=saved))
     assert bytes_of(reported_copy) == bytes_of(by_command) != before
-    assert page.json("plant_017/corrections") == {"kept": ["merge 3 + 4"], "said": "Bolls: 4 → 3"}
+    assert page.json("plant_017/corrections") == {"kept": ["merge 3 + 4"], "message": "Bolls: 4 → 3"}
     (plant,) = page.json("state")["plants"]
     assert plant["traits"]["boll_count"] == read_rows(reported_copy.traits_csv)[0]["boll_count"] == "3"
     content = page.gets("plant_017/report.html")[2]
     assert b'data-boll="3"' in content and b'data-boll="4"' not in content
-    assert page.posts("plant_017/undo") == (HTTPStatus.OK, {"said": "Bolls: 3 → 4"})
+    assert page.posts("plant_017/undo") == (HTTPStatus.OK, {"message": "Bolls: 3 → 4"})
     assert bytes_of(reported_copy) == before
     status, answer = page.posts("plant_017/undo")
-    assert (status, answer["said"]) == (HTTPStatus.CONFLICT, "there is no correction to take back")
-    assert "no correction to take back" in page.json("plant_017/corrections")["said"]
+    assert (status, answer["message"]) == (HTTPStatus.CONFLICT, "there is no correction to take back")
+    assert "no correction to take back" in page.json("plant_017/corrections")["message"]
 
 
 def test_while_a_run_holds_the_plant_a_correction_is_refused_and_nothing_changes(reported_copy, page_of):
@@ -81,7 +81,7 @@ def test_while_a_run_holds_the_plant_a_correction_is_refused_and_nothing_changes
     before = bytes_of(reported_copy)
     with reported_copy.locked():
         status, answer = page.posts("plant_017/corrections", DELETE)
-        assert status == HTTPStatus.CONFLICT and "another cotton3dg (process" in answer["said"]
+        assert status == HTTPStatus.CONFLICT and "another cotton3dg (process" in answer["message"]
         assert bytes_of(reported_copy) == before
         # The page is there all the same, and says that somebody works.
         assert page.gets("plant_017/report.html")[0] == HTTPStatus.OK
@@ -172,22 +172,22 @@ def test_a_dropped_film_is_a_new_plant(field, page_of, monkeypatch):
     assert saved.read_bytes() == film and saved.suffix == ".MOV" and Workspace(field / "plant_019").capture() == saved
     assert page.posts("plant_018/walk.mp4", film, **sent)[0] == HTTPStatus.OK
     status, answer = page.posts("plant_019/walk.mp4", film, **sent)
-    assert status == HTTPStatus.CONFLICT and "has a film already" in answer["said"]
+    assert status == HTTPStatus.CONFLICT and "has a film already" in answer["message"]
     (field / "file").touch()
-    for plant, words in (("linked", "no folder of this field"), ("file", "no folder of this field"), ("%20", "blank")):
+    for plant, words in (("linked", "not a folder of"), ("file", "not a folder of"), ("%20", "blank")):
         status, answer = page.posts(f"{plant}/walk.mp4", film, **sent)
-        assert status == HTTPStatus.CONFLICT and words in answer["said"], answer
+        assert status == HTTPStatus.CONFLICT and words in answer["message"], answer
     status, answer = page.posts("..%00/walk.mp4", film, **sent)
     assert status == HTTPStatus.NOT_FOUND
     assert page.posts("plant_020/walk.html", film, **sent)[0] == HTTPStatus.NOT_FOUND
     monkeypatch.setattr(module.shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10, 10, 10))
     status, answer = page.posts("plant_021/walk.mp4", film, **sent)
-    assert status == HTTPStatus.CONFLICT and "is full" in answer["said"] and not (field / "plant_021").exists()
+    assert status == HTTPStatus.CONFLICT and "is full" in answer["message"] and not (field / "plant_021").exists()
 
 
 def test_a_film_is_not_added_to_a_plant(reported_copy, page_of):
     status, answer = page_of(reported_copy.root).posts("other/walk.mp4", b"film", **{"Content-Type": BYTES})
-    assert status == HTTPStatus.CONFLICT and "one plant" in answer["said"]
+    assert status == HTTPStatus.CONFLICT and "one plant" in answer["message"]
 
 
 def until(page, plant, found):
@@ -206,7 +206,7 @@ def test_plants_are_checked_and_measured_one_at_a_time_and_told_why_not(field, p
     assert page.posts("plant_018/walk.mp4", b"no film", **{"Content-Type": BYTES})[0] == HTTPStatus.OK
     assert page.posts("plant_018/check")[0] == HTTPStatus.OK
     status, answer = page.posts("plant_018/run")
-    assert status == HTTPStatus.CONFLICT and "waits already" in answer["said"]
+    assert status == HTTPStatus.CONFLICT and "waits already" in answer["message"]
     state = until(page, "plant_018", lambda state: not state["busy"])
     assert state["check"]["verdict"] == "red" and "check/check.html" in state["pages"]
     assert page.gets("plant_018/check/check.html")[0] == HTTPStatus.OK

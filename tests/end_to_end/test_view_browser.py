@@ -119,5 +119,5 @@ def test_neither_another_site_nor_a_hostile_report_can_act(reported_copy, tmp_pa
         browser.open(f"{address}plant_017/report.html")
         assert browser.value("document.title") == "ran" and browser.value("window.origin") == "null"
         assert browser.value(acts.format(address, "application/json", "") + outcome) == "refused"
-        assert page.json("plant_017/corrections") == {"kept": [], "said": ""}
+        assert page.json("plant_017/corrections") == {"kept": [], "message": ""}
         assert reported_copy.corrections_json.read_bytes() == kept

@@ -33,7 +33,7 @@ const corrections = (() => {
     [save.hidden, note.textContent] = [true, ""];
     fetch("corrections").then(answer => answer.json()).then(answer => {
       kept = answer.kept ?? [];
-      if (!left) note.textContent = answer.said;
+      if (!left) note.textContent = answer.message;
       update();
     });
   }

@@ -6,7 +6,7 @@
   const traits = body.dataset.traits.split(" ");
   const rows = new Map();
   const overview = document.getElementById("overview");
-  const say = text => { document.getElementById("said").textContent = text; };
+  const say = text => { document.getElementById("message").textContent = text; };
   const path = (...parts) => parts.flatMap(part => part.split("/")).map(encodeURIComponent).join("/");
   const make = (name, properties = {}) => Object.assign(document.createElement(name), properties);
 
@@ -16,7 +16,7 @@
       throw new Error("There is no answer: cotton3dg view has ended. Start it again, and open its new address.");
     });
     const found = await answer.json();
-    if (!answer.ok) throw new Error(found.said);
+    if (!answer.ok) throw new Error(found.message);
     return found;
   }
 

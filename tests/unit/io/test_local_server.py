@@ -31,7 +31,7 @@ def server(heard: list[Request]) -> Iterator[LocalServer]:
         if request.parts == ("fault",):
             raise ZeroDivisionError
         return as_json(
-            {"parts": request.parts, "said": request.read().decode() if request.parts != ("unread",) else ""}
+            {"parts": request.parts, "message": request.read().decode() if request.parts != ("unread",) else ""}
         )
 
     with serving(LocalServer(0, answer, lambda parts: MOST)) as server:
@@ -44,7 +44,7 @@ def test_a_page_of_its_own_is_answered(server: LocalServer) -> None:
     assert GUARDED.items() <= headers.items() and "Access-Control-Allow-Origin" not in headers
     assert json.loads(ask(server, f"/{server.token}/")[2])["parts"] == []
     status, _, content = ask(server, f"/{server.token}/a", "POST", b'{"x": 1}')
-    assert (status, json.loads(content)["said"]) == (200, '{"x": 1}')
+    assert (status, json.loads(content)["message"]) == (200, '{"x": 1}')
     by_name = f"localhost:{server.server_port}"
     assert ask(server, f"/{server.token}/a", "POST", b"{}", Host=by_name, Origin=f"http://{by_name}")[0] == 200
 
@@ -122,7 +122,7 @@ def test_it_listens_at_this_machine_alone(server: LocalServer) -> None:
 
 def test_errors_are_told_and_faults_are_not(server: LocalServer, caplog: pytest.LogCaptureFixture) -> None:
     status, _, content = ask(server, f"/{server.token}/ours")
-    assert (status, json.loads(content)) == (409, {"said": "it is bad; mend it"})
+    assert (status, json.loads(content)) == (409, {"message": "it is bad; mend it"})
     status, _, content = ask(server, f"/{server.token}/fault")
     assert status == 500 and b"ZeroDivision" not in content and "ZeroDivisionError" in caplog.text
 
@@ -132,7 +132,7 @@ def test_an_answer_comes_though_the_content_was_not_read_and_a_torn_one_ends(
 ) -> None:
     assert ask(server, f"/{server.token}/unread", "POST", b"x" * MOST)[0] == 200
     monkeypatch.setattr(local_server, "PART_BYTES", 10)
-    assert json.loads(ask(server, f"/{server.token}/a", "POST", b"x" * 35)[2])["said"] == "x" * 35
+    assert json.loads(ask(server, f"/{server.token}/a", "POST", b"x" * 35)[2])["message"] == "x" * 35
     with socket.create_connection((HERE, server.server_port), timeout=30) as torn:
         own = f"{HERE}:{server.server_port}"
         torn.sendall(

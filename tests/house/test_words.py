@@ -18,38 +18,6 @@ NOTES = ROOT / "docs" / "notes"
 READ = [page for page in PAGES if NOTES not in page.parents]
 MODULES = sorted((ROOT / "cotton3dg").rglob("*.py"))
 
-# ----------------------------------------------------------------------------
-# NOT_YET: pages that wait for a new text. Take a page out when its text is there; the set ends empty.
-# ----------------------------------------------------------------------------
-NOT_YET = {
-    "README.md",
-    "docs/accuracy_and_time.md",
-    "docs/batch.md",
-    "docs/bolls_network.md",
-    "docs/check.md",
-    "docs/compare.md",
-    "docs/containers.md",
-    "docs/corrections.md",
-    "docs/csv.md",
-    "docs/evaluation.md",
-    "docs/exports.md",
-    "docs/field.md",
-    "docs/filming.md",
-    "docs/first_plant.md",
-    "docs/hard_cases.md",
-    "docs/how_it_works.md",
-    "docs/install.md",
-    "docs/limits.md",
-    "docs/masks.md",
-    "docs/papers.md",
-    "docs/plant_map.md",
-    "docs/python.md",
-    "docs/scale.md",
-    "docs/training.md",
-    "docs/troubleshooting.md",
-    "docs/view.md",
-}
-
 
 class Unwanted(NamedTuple):
     pattern: str
@@ -128,7 +96,7 @@ def name_of(path):
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", [page for page in READ if name_of(page) not in NOT_YET], ids=name_of)
+@pytest.mark.parametrize("page", READ, ids=name_of)
 def test_a_page_has_no_unwanted_words(page):
     assert list(hits(paragraphs(page.read_text(encoding="utf-8")))) == []
 
@@ -136,10 +104,6 @@ def test_a_page_has_no_unwanted_words(page):
 def test_the_package_has_no_unwanted_words():
     found = [(name_of(file), *hit) for file in MODULES for hit in hits(prose(file.read_text(encoding="utf-8")))]
     assert found == []
-
-
-def test_pages_that_wait_exist():
-    assert NOT_YET.issubset(map(name_of, READ))
 
 
 def test_each_exception_is_still_needed():

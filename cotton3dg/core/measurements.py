@@ -105,17 +105,9 @@ class BollTraits:
         blank_when=NO_PLANT,
     )
     """(3,) in the plant frame."""
-    volume_cm3: float = column(
-        "cm3",
-        "volume of the convex body around the boll's silhouettes",
-        2,
-        blank_when=NO_BODY,
-    )
+    volume_cm3: float = column("cm3", "volume of the convex body around its silhouettes", 2, blank_when=NO_BODY)
     alpha_volume_cm3: float = column(
-        "cm3",
-        "volume that a rolling ball, its radius a quarter of diameter_cm, cannot enter from outside",
-        2,
-        blank_when=NO_BODY,
+        "cm3", "volume that a rolling ball, a quarter of diameter_cm in radius, cannot enter", 2, blank_when=NO_BODY
     )
     diameter_cm: float = column("cm", "mean calliper width of that convex body", 2, blank_when=NO_BODY)
     n_gaussians: int = column("1", "Gaussians of the boll")
@@ -127,11 +119,7 @@ class BollTraits:
         "", "quality flags of the boll, separated by vertical bars", name="qc_flags", blank_when="no flag", default=()
     )
     volume_error_cm3: float = column(
-        "cm3",
-        "standard error of volume_cm3, from scale, edges, shape and neighbours",
-        2,
-        blank_when=NO_BODY,
-        default=nan,
+        "cm3", "standard error of volume_cm3: scale, edges, shape, neighbours", 2, blank_when=NO_BODY, default=nan
     )
     projected_area_cm2: float = column(
         "cm2", "area of the shadow of that convex body, mean over all directions", 2, blank_when=NO_BODY, default=nan
@@ -362,10 +350,7 @@ class PlantEvidence:
 
     scale_source: str = column("", "reference that gave the scale; none = all metric traits are blank")
     scale_error_pct: float | None = column(
-        "%",
-        "standard error of the scale, and so of lengths; that of volumes is three times as large",
-        3,
-        blank_when=NO_SCALE,
+        "%", "standard error of the scale and of lengths; a third of that of volumes", 3, blank_when=NO_SCALE
     )
     n_frames: int | None = column("1", "images taken from the video")
     registered_pct: float | None = column("%", "share of the images whose camera structure from motion found", 1)
@@ -391,11 +376,7 @@ class LintColour:
     lint_cie_a: float = column("1", "a* of the lint, red above 0", 1, blank_when=NO_PATCHES, default=nan)
     lint_cie_b: float = column("1", "b* of the lint, yellow above 0", 1, blank_when=NO_PATCHES, default=nan)
     lint_rd_pct: float = column(
-        "%",
-        "reflectance Rd of the lint, by the formula of cotton grading (Hunter 1958)",
-        1,
-        blank_when=NO_PATCHES,
-        default=nan,
+        "%", "reflectance Rd of the lint, by cotton grading (Hunter 1958)", 1, blank_when=NO_PATCHES, default=nan
     )
     lint_plus_b: float = column(
         "1", "yellowness +b of the lint, by the formula of cotton grading", 1, blank_when=NO_PATCHES, default=nan

@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from same_boll import TERMS, calibrate, is_measured, write_score
+from same_boll import TERMS, calibrate, fit_deviation, write_score
 from scenes.seen_balls import Ball, see
 
 from cotton3dg.cluster.boll_parts import gain_of_two, gather_parts, join_two, mean_width, measure_pair
 from cotton3dg.cluster.hough_voting import Middles, find_faint
 from cotton3dg.cluster.join_parts import join_parts
-from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, read_score
+from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, logistic, read_score
 from cotton3dg.cluster.separate_bolls import separate_bolls
-from cotton3dg.workspace import Workspace
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
 BUR = (0.0, 0.0, 0.0)
@@ -36,15 +35,6 @@ def parts_of(balls: list[Ball]):
     votes, lint = see(balls)
     middles = middles_of(balls)
     return gather_parts(middles, votes, lint)
-
-
-def test_a_plant_that_was_never_filmed_has_no_measures_yet(tmp_path):
-    assert not is_measured(tmp_path / "separate-1")
-    for path in (Workspace(tmp_path).gaussians_ply, Workspace(tmp_path).scale_json):
-        assert not is_measured(tmp_path)
-        path.parent.mkdir()
-        path.touch()
-    assert is_measured(tmp_path)
 
 
 def test_two_balls_are_measured_as_they_are():
@@ -170,3 +160,19 @@ def test_without_votes_there_are_no_bolls():
     none = [view.take(np.zeros(len(view.rays), bool)) for view in votes]
     bolls = separate_bolls(none, lint).bolls
     assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll)
+
+
+@pytest.mark.parametrize("true", [0.0, 1.0])
+def test_the_deviation_between_plants_is_found(true):
+    rng = np.random.default_rng(3)
+    plants = []
+    for _ in range(400):
+        shift = rng.normal(0, true)
+        odds = rng.normal(1.5, 1, 15)
+        one = rng.random(15) < [logistic(value + shift) for value in odds]
+        plants.append([(logistic(value), int(so)) for value, so in zip(odds, one, strict=True)])
+    assert fit_deviation(plants) == pytest.approx(true, abs=0.2)
+
+
+def test_bolls_that_are_certain_say_nothing_of_it():
+    assert fit_deviation([[(1.0, 1)] * 9, []]) == 0

@@ -140,7 +140,7 @@ bolls-network: setup ## render the scenes and train the bolls' network; hours; g
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install -q -c constraints.txt --no-build-isolation -e '.[dev,training]'
 	$(BIN)/cotton3dg masks-train results/bolls_network --scenes 200 --steps 16000
 
-same-boll: setup ## film simulated plants and fit what tells lint and bolls apart; again after a new network; goes on where it ended
+same-boll: setup ## film simulated plants and fit the score that separates bolls; again after a new network; goes on where it ended
 	$(BIN)/python tests/accuracy/same_boll.py results/same_boll --jobs $(JOBS) $(SAME_BOLL)
 
 segmentation-sweep: setup ## methods x views x quality of masks on the plants of study-set; goes on where it ended

@@ -26,7 +26,7 @@ from ..schemas.segment import SegmentInfo
 from ..stage import Cost, Stage, Work, twice_the_model
 from ..workspace import Workspace
 from .lift import resize_ids
-from .lint_share import LINT_FILE, gather_lint
+from .lint_share import gather_lint
 from .segment import segmented
 
 LEAST_LIFTED: Final = 0.75
@@ -142,13 +142,4 @@ def _cost(work: Work) -> Cost:
     return Cost(lifting_s + steps_s.get(options.method, 0.0))
 
 
-STAGE: Final = Stage(
-    "segment",
-    version=6,
-    inputs=inputs,
-    run=run,
-    cost=_cost,
-    splats=True,
-    disk_bytes=twice_the_model,
-    also_reads=lambda _, options: [LINT_FILE] if options.method == "lint" else [],
-)
+STAGE: Final = Stage("segment", version=6, inputs=inputs, run=run, cost=_cost, disk_bytes=twice_the_model, splats=True)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fit what tells lint and bolls apart on simulated plants, and judge it on others.
-
-The curve of lint is `cotton3dg/segment/lint_share.toml`, the score of two parts `cotton3dg/cluster/same_boll.toml`.
+"""Fit the score that says which parts are one boll, `cotton3dg/cluster/same_boll.toml`, and judge it on other plants.
 
     python tests/accuracy/same_boll.py FOLDER [--jobs 2] [--only NAME ...] [--judge RUN[:TRUTH] ...] [--dry]
 
@@ -9,13 +7,12 @@ Plants that are not in FOLDER yet are filmed; all are run up to their masks, as 
 than these). So the same command fits everything to a new network. --judge takes finished plants that the fit never
 sees. Votes are kept in FOLDER/votes.
 
-First the curve: a logistic regression of the true share of lint on the network's mean probability. Then the score: a
-logistic regression on pairs of parts as they are met while true bolls are put together. Most of these pairs need not
-join for the boll to be one, as others will; so the constant is then moved to where the bolls of the fitted plants come
-out best (F1). All of that is done for each gain from which a part is split; the gain that counts is the one that
+The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together.
+Most of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the
+bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain that counts is the one that
 serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice; what of these bolls comes
 true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how many of them are true
-(`evaluate`'s distance). Writes both tables into the program (--dry: nowhere).
+(`evaluate`'s distance). Writes the table into the program (--dry: nowhere).
 """
 
 from __future__ import annotations
@@ -30,7 +27,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from lint_curve import fit_curve, gather_lint_examples, write_curve
 from markdown_tables import markdown
 from simulated_runs import film_and_run, side_by_side
 from stored_votes import StoredVotes, open_votes
@@ -45,7 +41,6 @@ from cotton3dg.cluster.separate_bolls import Bolls, find_peaks, guess_scale, joi
 from cotton3dg.cluster.split_parts import split_parts
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
-from cotton3dg.segment.lint_share import LINT_FILE
 
 FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
 SMALL = "--width 640 --height 360 --frames 60 --supersampling 1"
@@ -343,9 +338,7 @@ def main() -> None:
     plants = {name: true_plant(str(wanted.folder / name)) for name in films}
     plants |= {plant.run.plant_id: plant for plant in wanted.judge}
     fitted = [name for name in films if name in FITTED]
-    curve = fit_curve([gather_lint_examples(plants[name]) for name in fitted])
-    print(curve)
-    stored = {name: open_votes(plant, wanted.folder / "votes", curve) for name, plant in plants.items()}
+    stored = {name: open_votes(plant, wanted.folder / "votes") for name, plant in plants.items()}
     seen = {
         name: [see(one), *(see(replace(one, votes=one.votes[k::2])) for k in range(2 if name in fitted else 0))]
         for name, one in stored.items()
@@ -375,7 +368,6 @@ def main() -> None:
     ]
     print(score, markdown(pd.DataFrame(by_plant), 3), sep="\n")
     if not wanted.dry:
-        write_curve(LINT_FILE, curve, len(fitted))
         write_score(SCORE_FILE, score, len(fitted))
 
 

@@ -12,19 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lint_curve import open_maps, true_weights
 from numpy.typing import NDArray
-from true_scene import TruePlant, cm_from_scene, true_bolls_cm
+from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
 from cotton3dg.cluster.hough_voting import Votes, cast_votes
 from cotton3dg.cluster.lint_in_space import LintInSpace
-from cotton3dg.core.scene import Gaussians
+from cotton3dg.core.network_maps import Maps
+from cotton3dg.core.scene import Camera, Gaussians
+from cotton3dg.gaussians import rasterizer
 from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.ply import read_gaussians
 from cotton3dg.io.saving import file_sha256
+from cotton3dg.schemas.network_maps import read_maps
 from cotton3dg.schemas.scale import ScaleInfo
-from cotton3dg.segment.lint_share import LintCurve, average_lint
+from cotton3dg.segment.lint_share import EDGE, STEEPNESS, gather_lint
 
 LINT_SHARE = 0.02
 """Least share of lint of the Gaussians that are kept: those that any measure of lint in space reads have more."""
@@ -45,22 +47,22 @@ class StoredVotes:
     """(3, 4)."""
 
 
-def open_votes(plant: TruePlant, folder: Path, curve: LintCurve) -> StoredVotes:
-    """From `folder`, if they are of this model, these maps and this curve; else gathered and kept there."""
+def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:
+    """From `folder`, if they are of this model, these maps and this edge of lint; else gathered and kept there."""
     kept = folder / f"{plant.run.plant_id}.npz"
-    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(plant.run.masks_json)} {curve}"
+    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(plant.run.masks_json)} {EDGE} {STEEPNESS}"
     if not kept.is_file() or _load(kept, ["made_of"])["made_of"] != made_of:
         folder.mkdir(parents=True, exist_ok=True)
-        _save(kept, gather_votes(plant, curve), made_of)
+        _save(kept, gather_votes(plant), made_of)
     return _read(kept)
 
 
-def gather_votes(plant: TruePlant, curve: LintCurve) -> StoredVotes:
-    """What the maps of a plant say with a curve of lint."""
+def gather_votes(plant: TruePlant) -> StoredVotes:
+    """What the maps of a plant say."""
     model, cameras = read_gaussians(plant.run.gaussians_ply), read_cameras(plant.run.undistorted / "sparse")
     maps, views = open_maps(plant)
     inside = within_orbit(model.means, cameras, fit_orbit(cameras))
-    lint = LintInSpace.of(model, np.where(inside, curve.shares(average_lint(maps, views, model)), np.float32(0)))
+    lint = LintInSpace.of(model, gather_lint(maps, views, model, inside))
     votes = [cast_votes(of_image, camera, lint) for of_image, camera in zip(maps, views, strict=True)]
     scale = ScaleInfo.load(plant.run.scale_json)
     true_cm = true_bolls_cm(plant)
@@ -69,6 +71,25 @@ def gather_votes(plant: TruePlant, curve: LintCurve) -> StoredVotes:
     kept = (lint.shares > LINT_SHARE) & np.isfinite(lint.gaussians.means).all(axis=1)
     slim = LintInSpace(model[kept], lint.shares[kept], lint.origin)
     return StoredVotes(votes, slim, scale.cm_per_su, true_ids[kept], true_cm, cm_from_scene(plant))
+
+
+def open_maps(plant: TruePlant) -> tuple[list[Maps], list[Camera]]:
+    """What `masks` stored of the plant's images, and the cameras of these."""
+    cameras = read_cameras(plant.run.undistorted / "sparse")
+    seen = [camera for camera in cameras if plant.run.maps_npz(camera.name).is_file()]
+    return [read_maps(plant.run.maps_npz(camera.name)) for camera in seen], seen
+
+
+def true_weights(plant: TruePlant, gaussians: Gaussians, bolls: int) -> tuple[np.ndarray, np.ndarray]:
+    """(N, bolls + 1) weight of each Gaussian in the pixels of each true boll, from column 1, and (N,) in all pixels."""
+    cameras = read_cameras(plant.run.undistorted / "sparse")
+    weights, total = np.zeros((len(gaussians), bolls + 1)), np.zeros(len(gaussians))
+    for name, ids in true_masks(plant, cameras).items():
+        camera = next(camera for camera in cameras if camera.name == name)
+        held = rasterizer.accumulate_weights(gaussians, camera, ids)
+        np.add.at(weights, (held.rows, held.ids), held.weights)
+        total += held.total
+    return weights, total
 
 
 def _save(path: Path, stored: StoredVotes, made_of: str) -> None:

@@ -33,8 +33,6 @@ THING_IS_BOLL: Final = 0.1
 """The same of a white thing. This is a guess: these plants had too few white things."""
 FEWEST_TO_HALVE: Final = 12
 """Least number of views for counts by halves of them. With fewer views a half sees too little."""
-LEAST_GAUSSIANS: Final = 5
-"""Least number of Gaussians of a boll; a small boll of a coarse model has at most twenty."""
 FEW_VIEWS: Final = 3
 """A boll has a flag if fewer images than this show it."""
 
@@ -79,6 +77,7 @@ def locate_bolls(
     white = find_white_things(sums, middles.support)
     owner = np.zeros(len(gaussians), np.uint16)
     owner[lint.rows] = owners.at(gaussians.means[lint.rows])
+    bare = ~np.isin(np.arange(1, len(middles.centres) + 1), owner)
     by_name = {camera.name: ids for camera, ids in zip(cameras, images, strict=True)}
     bolls = number_bolls(list(_instances(owner, middles, ~white, gaussians, by_name)), up)
     numbers = np.zeros(len(middles.centres) + 1, np.uint16)
@@ -91,6 +90,7 @@ def locate_bolls(
         (counts[0], counts[1]) if counts else None,
         (
             *_leave_out(faint, "faint", FAINT_IS_BOLL),
+            *_leave_out(middles.take(bare & ~white), "faint", FAINT_IS_BOLL),
             *_leave_out(middles.take(white), "white_thing", THING_IS_BOLL),
         ),
     )
@@ -113,7 +113,7 @@ def _instances(
     gaussians: Gaussians,
     images: Mapping[str, NDArray[np.uint16]],
 ) -> Iterator[BollInstance]:
-    """The bolls that have enough Gaussians.
+    """The bolls that have Gaussians: a small one of a coarse model may have four, and all views know it.
 
     Args:
         owner: (N,) number of the middle of each Gaussian, from 1. images: the same of pixels.
@@ -121,7 +121,7 @@ def _instances(
     """
     for number in np.flatnonzero(counted) + 1:
         rows = np.flatnonzero(owner == number)
-        if len(rows) < LEAST_GAUSSIANS:
+        if not len(rows):
             continue
         centre, widths = measure_extent(gaussians.means[rows])
         views = tuple(sorted(name for name, ids in images.items() if (ids == number).any()))

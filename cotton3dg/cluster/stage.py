@@ -173,7 +173,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "cluster",
-    version=12,
+    version=13,
     inputs=inputs,
     run=run,
     cost=_cost,

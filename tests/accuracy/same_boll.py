@@ -9,10 +9,10 @@ sees. Votes are kept in FOLDER/votes.
 
 The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together.
 Most of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the
-bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain that counts is the one that
-serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice; what of these bolls comes
-true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how many of them are true
-(`evaluate`'s distance). Writes the table into the program (--dry: nowhere).
+bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain
+that counts is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice;
+what of these bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how
+many of them are true (`evaluate`'s distance). Writes the table into the program (--dry: nowhere).
 """
 
 from __future__ import annotations

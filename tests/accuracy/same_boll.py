@@ -81,8 +81,8 @@ STIFFNESS = 1.0
 SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 """Log odds by which the constant may move."""
 
-GAINS = (0.15, 0.2, 0.25, 0.3, 0.4)
-"""Gains from which a part may be split."""
+GAINS = (0.2, 0.3, 0.4)
+"""Gains from which a part may be split. Fifteen plants cannot tell finer steps apart."""
 QUADRATURE = 15
 """Nodes of the integral over plants."""
 DEVIATIONS = np.arange(0, 3.01, 0.05).round(2)

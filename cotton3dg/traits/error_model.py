@@ -42,6 +42,10 @@ SEEN_ALL_ROUND_DEG: Final = 60.0
 UNSEEN: Final = 0.04
 """Relative standard error of all volumes by sides that no image shows, for each further 100 degrees that the walk
 lacks. Fitted to five simulated half turns, which lacked 160 degrees and 2 to 6 % of the volume."""
+LINT_EDGE: Final = 0.02
+"""Relative standard error of all volumes by where the lint ends: the probability of lint at its edge differs between
+kinds of bolls. Of 20 simulated plants of all kinds (docs/notes/stated_errors.md), without those whose locks count as
+bolls."""
 BLURRED_SHARE: Final = 0.25
 """Motion blur, as a share of a boll's width, from which the plant has a flag."""
 NEIGHBOUR: Final = 1.2
@@ -193,7 +197,8 @@ def _shared(diameter: float, pixel: float, filming: Filming) -> float:
     """The part of a volume's relative error that all bolls share: edges of masks that lie too far out, and sides that
     were not filmed. Both lengths are in one unit."""
     by_edges = 6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * filming.blur_px) * pixel / diameter
-    return float(np.hypot(by_edges, UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100))
+    by_unseen = UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100
+    return float(np.linalg.norm([by_edges, by_unseen, LINT_EDGE]))
 
 
 def blurs_bolls(blur_px: float, pixel: float, diameters: Float64) -> bool:

@@ -292,4 +292,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE: Final = Stage("traits", version=35, inputs=inputs, run=run, cost=_cost, names={"weight_model": FILE})
+STAGE: Final = Stage("traits", version=36, inputs=inputs, run=run, cost=_cost, names={"weight_model": FILE})

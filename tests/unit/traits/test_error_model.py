@@ -33,6 +33,24 @@ def boll(volume_cm3: float, error_cm3: float, diameter_cm: float = 4.0) -> BollT
     return BollTraits(1, np.zeros(3), volume_cm3, volume_cm3, diameter_cm, 100, 20, 1.0, (), error_cm3)
 
 
+@pytest.fixture(autouse=True)
+def same_edge(monkeypatch) -> float:
+    """All kinds of bolls have their edge where it is expected; returns the usual error of that."""
+    usual = error_model.LINT_EDGE
+    monkeypatch.setattr(error_model, "LINT_EDGE", 0.0)
+    return usual
+
+
+def test_where_lint_ends_makes_all_volumes_of_a_plant_less_sure(monkeypatch, same_edge) -> None:
+    assert 0.01 < same_edge < 0.05
+    sure = boll_volume_error(25.0, 8000.0, 32, scale(0.0), 1.0)
+    monkeypatch.setattr(error_model, "LINT_EDGE", 0.1)
+    assert boll_volume_error(25.0, 8000.0, 32, scale(0.0), 1.0) == pytest.approx(np.hypot(sure, 0.1))
+    bolls = [boll(8.0, 0.8) for _ in range(400)]
+    of_plant = plant_volume_error_cm3(bolls, np.full(400, np.inf), scale(0.0), 0.0)
+    assert of_plant == pytest.approx(400 * 0.8, rel=0.01)
+
+
 def test_bolls_touch_within_a_fifth_more_than_a_diameter() -> None:
     centres = np.array([[0, 0, 0], [4.5, 0, 0], [20, 0, 0], [24.9, 0, 0], [np.nan, 0, 0]])
     nearest = nearest_neighbours(centres, np.array([4.0, 5.0, 4.0, 4.0, 4.0]))

@@ -20,7 +20,7 @@ from scenes.table_scene import (
 from cotton3dg.core.bolls import LeftOut
 from cotton3dg.core.columns import cells_of
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.traits import boll_volume
+from cotton3dg.traits import boll_volume, error_model
 from cotton3dg.traits import measure as measure_module
 from cotton3dg.traits.boll_volume import measure_bolls
 from cotton3dg.traits.corrections import still_left_out
@@ -51,7 +51,7 @@ def test_what_stands_beside_the_plant_is_flagged_and_not_part_of_its_size():
     # The fifth is a boll of this plant as likely as not.
     assert both.traits.boll_count_error**2 == pytest.approx(alone.traits.boll_count_error**2 + 0.5, rel=0.2)
     low, high = both.traits.boll_count_interval
-    assert low <= 4 and high == 6
+    assert low <= 4 and high >= 6
     assert both.traits.boll_volume_interval_cm3[1] > both.traits.boll_volume_cm3 + both.bolls[4].volume_cm3
     assert both.traits.boll_count == alone.traits.boll_count == 4
     assert "doubtful_bolls" not in both.flags
@@ -282,7 +282,7 @@ def test_no_bolls_have_no_volume_and_unknown_ones_no_known(measured):
     assert np.isnan(none.boll_volume_cm3)
 
 
-def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
+def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured, monkeypatch):
     gaussians, labels = plant_scene()
     bolls = [replace(boll, confidence=1.0) for boll in bolls_of(gaussians, labels)[:2]]
     volumes = np.array([boll.volume_cm3 for boll in measured])
@@ -294,7 +294,9 @@ def test_errors_of_volumes_add_up_as_far_as_bolls_share_them(measured):
     own = by_shape(measured)
     shared = 3 * SCALE.relative_error * volumes.sum()
     by_scale = summarise_plant([replace(boll, confidence=1.0) for boll in measured], None, SCALE)
-    assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shared]))
+    by_edge = error_model.LINT_EDGE * volumes.sum()
+    assert by_scale.boll_volume_error_cm3 == pytest.approx(np.linalg.norm([*own, shared, by_edge]))
+    monkeypatch.setattr(error_model, "LINT_EDGE", 0.0)
     exact = replace(SCALE, relative_error=0.0)
     pixel_su = 0.1 / POSE.cm_per_su
     traits = measure_bolls(gaussians, bolls, exact, None, pixel_su)

@@ -59,7 +59,7 @@ def test_a_line_of_points_has_a_height_and_no_canopy():
 def test_the_height_is_what_its_description_says():
     """A cloud of known balls, lying along the table's long side, one higher than the other."""
     (described,) = [one.description for one in columns_of(PlantTraits) if one.name == "plant_height_cm"]
-    words = re.search(r"second-highest Gaussian reaches with an opacity of ([\d.]+)", described)
+    words = re.search(r"second-highest Gaussian ends, at an opacity of ([\d.]+)", described)
     assert words
     opacity, sigma_cm, tops_cm = 0.8, 0.5, np.array([30.0, 42, 40, 25, 44, 10, 5])
     places = np.column_stack([np.linspace(-20, 20, len(tops_cm)), np.zeros(len(tops_cm)), tops_cm])

@@ -24,9 +24,9 @@ from .error_model import IS_TWO, UNROUND_FLAG, WELL_FILMED, Filming
 
 TAIL: Final = 0.025
 """Probability beyond either end of a 95 % interval."""
-COMMON_DEVIATION: Final = 1.1
-"""Standard deviation between plants of the log odds of one boll, as `make same-boll` finds it on kinds of bolls that
-the score was not fitted to."""
+COMMON_DEVIATION: Final = 0.5
+"""Standard deviation between plants of the log odds of one boll. It is 1 for kinds of bolls that the score was not
+fitted to (`make same-boll`), and the score knows the kinds of most plants (docs/notes/stated_errors.md)."""
 NODES: Final = 5
 """Number of nodes of the integral over plants."""
 MAY_BE_NONE: Final = frozenset((OFF_PLANT, "near_clamp", "too_small", "few_views", "disputed"))

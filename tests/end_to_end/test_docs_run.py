@@ -70,8 +70,6 @@ ELSEWHERE = {
     "--weight-model": "evaluation/test_weights.py",
     "real_captures.py": "test_accuracy_tools.py",
     "hard_walks.py": "test_accuracy_tools.py, that it starts",
-    "real_clouds.py": "test_accuracy_tools.py",
-    "real_internodes.py": "test_accuracy_tools.py",
     "--architecture natural": "simulate/test_architecture.py",
     "splat.ply": "test_foreign_models.py",
     "cotton3dg cards": "commands/test_cards.py",

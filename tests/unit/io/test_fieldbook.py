@@ -72,5 +72,5 @@ def test_another_column_and_no_file(tmp_path):
     with pytest.raises(BadInput, match="cannot be read"):
         read_fieldbook(tmp_path / "none.csv")
     (tmp_path / "book.xlsx").write_bytes(b"no zip")
-    with pytest.raises(BadInput, match="no Excel file"):
+    with pytest.raises(BadInput, match="cannot be read as an Excel file"):
         read_fieldbook(tmp_path / "book.xlsx")

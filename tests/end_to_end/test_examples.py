@@ -103,7 +103,8 @@ def test_the_functions_of_python_give_what_a_run_gives(tiny_plant, tmp_path):
     last = done.stdout.splitlines()[-1].split()
     (row,) = rows(tiny_plant.traits_csv)
     assert last[0] == row["boll_count"]
-    assert float(last[3]) == pytest.approx(float(row["boll_volume_cm3"]), abs=0.51)
+    # `cluster` rounds the length of a scene unit, and `masks` stores probabilities in 255 steps.
+    assert float(last[3]) == pytest.approx(float(row["boll_volume_cm3"]), rel=0.01)
     assert float(last[5]) == pytest.approx(float(row["plant_height_cm"]), abs=0.06)
 
 

@@ -40,8 +40,8 @@ def test_a_report_fits_a_phone_and_a_thumb(reported, tmp_path, width):
         assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.value(BEYOND) == []
         assert browser.value(SMALL) == []
-        for region in (".scroll[aria-labelledby=boll_table]", ".scroll[aria-labelledby=stages]"):
-            wide, shown = browser.value(f"(e => [e.scrollWidth, e.clientWidth])(document.querySelector('{region}'))")
+        for region in (".scroll[aria-label='Table of bolls']", ".scroll[aria-label='Table of stages']"):
+            wide, shown = browser.value(f'(e => [e.scrollWidth, e.clientWidth])(document.querySelector("{region}"))')
             assert wide <= shown, region
         # A card says what its figures are.
         label = "getComputedStyle(document.querySelector('tr[data-boll] td'), '::before').content"

@@ -85,7 +85,7 @@ def test_a_film_is_added_and_checked_without_a_shell(reported, tmp_path):
         browser.value(CHOOSES)
         browser.click(*browser.middle("#add button"))
         browser.wait("document.querySelectorAll('#plants tr').length === 2", ANSWER_S)
-        assert "plant_018 is there" in browser.value("document.getElementById('said').textContent")
+        assert "plant_018 is there" in browser.value("document.getElementById('message').textContent")
         assert [film.read_text() for film in (tmp_path / "field" / "plant_018").iterdir()] == ["film"]
         browser.click(*browser.middle("#plants tr:nth-child(2) button"))
         browser.wait("document.querySelector('#plants tr:nth-child(2) span.red a')?.textContent === 'red'", ANSWER_S)

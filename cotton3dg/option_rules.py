@@ -150,8 +150,8 @@ def effective(options: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `values`, by the names of their flags, that have an effect with the method that they name."""
     known = places(options)
     method = values.get(known[0].name, known[0].value_in(options))
-    counting = (place.name for place in known if place.counts_with(method) and not place.permits)
-    return {name: values[name] for name in counting if name in values}
+    names = (place.name for place in known if place.counts_with(method) and not place.permits)
+    return {name: values[name] for name in names if name in values}
 
 
 def permissions(options: Any, values: Mapping[str, Any]) -> list[str]:

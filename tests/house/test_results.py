@@ -7,12 +7,12 @@ import shutil
 
 import pandas as pd
 import pytest
+import results
 import results_page
 from results_page import PAGE, README, load, rendered, rendered_readme
 from scenes.finished_scene import finished_workspace
 from scenes.tiny_plant import ROOT
 
-import results
 from cotton3dg.io.tables import read_rows
 
 NO_GUIDES = {"results.md", "papers.md", "csv.md"}

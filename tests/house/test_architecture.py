@@ -49,9 +49,15 @@ def test_modules_are_neither_long_nor_slivers():
     modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
     lines = {str(path.relative_to(package).as_posix()): len(path.read_text("utf-8").splitlines()) for path in modules}
     assert len(lines) > 250
-    assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}, "split off one thought"
+    assert [name for name, n in lines.items() if n > MOST_LINES] == [], "split off one thought"
     short = {name for name, n in lines.items() if n < LEAST_LINES}
     assert short == set(SHORT), "does it belong to a neighbour, or is its reason to be told here?"
+
+
+def test_no_file_of_tests_or_of_the_core_is_long():
+    files = [path for pattern in ("tests/**/*.py", "native/**/*.[ch]pp") for path in ROOT.glob(pattern)]
+    assert len(files) > 300
+    assert [path.name for path in files if len(path.read_text("utf-8").splitlines()) > MOST_LINES] == []
 
 
 def test_the_readme_tells_each_folder():

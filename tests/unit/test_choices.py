@@ -3,7 +3,6 @@
 
 import json
 import os
-import shutil
 from dataclasses import replace
 
 import pytest
@@ -13,10 +12,8 @@ from cotton3dg import pipeline, slurm
 from cotton3dg.batch import Batch
 from cotton3dg.choices import Asked, choose, option_files
 from cotton3dg.cli.app import app
-from cotton3dg.cli.arguments import parse_overrides
-from cotton3dg.commands.check import _where_to_work
 from cotton3dg.errors import BadUsage
-from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS, resolve
+from cotton3dg.options import PRESET_VALUES, STAGE_OPTIONS
 from cotton3dg.schemas.record import Choices
 from cotton3dg.stage import stage_of
 from cotton3dg.workspace import Workspace
@@ -213,10 +210,8 @@ def test_a_broken_file_above_is_named(plant, cotton3dg, tmp_path):
 def test_a_preset_may_stand_in_a_file(plant, cotton3dg, stale, tmp_path):
     write(tmp_path / "field_2026", 'preset = "draft"\n[train]\nsteps = 1600\n')
     _, _, err = cotton3dg("run", plant.root)
-    assert (
-        options_line(err)
-        == "preset draft (cotton3dg.toml of field_2026), train.steps 1600 (cotton3dg.toml of field_2026)"
-    )
+    from_field = "(cotton3dg.toml of field_2026)"
+    assert options_line(err) == f"preset draft {from_field}, train.steps 1600 {from_field}"
     assert stale(plant) == {}
     _, _, err = cotton3dg("status", plant.root, "--preset", "paper")
     assert options_line(err).startswith("preset paper (command line), train.steps 1600")
@@ -385,35 +380,6 @@ def test_the_status_of_a_batch_that_has_not_run_is_that_of_its_plants(plant, cot
     assert [path.name for path in plant.root.parent.iterdir()] == ["plant_007"]
 
 
-def contents(plant):
-    return {path: path.read_bytes() for path in sorted(plant.root.rglob("*")) if path.is_file()}
-
-
-@pytest.mark.parametrize("change", ["nothing", "an option", "the film", "cleaned"])
-def test_a_check_of_what_is_finished_works_elsewhere(plant, cotton3dg, change):
-    cotton3dg("run", plant.root, "--preset", "draft")
-    asked = Asked(values={"frames": {"count": 30}} if change == "an option" else {})
-    if change == "the film":
-        (plant.root / "video.mp4").write_text("another")
-    elif change == "cleaned":
-        shutil.rmtree(plant.folder("frames"))
-    before = contents(plant)
-    with _where_to_work(plant, choose(plant, asked).options) as place:
-        steps = pipeline.plan(place, choose(plant, asked).options, ("frames", "sfm"))
-        assert all(step.reason for step in steps) == (change != "nothing")
-        pipeline.run(place, choose(plant, asked).options, ("frames", "sfm"))
-        assert place.root.parent == plant.root
-    assert contents(plant) == before
-    assert not place.root.exists()
-
-
-def test_run_goes_on_from_a_check_where_there_is_no_result_yet(plant):
-    options = pipeline.stage_options(plant)
-    pipeline.run(plant, options, ("frames",))
-    with _where_to_work(plant, options) as place:
-        assert place is plant
-
-
 def test_a_refusal_names_the_file_whose_values_it_refuses(plant):
     def refusal(*words):
         with pytest.raises(BadUsage) as refused:
@@ -432,12 +398,3 @@ def test_a_refusal_names_the_file_whose_values_it_refuses(plant):
     (field / "cotton3dg.toml").write_text("[train]\nsteps = -70\n")
     assert refusal().startswith("cotton3dg.toml of field_2026: train.steps = -70")
     assert refusal(("max_side", 100)).startswith("cotton3dg.toml of field_2026: train.steps = -70")
-
-
-def test_values_from_python_are_arguments_that_a_run_reads_again():
-    values = {"train": {"steps": 30}, "segment": {"method": "probability", "probability": {"threshold": 0.1 + 0.2}}}
-    values |= {"scale": {"require_scale": True}, "traits": {"plant_id": "row = 3"}}
-    words = Asked("draft", values=values).arguments
-    assert words[-2:] == ["--preset", "draft"]
-    read = parse_overrides([word for word in words[:-2] if word != "--set"])
-    assert all(resolve(stage, asked=read[stage]) == resolve(stage, asked=own) for stage, own in values.items())

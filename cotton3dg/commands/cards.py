@@ -10,8 +10,8 @@ from typing import Final
 from ..command_options import CardsOptions
 from ..core.card import DOTS_PER_CM, PAPER_CM
 from ..errors import BadInput, BadUsage
-from ..identity.card import Picture, draw_card
 from ..identity.codes import code_picture
+from ..identity.draw_card import Picture, draw_card
 from ..identity.fonts import unprintable
 from ..identity.names import card_text, id_problem
 from ..io.fieldbook import FieldBook, read_fieldbook

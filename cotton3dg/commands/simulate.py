@@ -22,8 +22,8 @@ from ..core.runs import Progress, silent
 from ..core.scene import Float32
 from ..core.srgb import to_srgb
 from ..errors import BadInput, BadUsage
-from ..identity.card import draw_card
 from ..identity.codes import code_picture
+from ..identity.draw_card import draw_card
 from ..identity.names import card_text, id_problem
 from ..io.encode import video_encoder
 from ..io.images import write_ids

@@ -21,6 +21,11 @@ class Column:
     blank_when: str = ""
     """Why a cell may be blank, by semicolons."""
 
+    @property
+    def scale_name(self) -> str:
+        """Name of the unit in data exchange, where whole numbers without a unit are counts."""
+        return "count" if self.unit == "1" and self.digits is None else self.unit
+
 
 def column(
     unit: str,
@@ -36,6 +41,7 @@ def column(
     """A field of a dataclass that is a column.
 
     Args:
+        unit: "1" of a number without a unit; empty of text, which `compare` and `repeat` leave out.
         name: name of the column; by default that of the field.
         leading: whether the column stands in front of all that do not lead, of whichever class.
         default: value of a field that is not given; by default it must be.

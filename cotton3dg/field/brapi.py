@@ -75,7 +75,7 @@ def _variable(column: Column) -> dict[str, Any]:
     """One trait, with the Crop Ontology's term where there is one."""
     reference = {"ontologyReference": ONTOLOGY} if column.ontology else {}
     name = re.sub(r"_(cm2|cm3|cm|pct)$", "", column.name).replace("_", " ")
-    unit = "count" if column.unit == "1" else column.unit
+    unit = column.scale_name
     return {
         "observationVariableDbId": column.ontology or column.name,
         "observationVariableName": column.name,

@@ -160,6 +160,6 @@ def _variable(study_id: str, column: Any) -> list[Any]:
         "traitName": column.description,
         "methodName": "cotton3dg",
         "methodDesc": "3D Gaussian splatting of a video of one turn around the plant",
-        "scaleName": "count" if column.unit == "1" else column.unit,
+        "scaleName": column.scale_name,
     }
     return [known.get(name, "") for name in VARIABLE]

@@ -29,8 +29,7 @@ def cottongen_sheets(field: Field, study: Study) -> Sheets:
         cells += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
         rows.append([*cells, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
     descriptors = [
-        [column.name, "numeric", column.ontology, "count" if column.unit == "1" else column.unit, column.description]
-        for column in traits
+        [column.name, "numeric", column.ontology, column.scale_name, column.description] for column in traits
     ]
     return {
         "phenotype": (heads, rows),

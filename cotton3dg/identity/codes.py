@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.card import CODE_CM, MARKER_DICTIONARY, MARKERS_CM, marker_corner_cm
 from ..geometry.printed_markers import find_squares
-from .card import Picture
+from .draw_card import Picture
 from .names import PREFIX, card_id, id_problem
 
 MODULE_PX: Final = 8

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cotton3dg.core.card import CODE_CM
-from cotton3dg.identity.card import draw_card
 from cotton3dg.identity.codes import code_picture
+from cotton3dg.identity.draw_card import draw_card
 from cotton3dg.identity.names import card_text
 from cotton3dg.io.encode import video_encoder
 

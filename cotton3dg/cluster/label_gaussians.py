@@ -20,8 +20,6 @@ from .hough_voting import FARTHEST, Middles, Votes
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-VOTE_WEIGHT: Final = 1.0
-"""Weight of the votes' distance from a middle, relative to the distance of the lint itself."""
 AROUND: Final = 32
 """Number of nearest votes that a place averages."""
 MOST_VOTES: Final = 150_000
@@ -50,7 +48,7 @@ class LintOwners:
         nearest = self.samples.query(places)[1]
         for boll, (centre, diameter) in enumerate(zip(self.middles.centres, self.middles.diameters, strict=True)):
             away = np.linalg.norm(places - centre, axis=1) / diameter
-            total = away + np.float32(VOTE_WEIGHT) * self.distances[nearest, boll]
+            total = away + self.distances[nearest, boll]
             better = (away < FARTHEST) & (total < least)
             owners[better], least[better] = boll + 1, total[better]
         return owners

@@ -19,4 +19,4 @@ def test_only_whole_numbers_without_a_unit_are_counts():
     named = {column.name: column.scale_name for kind in COLUMNS for column in COLUMNS[kind]}
     assert named["boll_count"] == named["boll_count_low"] == "count"
     assert named["boll_count_error"] == named["lint_cie_l"] == named["confidence"] == "1"
-    assert (named["plant_height_cm"], named["corrections"]) == ("cm", "")
+    assert named["plant_height_cm"] == "cm"

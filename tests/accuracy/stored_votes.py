@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from true_scene import TruePlant, cm_from_scene, true_bolls_cm, true_masks
 
-from cotton3dg.cluster.hough_voting import Votes, cast_votes
+from cotton3dg.cluster.hough_voting import DEEPER, LEAST_PROBABILITY, LEAST_SHARE, Votes, cast_votes
 from cotton3dg.cluster.lint_in_space import LintInSpace
 from cotton3dg.core.network_maps import Maps
 from cotton3dg.core.scene import Camera, Gaussians
@@ -48,9 +48,10 @@ class StoredVotes:
 
 
 def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:
-    """From `folder`, if they are of this model, these maps and this edge of lint; else gathered and kept there."""
+    """From `folder`, if they are of this model, these maps and these constants; else gathered and kept there."""
     kept = folder / f"{plant.run.plant_id}.npz"
-    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(plant.run.masks_json)} {EDGE} {STEEPNESS}"
+    constants = (EDGE, STEEPNESS, LEAST_SHARE, LEAST_PROBABILITY, DEEPER)
+    made_of = f"{file_sha256(plant.run.gaussians_ply)} {file_sha256(plant.run.masks_json)} {constants}"
     if not kept.is_file() or _load(kept, ["made_of"])["made_of"] != made_of:
         folder.mkdir(parents=True, exist_ok=True)
         _save(kept, gather_votes(plant), made_of)

@@ -70,11 +70,7 @@ def page() -> str:
         "# Hard cases",
         "",
         "Each row is an input or a state that has broken other splatting or measuring programs, what this program",
-        "promises there, and the tests of the promise. A case keeps its number.",
-        "",
-        "`make hard-cases` runs the tests and prints verdicts, seconds and the worst measured values. `make sanitize`",
-        "runs the tests of the C++ core under the address, undefined-behaviour and thread sanitizers.",
-        "`python tests/hard_cases/report.py --page docs/hard_cases.md` writes this page.",
+        "promises there, and the tests of the promise. `make hard-cases` runs them.",
     ]
     for case in CASES:
         if case.number in SUBJECTS:

@@ -177,8 +177,8 @@ def status(batch: Batch, plants: Sequence[Path], asked: Asked | None = None) -> 
 
 def _as_it_stands(folder: Path, result: Result, asked: Asked | None) -> Result:
     """The result that `status` shows: a finished plant may have become stale, another may have finished since."""
-    workspace = Workspace(folder / result.folder)
     try:
+        workspace = Workspace(folder / result.folder)
         states = plant_status(workspace, choose(workspace, asked).options)
     except Cotton3dgError as error:
         return Result(result.folder, State.FAILED, error.exit_code, str(error))

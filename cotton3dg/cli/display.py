@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..core.runs import State
-from ..io.saving import json_text
+from ..io.saving import json_text, printable
 from ..options import STANDARD
 from ..pipeline import Step
 from ..stage import STAGES
@@ -101,13 +101,13 @@ def print_status(states: list[StageState], chosen: Chosen, *, as_json: bool) -> 
 def print_batch_status(results: list[Result], *, as_json: bool) -> None:
     """A table of all plants, as `print_status` has one of stages, and how many are done."""
     if as_json:
-        print_json([vars(result) for result in results])
+        print_json([vars(result) | {"folder": printable(result.folder)} for result in results])
         return
     table = Table(box=None, pad_edge=False)
     for heading in ("plant", "state", "remarks"):
         table.add_column(heading)
     for result in results:
-        table.add_row(Text(result.folder), _coloured(result.state), Text(result.reason))
+        table.add_row(Text(printable(result.folder)), _coloured(result.state), Text(result.reason))
     Console().print(table)
     print(_done(results))
 

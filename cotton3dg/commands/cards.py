@@ -42,7 +42,7 @@ def print_cards(fieldbook: Path | None, sheet: Path, options: CardsOptions) -> s
     with saving(sheet.parent, made, instead="name") as folder:
         (folder / sheet.name).write_bytes(pdf_of(_drawn(cards, PAPER_CM[options.paper]), DOTS_PER_CM))
     return (
-        f"{len(cards)} cards saved as {sheet}\n{_warning(cards)}"
+        f"{len(cards)} card{'s' * (len(cards) != 1)} saved as {sheet}\n{_warning(cards)}"
         "Print them at 100 %, measure a ruler of 10 cm. Lay a plant's card flat on the table with all of it in view; "
         "begin the video with the card.\n"
         "Then: cotton3dg import VIDEOS --into FIELD" + (f" --fieldbook {fieldbook}" if fieldbook else "")

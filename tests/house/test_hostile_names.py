@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import errno
 import io
+import json
 import logging
 import os
 import sys
@@ -102,6 +103,13 @@ def test_who_compares_fields_gets_the_plants_that_can_be_read(field: Path, close
         (field / name / "traits" / "traits.csv").write_text("x")
     assert _plants_of(field) == {"a": field / "a"}
     assert not is_there(closed / "traits" / "traits.csv")
+
+
+def test_the_status_of_a_batch_names_such_a_plant_and_shows_the_others(field: Path) -> None:
+    found = CliRunner().invoke(app, ["batch", str(field), "--status", "--json"])
+    reasons = {row["folder"]: row["reason"] for row in json.loads(found.output)}
+    assert "pl\\udcfcnze is not UTF-8; rename it" in reasons["pl\\udcfcnze"]
+    assert reasons["a"] == "frames: no finished result"
 
 
 @pytest.mark.parametrize("command", ["run", "check", "status", "frames", "report", "clean"])
